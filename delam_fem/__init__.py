@@ -39,14 +39,13 @@ if TYPE_CHECKING:
     from delam_fem.case.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
     from delam_fem.contact.laws import LAWS, SCHEMES, Decision, Law, Scheme
-    from delam_fem.engines.session import Solution, solve
     from delam_fem.model.operators import BaseCoupling, DistributedOperators, Gap, Operators
     from delam_fem.model.reduction import reduced_case
     from delam_fem.pipeline import run
     from delam_fem.reference.compare import compare
     from delam_fem.results.export import operators
     from delam_fem.results.fields.animation import animate
-    from delam_fem.results.folder import Result, load_result
+    from delam_fem.results.folder import OperatorsResult, Result, load_result
     from delam_fem.results.measured.reading import read_measured
     from delam_fem.results.overlay.whole import overlay
     from delam_fem.simulation.loop import State
@@ -57,6 +56,7 @@ if TYPE_CHECKING:
     from delam_fem.studies.detection.infer import STUDY as infer
     from delam_fem.studies.detection.modulation import STUDY as modulate
     from delam_fem.studies.detection.population import STUDY as pod
+    from delam_fem.studies.detection.tap import STUDY as tap
     from delam_fem.studies.diagrams import diagram
     from delam_fem.studies.identification.identify import STUDY as identify
     from delam_fem.studies.identification.natural import STUDY as natural
@@ -64,7 +64,6 @@ if TYPE_CHECKING:
     from delam_fem.studies.models import compare_models
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
-    from delam_fem.studies.study import save
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
     from delam_fem.system.errors import CaseError
@@ -82,9 +81,9 @@ _HOMES = {
     "HarmonicMotion": "case.excitation",
     "Law": "contact.laws",
     "Operators": "model.operators",
+    "OperatorsResult": "results.folder",
     "Result": "results.folder",
     "Scheme": "contact.laws",
-    "Solution": "engines.session",
     "State": "simulation.loop",
     "Sweep": "studies.sweeps.grid",
     "SweptMotion": "case.excitation",
@@ -114,9 +113,8 @@ _HOMES = {
     "resonance": "studies.identification.resonance:STUDY",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
-    "save": "studies.study",
     "save_case": "case.files",
-    "solve": "engines.session",
+    "tap": "studies.detection.tap:STUDY",
 }
 """Module that defines each public name, relative to the package; a study is its `STUDY`."""
 
@@ -133,9 +131,9 @@ __all__ = [
     "HarmonicMotion",
     "Law",
     "Operators",
+    "OperatorsResult",
     "Result",
     "Scheme",
-    "Solution",
     "State",
     "Sweep",
     "SweptMotion",
@@ -166,9 +164,8 @@ __all__ = [
     "resonance",
     "run",
     "run_sweep",
-    "save",
     "save_case",
-    "solve",
+    "tap",
 ]
 
 try:

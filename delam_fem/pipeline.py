@@ -1,53 +1,195 @@
 """Turn a case into a result: assemble the structure, run the time loop, collect the record.
 
-This module only connects other modules and computes nothing itself. `engines.session.solve` runs
-operators, a law, a scheme and a motion without any case.
+This module only connects other modules and computes nothing itself.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import xarray as xr
 
 from delam_fem.case import plausible
-from delam_fem.case.definition import Case
+from delam_fem.case.definition import ROUND_OFF, Case
+from delam_fem.case.excitation import HarmonicMotion
 from delam_fem.case.files import CaseSource, find_case, save_case
-from delam_fem.engines.session import EngineName, Session, available, session_of
+from delam_fem.contact.laws import (
+    COMBINATIONS,
+    ContactLaw,
+    Law,
+    LawName,
+    Scheme,
+    SchemeName,
+    combined_name,
+)
+from delam_fem.engines.session import (
+    EngineName,
+    Prescribed,
+    Session,
+    Stop,
+    available,
+    session_of,
+    solve,
+)
 from delam_fem.model import discretise
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
-from delam_fem.model.operators import Operators
+from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.results import dataset, diagnostics, quality
 from delam_fem.results.fields import derived
-from delam_fem.results.folder import Result, json_ready
+from delam_fem.results.folder import AS_PROBES, OperatorsResult, Problem, Result
 from delam_fem.results.pages.html import reporting
 from delam_fem.results.schema import solvers
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.checkpoint import CHECKPOINT_SECONDS, Watch, stop_signals
 from delam_fem.simulation.loop import Outcome, State
 from delam_fem.simulation.recorder import N_SIZES, Recorder
-from delam_fem.simulation.refinement import unforeseen_warning
+from delam_fem.simulation.refinement import Refinement, unforeseen_warning
 from delam_fem.system import mpi
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import claimed
+from delam_fem.system.errors import CaseError, require
+from delam_fem.system.files import claimed, json_ready
 from delam_fem.system.mpi import MPI
 
 Progress = Callable[[int, int], None]
 
 _log = logging.getLogger(__name__)
+OF_GAPS = ("tip_contacts_per_period", "minimum_tip_gap")
+"""Numbers of the gaps at reference probes, which probes of operators do not have."""
+REPLACED = "contact.law: in place of the law of the case acted"
+"""Beginning of the remark on a run with a law that no key names."""
 
 
+@overload
 def run(
-    case: CaseSource,
-    engine: EngineName = "petsc",
+    what: CaseSource,
+    engine: EngineName = ...,
     *,
+    law: ContactLaw | LawName | None = ...,
+    scheme: SchemeName | None = ...,
+    drive: HarmonicMotion | None = ...,
+    until: float | None = ...,
+    directory: str | Path | None = ...,
+    resume: bool = ...,
+    extend: int = ...,
+    progress: Progress | bool | None = ...,
+    structure: Structure | None = ...,
+    initial: State | None = ...,
+    comm: MPI.Intracomm = ...,
+    overwrite: bool = ...,
+    checkpoint_seconds: float = ...,
+) -> Result: ...
+
+
+@overload
+def run(
+    what: Operators | DistributedOperators | Structure,
+    engine: EngineName = ...,
+    *,
+    law: ContactLaw | LawName,
+    scheme: Scheme | SchemeName,
+    drive: Prescribed | None = ...,
+    until: float | None = ...,
+    periods: int | None = ...,
+    steps_per_period: int | None = ...,
+    time_step: float | None = ...,
+    refinement: Refinement = ...,
+    window_periods: int | None = ...,
+    frames_per_period: int = ...,
+    limit: float = ...,
+    initial: State | None = ...,
+    stop: Stop | None = ...,
+    comm: MPI.Intracomm | None = ...,
+    name: str = ...,
+) -> OperatorsResult: ...
+
+
+def run(what: Any, engine: EngineName = "petsc", **options: Any) -> Result:
+    """Compute a case, or operators of your own, and return the result.
+
+    Args:
+        what: a case, the name of a preset or the path of a case file; or operators, or a structure,
+            from any discretisation.
+        engine: name of the engine that computes the steps.
+        options: by their names, as follows.
+
+    Options:
+        law: the contact law: a name, a `Law`, or a law of your own (`contact.laws.ContactLaw`),
+            which needs the engine "petsc". With a case: in place of its own.
+        scheme: name of the time integration, or with operators a `Scheme`. With a case: in place of
+            its own.
+        drive: motion of the base. With a case: a `HarmonicMotion` in place of its own; with
+            operators None: the base rests.
+        until: time that the run covers at least [s].
+        initial: state at t = 0, for example `Result.state` of another run; None: at rest. The run
+            computes the accelerations of this state anew.
+        comm: communicator whose ranks share the work; every rank returns the result. With the
+            engine "compiled" every rank computes the same run.
+
+    With a case also:
+        directory: folder for the checkpoint, which `Result.save` removes when all results are on
+            the disk; it is made and locked meanwhile. None: no checkpoints.
+        resume: whether to continue from the checkpoint in `directory`.
+        extend: number of periods by which to extend the completed run of this case in `directory`;
+            the case may have any number of periods. The result is that of one run, bit for bit.
+        progress: called with the number of finished periods and of all periods, after each period
+            or, with the engine "compiled", after blocks of up to ten and 10,000 steps;
+            True: a bar, in a notebook as on a terminal.
+        structure: the discretised case; None: `discretise.assemble` makes it.
+        overwrite: whether the checkpoint of another run in `directory` may be replaced.
+        checkpoint_seconds: least time between two checkpoints [s].
+
+    With operators also:
+        name: name of the run in the titles of figures and page.
+        periods, steps_per_period, time_step, refinement, window_periods, frames_per_period, limit,
+            stop: see `engines.session.solve`.
+
+    Returns:
+        The result. `history.attrs["outcome"]` is "completed", "diverged" or "interrupted" (Ctrl-C);
+        in the last two cases the result holds the steps computed so far.
+
+    Raises:
+        CaseError: the case or the operators cannot be computed, there is no checkpoint to resume
+            from, there is one that would be replaced, or another process writes to `directory`.
+    """
+    if isinstance(what, Structure):
+        parts = what.layout.names
+        names = tuple(f"{parts[probe.part]} {probe.name}" for probe in what.layout.probes)
+        what = replace(what.operators, names=names)
+    is_bare = isinstance(what, Operators | DistributedOperators)
+    keys = {*signature(_run_case).parameters} - {"case"}
+    if is_bare:
+        keys = {*signature(_run_operators).parameters, *signature(solve).parameters}
+        keys -= {"operators", "length", "motion"}
+    if wrong := sorted(options.keys() - keys):
+        text = "operators know" if is_bare else "a case has keys for all but"
+        raise CaseError(f"run: {', '.join(wrong)}: {text} {', '.join(sorted(keys - {'engine'}))}")
+    if is_bare and not {"law", "scheme"} <= options.keys():
+        raise CaseError(
+            'run: operators: law or scheme is missing; for example law="newton", '
+            'scheme="moreau-jean", drive=df.HarmonicMotion(f, amplitude), steps_per_period=1000, '
+            "periods=20"
+        )
+    return (
+        _run_operators(what, engine, **options) if is_bare else _run_case(what, engine, **options)
+    )
+
+
+def _run_case(
+    case: CaseSource,
+    engine: EngineName,
+    *,
+    law: ContactLaw | LawName | None = None,
+    scheme: SchemeName | None = None,
+    drive: HarmonicMotion | None = None,
+    until: float | None = None,
     directory: str | Path | None = None,
     resume: bool = False,
     extend: int = 0,
@@ -58,41 +200,33 @@ def run(
     overwrite: bool = False,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> Result:
-    """Compute a case and return its result.
-
-    Args:
-        case: the case to compute; also the name of a preset, or the path of a case file.
-        engine: name of the engine that computes the steps.
-        directory: folder for the checkpoint, which `Result.save` removes when all results are on
-            the disk; it is made and locked meanwhile. None: no checkpoints.
-        resume: whether to continue from the checkpoint in `directory`.
-        extend: number of periods by which to extend the completed run of this case in `directory`;
-            the case may have any number of periods. The result is that of one run, bit for bit.
-        progress: called with the number of finished periods and of all periods, after each period
-            or, with the engine "compiled", after blocks of up to ten and 10,000 steps;
-            True: a bar, in a notebook as on a terminal.
-        structure: the discretised case; None: `discretise.assemble` makes it.
-        initial: state at t = 0, for example `Result.state` of another run; None: at rest. The run
-            computes the accelerations of this state anew.
-        comm: communicator whose ranks share the work; every rank returns the result. With the
-            engine "compiled" every rank computes the same run.
-        overwrite: whether the checkpoint of another run in `directory` may be replaced.
-        checkpoint_seconds: least time between two checkpoints [s].
-
-    Returns:
-        The result. `history.attrs["outcome"]` is "completed", "diverged" or "interrupted" (Ctrl-C);
-        in the last two cases the result holds the steps computed so far.
-
-    Raises:
-        CaseError: the case cannot be computed, there is no checkpoint to resume from, there is one
-            that would be replaced, or another process is writing to `directory`.
-    """
-    case = _case(case)
+    """Compute a case; see `run`."""
+    if not isinstance(case, Case | str | Path):
+        raise CaseError(
+            "run: expected a case, the name of a preset, a case file, operators or a structure, "
+            f"given {case!r}"
+        )
+    case, other = _changed(find_case(case), law, scheme, drive, until)
+    if other is not None and directory is not None:
+        raise CaseError(
+            f"run: directory: expected none with the law {other.name!r}, which checkpoints do not "
+            "know; Result.save writes the results"
+        )
+    if other is not None and case.is_massless:
+        raise CaseError(
+            f'run: law: expected none with time.mass = "massless", given {other.name!r}: contact '
+            "points without mass take no impulses"
+        )
     engine = available(engine, case)
     plausible.tell(case)
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
-    kept = source = _checkpoint_in(directory, may_exist=resume or overwrite)
+    kept = source = None if directory is None else checkpoint.path_in(Path(directory))
+    if kept is not None and kept.exists() and not (resume or overwrite):
+        raise CaseError(
+            f"{kept}: belongs to a run that is not finished; go on with --resume, or replace it "
+            "with --overwrite"
+        )
     if extend:
         case, source = _extended(case, directory, extend, comm, resume=resume)
     mpi.hold(comm)
@@ -100,76 +234,148 @@ def run(
     structure = discretise.assemble(case, comm=comm) if structure is None else structure
     writes = comm.rank == 0 and directory is not None
     claim = claimed(Path(directory or ""), may_hold_results=True) if writes else nullcontext()
-    session = session_of(case, structure.operators, initial=initial, engine=engine, comm=comm)
+    session = session_of(
+        case, structure.operators, law=other, initial=initial, engine=engine, comm=comm
+    )
     with claim, session as opened:
         recorder = opened.recorder
         before: checkpoint.Progress = "running"
         if resume or extend:
-            before = _restored(source, case, engine, opened, extend)
+            into = engine, opened.engine, recorder, opened.motion
+            before = checkpoint.load(source, case, *into, of_shorter=bool(extend))
+            before = "running" if extend else before
         begin, first = time.perf_counter(), recorder.n_closed
-        decay, enough = quality.judge_of(case, structure, recorder)
+        decay = quality.decay_of(case, structure) * case.period
+        enough = quality.enough_of(case, recorder, len(structure.layout.parts), decay)
         with stop_signals() as is_stopped, reporting(progress, "period") as shown:
             report, save = _callbacks(case, engine, opened, kept, comm, shown)
             stop = Watch(save, report, is_stopped, comm, checkpoint_seconds)
             outcome = opened.run(stop, enough) if before == "running" else before
-            _require_a_step(case, recorder)
+            if recorder.n_closed == 1 and not recorder.window[-1].n_steps:
+                raise CaseError(
+                    f"case {case.name}: the first step of {case.time_step:g} s already goes beyond "
+                    f"{recorder.limit:g} m, or to no number at all; expected sizes that fit "
+                    "together, for example a smaller excitation.amplitude"
+                )
             seconds = time.perf_counter() - begin
             if before == "running":
                 stop.leave(outcome)
         state = opened.engine.state()
-        arrays = _gathered(case, structure, engine, opened, outcome)
+        arrays = checkpoint.arrays_of(case, engine, opened.engine, recorder, outcome)
+        reading = structure.layout.reading
+        if reading is None or reading.comm is None:  # every rank reads all dofs
+            recorder.complete(opened.engine.whole)
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
-    result = _result(case, structure, recorder, state, summary, decay)
-    final = arrays if outcome == "completed" else None
+    remark = None if other is None else f"{REPLACED} {other.name!r}; case.toml does not say so"
+    result = _result(case, structure, recorder, state, summary, decay, remark)
+    final = arrays if outcome == "completed" and other is None else None
     return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
 
 
-def _case(given: object) -> Case:
-    """Return the case that is meant; refuse what `solve` computes."""
-    if isinstance(given, Operators | Structure):
-        raise CaseError(
-            f"run: expected a case, given {type(given).__name__}; for operators of your own write "
-            'df.solve(operators, "newton", "moreau-jean", df.HarmonicMotion(f, amplitude), '
-            "steps_per_period=1000, periods=20)"
+def _changed(
+    case: Case,
+    law: ContactLaw | LawName | None,
+    scheme: SchemeName | None,
+    drive: HarmonicMotion | None,
+    until: float | None,
+) -> tuple[Case, ContactLaw | None]:
+    """Return the case with what `run` is given in place of keys, and a law that no key names.
+
+    Figures and numbers take such a law for "newton", or with a spring for "newton-penalty".
+    """
+    keys: dict[str, Any] = {} if scheme is None else {"time.scheme": scheme}
+    if isinstance(law, str):
+        keys["contact.law"] = law
+    elif isinstance(law, Law):
+        row = COMBINATIONS.get((law.name, scheme or case.time.scheme))
+        reads = () if row is None else row.reads  # a wrong pair is refused below
+        keys |= {"contact.law": law.name, **{f"contact.{key}": getattr(law, key) for key in reads}}
+    elif law is not None:
+        keys["contact.law"] = "newton-penalty" if law.spring[0] else "newton"
+        keys["contact.impulse"] = "consistent" if law.is_coupled else "lumped"
+        if law.spring[0]:
+            keys["contact.penalty_stiffness"] = law.spring[0]
+    if drive is not None:
+        if not isinstance(drive, HarmonicMotion):
+            raise CaseError(
+                f"run: drive: expected a HarmonicMotion with a case, given {drive!r}; "
+                "others are sections [excitation] of the case"
+            )
+        keys |= {"excitation.kind": "harmonic", "excitation.frequency": drive.frequency}
+        keys["excitation.amplitude"] = drive.amplitude
+    changed = case.with_overrides(keys) if keys else case
+    if until is not None:
+        require(0.0 < until < math.inf, "until", "a number above 0 [s]", until)
+        periods = math.ceil(until / changed.period * (1.0 - ROUND_OFF))
+        changed = changed.with_overrides(
+            {"time.periods": periods} if changed.is_periodic else {"time.duration": until}
         )
-    if not isinstance(given, Case | str | Path):
-        raise CaseError(
-            f"run: expected a case, the name of a preset or a case file, given {given!r}"
-        )
-    return find_case(given)
+    return changed, None if isinstance(law, Law | str) else law
 
 
-def _gathered(
-    case: Case, structure: Structure, engine: EngineName, opened: Session, outcome: Outcome
-) -> dict[str, Any]:
-    """Return the arrays of the last checkpoint; complete the frames if the layout numbers dofs."""
-    recorder = opened.recorder
-    arrays = checkpoint.arrays_of(case, engine, opened.engine, recorder, outcome)
-    reading = structure.layout.reading
-    if reading is None or reading.comm is None:  # every rank reads all dofs
-        recorder.complete(opened.engine.whole)
-    return arrays
-
-
-def _checkpoint_in(directory: str | Path | None, *, may_exist: bool) -> Path | None:
-    """Return the path of the checkpoint of a run in a folder; refuse that of another run."""
-    kept = None if directory is None else checkpoint.path_in(Path(directory))
-    if kept is not None and kept.exists() and not may_exist:
-        raise CaseError(
-            f"{kept}: belongs to a run that is not finished; go on with --resume, or replace it "
-            "with --overwrite"
-        )
-    return kept
-
-
-def _restored(
-    source: Path | None, case: Case, engine: EngineName, opened: Session, extend: int
-) -> checkpoint.Progress:
-    """Go on from a checkpoint, or from the final state of a shorter run; return how it ended."""
-    into = (engine, opened.engine, opened.recorder, opened.motion)
-    ended = checkpoint.load(source, case, *into, of_shorter=bool(extend))
-    return "running" if extend else ended
+def _run_operators(
+    operators: Operators | DistributedOperators,
+    engine: EngineName,
+    *,
+    law: ContactLaw | LawName,
+    scheme: Scheme | SchemeName,
+    drive: Prescribed | None = None,
+    name: str = "operators",
+    **length: Any,
+) -> OperatorsResult:
+    """Compute operators; see `run`."""
+    begin = time.perf_counter()
+    solution = solve(operators, law, scheme, drive, engine=engine, **length)
+    seconds = time.perf_counter() - begin
+    recorder = solution.recorder
+    period = recorder.time_step * recorder.steps_per_period
+    f = drive.frequency if isinstance(drive, HarmonicMotion) else 0.0
+    said = f"{f:.4g} Hz" if f else "driven" if drive is not None else "no drive"
+    about = {
+        "engine": engine,
+        "law": law if isinstance(law, str) else law.name,
+        "scheme": scheme if isinstance(scheme, str) else scheme.name,
+    }
+    case: Any = Problem(  # has all that numbers read of a case
+        f"{name}: {said}, contact: {combined_name(about['law'], about['scheme'])}",
+        recorder.time_step,
+        recorder.steps_per_period,
+        recorder.n_periods,
+        is_periodic=abs(f * period - 1.0) < ROUND_OFF,
+    )
+    n, residual = recorder.strobe.shape[2], recorder.energy_residual()
+    is_lost = solution.outcome == "completed" and quality.is_lost(residual)
+    outcome = "diverged" if is_lost else solution.outcome
+    names = operators.names or tuple(f"probe {k + 1}" for k in range(n))
+    history = dataset.of_probes(recorder, names, {"title": case.title, "outcome": outcome, **about})
+    efforts = recorder.effort[: recorder.n_closed]
+    steps = int(efforts[:, :N_SIZES].sum())
+    summary: dict[str, Any] = {
+        "outcome": outcome, **about, "steps": steps, "wall_seconds": seconds,
+        "microseconds_per_step": 1e6 * seconds / max(steps, 1),
+        "periods": recorder.n_closed, "probes": list(names),
+    }  # fmt: skip
+    if n:
+        found = diagnostics.summary(history, case)
+        summary |= {
+            key.replace("tip_", "probe_"): found[key] for key in found if key not in OF_GAPS
+        }
+        decay = quality.decay_of_operators(operators) * period if case.is_periodic else 0.0
+        summary |= quality.numbers(recorder, n, case, decay)
+    summary["energy_residual"] = residual
+    summary["impact_energy_gain"] = diagnostics.gain_of(recorder)
+    texts = [
+        diagnostics.gain_warning(recorder, may_add=False),
+        unforeseen_warning(efforts[:, N_SIZES:]),
+        quality.open_balance(residual) if not residual <= quality.CLOSED else None,
+    ]
+    summary["warnings"] = [text for text in texts if text is not None]
+    for text in summary["warnings"]:
+        _log.warning(text)
+    if is_lost:
+        summary["message"] = quality.OPEN
+    return OperatorsResult(case, history.rename(AS_PROBES), json_ready(summary), solution.state)
 
 
 def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[str]]:
@@ -207,16 +413,6 @@ def _extended(
     if comm.rank == 0:
         save_case(longer, path.parent)
     return longer, path
-
-
-def _require_a_step(case: Case, recorder: Recorder) -> None:
-    """Raise a CaseError if not even the first step of a run stays within bounds."""
-    if recorder.n_closed == 1 and not recorder.window[-1].n_steps:
-        raise CaseError(
-            f"case {case.name}: the first step of {case.time_step:g} s already goes beyond "
-            f"{recorder.limit:g} m, or to no number at all; expected sizes that fit together, "
-            "for example a smaller excitation.amplitude"
-        )
 
 
 def _callbacks(
@@ -267,31 +463,32 @@ def _result(
     state: State,
     summary: dict[str, Any],
     decay: float,
+    remark: str | None,
 ) -> Result:
     """Return the result: the dataset of a run with its summary and warnings."""
     residual = recorder.energy_residual()
     is_lost = summary["outcome"] == "completed" and quality.is_lost(residual)
     summary["outcome"] = "diverged" if is_lost else summary["outcome"]
-    attributes = {
-        "outcome": summary["outcome"],
-        "engine": summary["engine"],
-        **solvers(),
-    }
+    attributes = {"outcome": summary["outcome"], "engine": summary["engine"], **solvers()}
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
     summary |= quality.numbers(recorder, len(structure.layout.parts), case, decay)
-    summary["intervals"] = quality.of_run(history, case, summary)
-    summary["periods"] = recorder.n_closed
-    summary["energy_residual"] = residual
-    summary["impact_energy_gain"] = diagnostics.gain_of(recorder)
-    summary["unread_keys"] = list(case.unread)
-    at_limit = quality.limit_warning(case, summary)
-    gain = diagnostics.gain_warning(case, recorder)
-    unforeseen = unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:])
-    warnings = [
-        text for text in (gain, unforeseen, never_opens(case), at_limit) if text is not None
+    summary |= {
+        "intervals": quality.of_run(history, case, summary),
+        "periods": recorder.n_closed,
+        "energy_residual": residual,
+        "impact_energy_gain": diagnostics.gain_of(recorder),
+        "unread_keys": list(case.unread),
+    }
+    texts = [
+        remark,
+        diagnostics.gain_warning(recorder, may_add=diagnostics.may_add_energy(case)),
+        unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:]),
+        never_opens(case),
+        quality.limit_warning(case, summary),
+        *quality.quality_warnings(case, structure, residual),
     ]
-    warnings += quality.quality_warnings(case, structure, residual)
+    warnings = [text for text in texts if text is not None]
     summary["warnings"] = [*plausible.warnings(case), *warnings]  # those of the case are told
     for text in warnings:
         _log.warning(text)

@@ -40,7 +40,13 @@ autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
-napoleon_custom_sections = [("Source", "references_style")]
+napoleon_custom_sections = [
+    ("Source", "references_style"),
+    *(
+        (section, "params_style")
+        for section in ("Options", "With a case also", "With operators also")
+    ),
+]
 
 PLACE = "further pages"
 NAMES = ".. further names"

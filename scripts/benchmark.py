@@ -326,6 +326,31 @@ def start_seconds() -> float:
     return fastest(start, REPEATS, clock=time.perf_counter) / 1e6
 
 
+PEAK = """
+import sys
+from pathlib import Path
+from delam_fem import preset, run
+elements, engine = int(sys.argv[1]), sys.argv[2]
+keys = {"mesh.elements": elements, "time.periods": 2, "output.fields_per_period": 0}
+run(preset("paper", keys), engine)
+lines = Path("/proc/self/status").read_text().splitlines()
+print(next(float(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")))
+"""
+"""Program of a run of which the memory counts: ru_maxrss would hold that of the parent, too."""
+
+
+def peak_memory(elements: Sequence[int]) -> list[dict[str, float]]:
+    """Return the peak memory of a process with a run, by number of elements and engine [MB]."""
+    rows = []
+    for n in elements:
+        row: dict[str, float] = {"elements": n}
+        for engine in ("petsc", "compiled"):
+            command = [sys.executable, "-c", PEAK, str(n), engine]
+            row[engine] = float(subprocess.run(command, capture_output=True, check=True).stdout)
+        rows.append(row)
+    return rows
+
+
 def memory_growth(periods: tuple[int, int]) -> float:
     """Return the growth of the peak memory from a short to a long run [MB]."""
     peaks = []
@@ -365,6 +390,7 @@ def measure(short: bool, limit: Path | None = None) -> dict[str, Any]:
         "start": start_seconds(),
         "machine_scaling": machine_scaling(cores, 1000 if short else 4_000_000),
         "memory_growth_mb": memory_growth(spans),
+        "memory": peak_memory((5,) if short else (20, 200, 2000)),
         "periods": spans,
         "load": load,
         "cores": cores,
@@ -423,6 +449,11 @@ def closing_lines(figures: dict[str, Any]) -> list[str]:
             for row in (small, large)
         )
         lines.append(f"{engine}, time of a step by dof: {', '.join(costs)} elements")
+    lines += [
+        f"peak memory of a process with {row['elements']} elements, imports included: "
+        f"PETSc {row['petsc']:.0f} MB, compiled {row['compiled']:.0f} MB"
+        for row in figures["memory"]
+    ]
     growth = figures["memory_growth_mb"]
     return [*lines, f"peak memory from {short} to {long} periods: {growth:+.1f} MB"]
 
@@ -515,8 +546,8 @@ def markdown(figures: dict[str, Any]) -> str:
         f"began, {figures['load']:.1f} other processes were at work on the machine's "
         f"{figures['cores']} cores: where that is not nearly 0, times are too long, and steps/s "
         "and sweeps say little.\n",
-        "`--limit PROGRAM` adds the table beside a bare loop. What solids cost is in "
-        "[continuum.md](continuum.md).\n",
+        "`--limit PROGRAM` adds the table beside a bare loop. What solids cost by dofs and ranks, "
+        "in time and memory, is in [continuum.md](continuum.md).\n",
         "- *MatSolve + 2 MatMult*: what PETSc needs for the bare linear algebra of a step.\n"
         "- *plain loop*: the readable NumPy and SciPy loop of `delam_fem/reference/loop.py`.\n"
         "- *PETSc / bare*: the time of PETSc's steps over that of its linear algebra.\n",

@@ -48,13 +48,40 @@ after a first count on some of the same truths, and the counts are those after t
 verdicts of `orbit` were counted in several runs, those on orbits of period 2 with a later cap on
 kicks than the others, and six orbits from 3.59 to 3.72 Hz again when they were found.
 """
+DIFFERENT = {
+    "EI ± 5 %": "EI",
+    "soft clamps": "soft clamps",
+    "damping × 2, × ½": "damping ×",
+    "noise per point": "noise",
+    "shaker's harmonics": "second harmonic",
+    "another mesh": "elements, not",
+}
+"""In what a rig may differ from its model, and the words by which its rows are known."""
+COMPUTED = "nothing is measured: the verdict is on the case as given, another EI is another case"
+RIGID = "soft clamps: `support.rotational_stiffness` is that of bonded beams"
+WHY_NOT = {
+    "basins": COMPUTED,
+    "branches": "a map has no laminae, no noise and no shaker",
+    "converge": f"{COMPUTED}; stiffness and damping are drawn",
+    "detect": "mesh: the motion is exact, and nothing touches",
+    "identify": f"{RIGID}; damping is sought itself, from half to twice",
+    "lyapunov": "an oscillator has one stop, no mesh, no noise and no shaker",
+    "modulate": "nothing is measured: the command has no `--measured`",
+    "overlay": RIGID,
+    "pod": "nothing is measured: hits are drawn; those of rigs are the matter of `detect`",
+    "resonance": "EI, clamps: they change the frequency, which is drawn; mesh: nothing touches",
+    "settled": f"{RIGID}; a run has no noise, and its drive is that of the case",
+    "stability": COMPUTED,
+    "tap": "clamps, damping, mesh: not counted; there is no shaker, and each tap has its own noise",
+}
+"""Why a part lacks a rig."""
 UNCOUNTED = {
     "`orbit find`: intervals of multipliers": "the verdict alone is counted; docs/orbits.md "
     "compares single multipliers with closed forms",
     "`orbit follow`: intervals of grazings, of Neimark–Sacker points": "a grazing has the points "
     "beside it; for the others toy maps alone have been tried",
     "`orbit follow`: doublings and folds of laminae": "a truth costs minutes; docs/orbits.md has "
-    "those of two presets and of the strips",
+    "those of two presets and of the strips, and what steps ten and forty times finer say of one",
     "Lyapunov exponents of laminae": "no exact truth is known",
     "`sweep`: kinds of motion": "rules with fixed thresholds; no share is promised",
     "`detect excite`: ratio to the limit, share of calls": "of simulated scans at the frequencies "
@@ -106,10 +133,10 @@ def part(name: str) -> Any:
 
 def page(found: dict[str, Any]) -> str:
     """Return the page of all measured parts."""
-    texts = [HEAD]
+    texts = [HEAD, rigs(found)]
     for name in sorted(found):
-        title, *text = inspect.getdoc(part(name)).split("\n", 1)
-        texts.append(f"## {title.removesuffix('.')}\n\n{''.join(text).strip()}\n".rstrip() + "\n")
+        _, *text = inspect.getdoc(part(name)).split("\n", 1)
+        texts.append(f"## {title_of(name)}\n\n{''.join(text).strip()}\n".rstrip() + "\n")
         texts.append(table(found[name]["rows"]))
         if found[name]["cpu_s"] is not None:  # not of a part that went on
             texts.append(f"Processor time: {found[name]['cpu_s']} s.\n")
@@ -117,6 +144,31 @@ def page(found: dict[str, Any]) -> str:
     texts.append("| what is printed | why there is none |\n|---|---|")
     texts.extend(f"| {what} | {why} |" for what, why in UNCOUNTED.items())
     return "\n".join(texts) + "\n"
+
+
+def rigs(found: dict[str, Any]) -> str:
+    """Return the table of the parts and of what their rigs have that differs from the model."""
+    lines = [
+        "## Rigs\n",
+        f"| part | {' | '.join(DIFFERENT)} | why not |",
+        "|" + "---|" * (len(DIFFERENT) + 2),
+    ]
+    for name in sorted(found):
+        less = lacking(found[name]["rows"])
+        cells = ["–" if kind in less else "yes" for kind in DIFFERENT]
+        lines.append(f"| {title_of(name)} | {' | '.join(cells)} | {WHY_NOT.get(name, '')} |")
+    return "\n".join(lines) + "\n"
+
+
+def lacking(rows: list[dict[str, Any]]) -> list[str]:
+    """Return in what none of the rigs of rows differs from the model."""
+    names = [row["rig"] for row in rows]
+    return [kind for kind, word in DIFFERENT.items() if not any(word in own for own in names)]
+
+
+def title_of(name: str) -> str:
+    """Return the title of a part."""
+    return inspect.getdoc(part(name)).split("\n", 1)[0].removesuffix(".")
 
 
 def table(rows: list[dict[str, Any]]) -> str:

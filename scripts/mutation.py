@@ -1,18 +1,18 @@
-"""Measure how many small faults in the pure core the tests notice (mutation score).
+"""Measure how many small faults, anywhere in the package, the tests notice (mutation score).
 
     .venv/bin/pip install -c .venv/constraints.txt -e .[mutation]
-    nice -n 10 .venv/bin/python scripts/mutation.py                 # all modules
-    .venv/bin/python scripts/mutation.py --modules contact/newton   # one module, every mutant
-    .venv/bin/python scripts/mutation.py --anywhere --sample 200 --seed 1
+    nice -n 10 .venv/bin/python scripts/mutation.py    # 200 mutants; writes the page
+    .venv/bin/python scripts/mutation.py --modules contact/rules --sample 999 --page /tmp/page.md
 
-Cosmic Ray makes the faults: a sign, a factor, a comparison or a number changed in one place. The
-tests of the module then run on a copy of the checkout. A mutant is killed if a test fails. Modules,
-tests, kinds of faults and the size of the samples are in scripts/mutation.toml.
+Cosmic Ray makes the faults: a sign, a factor, a comparison or a number changed in one place of a
+copy of the checkout. A mutant is killed if a test fails that passes without it.
 
-A sample from anywhere in the package needs no list of tests, and Numba compiles: first run the test
-file that mirrors the module, then those that import it, then those that reach it through one other
-module. A test that kills a mutant must pass without it. Results are kept in anywhere.jsonl, and a
-measurement that was broken off goes on there.
+First all tests run once with coverage, which says which tests run which line, and how long each
+takes. A mutant is judged by the tests that run its line, those of the file that mirrors its module
+first, then those of each file in turn, more of files that mention the words of the line, up to
+`BUDGET` seconds; then by others of their files. Lines that run at import and machine code belong to
+no test: these are judged by the tests that run any line of the module, or else of the modules that
+import it. Results are kept, and a measurement that was broken off goes on there.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ import importlib
 import io
 import json
 import math
-import multiprocessing
 import os
 import random
 import re
@@ -36,85 +35,67 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout, suppress
-from dataclasses import asdict, dataclass, field
-from hashlib import sha256
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 Place = tuple[tuple[int, int], tuple[int, int]]
 """Line and column where something begins and after its end."""
 
 ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / "scripts" / "mutation.toml"
-TIMES = 5.0
-"""A mutant may take so many times as long as the unchanged module."""
-ENVIRONMENT = {"NUMBA_DISABLE_JIT": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Nothing is compiled, and a fork must find no threads."""
+ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""A fork must find no threads."""
 OPTIONS = (
-    "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0",
+    "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0", "-m", "not nightly and not once",
     "-W", "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
 """Options of pytest; hypothesis is imported before pytest could rewrite it."""
-STAGE_SECONDS = 300
-"""CPU time that each of the three rounds of tests of a mutant may take."""
+BUDGET = 40.0
+"""Tests that judge a mutant may take so many seconds without it."""
+AT_MOST = 200
+"""Largest number of tests that judge a mutant."""
+SHARE = 20
+"""So many times as many tests of a file are taken that mentions all rare words of a line."""
+CPU_SECONDS = 180
+"""Processor time of a mutant: its tests, imports, and what it compiles."""
 OVERTIME = (signal.SIGXCPU, signal.SIGKILL, signal.SIGALRM)
 """Signals that end what takes longer."""
-
 
 PAGE_HEAD = """# How many faults the tests notice
 
 Line coverage says which lines run, not whether a wrong sign or a factor in them is noticed. So
-[Cosmic Ray](https://cosmic-ray.readthedocs.io) changes one place of the pure core at a time (a
-mutant), and the tests of that module run. A mutant is killed if a test fails.
-`scripts/mutation.py` writes this page; modules, tests, kinds of changes, the size of the samples
-and their seed are in `scripts/mutation.toml`.
+[Cosmic Ray](https://cosmic-ray.readthedocs.io) changes one place of the package (a mutant), and the
+tests that run this place judge it, machine code compiled afresh. A mutant is killed if a test fails
+that passes without it. `scripts/mutation.py` writes this page; kinds of changes, and why a mutant
+computes the same, are in `scripts/mutation.toml`.
 
-**{share:.1f} % ± {half:.1f} % of the {total} mutants are killed** (95 % interval; {drawn} were
-drawn and tested, {survived} of them survived). {equivalent} of the survivors compute the same as
-the original, so that no test can notice them; they count as survivors in all numbers.
-
-Only the quick tests of each module count here, without Numba's compiler and without the engines;
-other tests of `scripts/test.sh` notice more.
+**{killed} of {n} mutants, drawn at random from the {total} of all modules, are killed:
+{share:.1f} %** (95 % interval {low:.0f} to {high:.0f} %). {equivalent} of the {survived} survivors
+compute the same as the original, so that no test can notice them; without them {without:.1f} % are
+killed. A mutant is judged by tests that take at most {budget:.0f} s together, and not by all of
+`scripts/test.sh`.
 """
 
 
 @dataclass(frozen=True, order=True)
 class Mutant:
-    """One fault: the operator of Cosmic Ray and the number of the place where it acts."""
+    """One fault: the operator of Cosmic Ray, the number of its place, and its line."""
 
     module: str
     operator: str
     occurrence: int
+    line: int
 
     @property
     def key(self) -> str:
         """Operator and occurrence: its name within the module."""
         return f"{self.operator} {self.occurrence}"
-
-
-@dataclass
-class Measured:
-    """What the tests made of the mutants of a module.
-
-    Attributes:
-        module: path of the module.
-        digest: of the module's text.
-        n_mutants: number of all mutants.
-        results: by operator and occurrence "killed", "timeout" or the change that survived.
-    """
-
-    module: str
-    digest: str
-    n_mutants: int
-    results: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def survivors(self) -> list[str]:
-        """The changes that no test noticed."""
-        return sorted(r for r in self.results.values() if r not in ("killed", "timeout"))
 
 
 def config() -> dict[str, Any]:
@@ -125,57 +106,50 @@ def config() -> dict[str, Any]:
 # -- mutants ---------------------------------------------------------------------------------------
 
 
-def mutants_of(module: str, operators: Iterable[str]) -> tuple[list[Mutant], set[Mutant]]:
-    """Return the mutants of a module in a fixed order, and those of them that change no number.
+def mutants_of(module: str, operators: Iterable[str]) -> list[Mutant]:
+    """Return the mutants of a module in a fixed order.
 
-    These are in decorators (a class frozen or not), or at the star of a signature. Annotations have
-    none: they are never evaluated.
+    Annotations have none: they are never evaluated. Decorators (a class frozen or not) and the star
+    of a signature change no number.
     """
     from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.plugins import get_operator, operator_names
 
     pattern = re.compile("|".join(f"core/{name}$" for name in operators))
     text = (ROOT / module).read_text(encoding="utf-8")
-    nodes, (types, decorators) = list(ast_nodes(get_ast(text))), annotations(text)
+    nodes, idle = list(ast_nodes(get_ast(text))), annotations(text)
     lines = text.splitlines()
-    found, idle = [], set()
+    mutants = []
     for name in filter(pattern.match, operator_names()):
         operator = get_operator(name)()
         places = (place for node in nodes for place in operator.mutation_positions(node))
         for occurrence, (start, _) in enumerate(places):
-            if not any(begin <= start < end for begin, end in types):
-                found.append(Mutant(module, name, occurrence))
-            if any(begin <= start < end for begin, end in decorators):
-                idle.add(found[-1])
-            if lines[start[0] - 1][start[1] :].startswith("*,"):
-                idle.add(found[-1])
-    return sorted(found), idle
+            is_idle = any(begin <= start < end for begin, end in idle)
+            if not is_idle and not lines[start[0] - 1][start[1] :].startswith("*,"):
+                mutants.append(Mutant(module, name, occurrence, start[0]))
+    return sorted(mutants)
 
 
-def annotations(text: str) -> tuple[list[Place], list[Place]]:
+def annotations(text: str) -> list[Place]:
     """Return the places of annotations and of decorators."""
-    types: list[ast.expr | None] = []
-    decorators: list[ast.expr] = []
+    nodes: list[ast.expr | None] = []
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-            decorators += node.decorator_list
+            nodes += node.decorator_list
         if isinstance(node, ast.FunctionDef):
-            types.append(node.returns)
+            nodes.append(node.returns)
         elif isinstance(node, (ast.arg, ast.AnnAssign)):
-            types.append(node.annotation)
-    return [_place(node) for node in types if node], [_place(node) for node in decorators]
+            nodes.append(node.annotation)
+    return [
+        ((n.lineno, n.col_offset), (n.end_lineno or 0, n.end_col_offset or 0)) for n in nodes if n
+    ]
 
 
-def _place(node: ast.expr) -> Place:
-    """Return the first line and column of a node, and those after its end."""
-    return (node.lineno, node.col_offset), (node.end_lineno or 0, node.end_col_offset or 0)
-
-
-def sampled(mutants: list[Mutant], size: int, seed: int) -> list[Mutant]:
-    """Return a sample without repetition, or all mutants if there are not more than `size`."""
-    if len(mutants) <= size:
-        return mutants
-    return sorted(random.Random(f"{seed} {mutants[0].module}").sample(mutants, size))
+def all_mutants(parts: Iterable[str], operators: list[str]) -> list[Mutant]:
+    """Return the mutants of the modules whose path contains one of `parts`."""
+    modules = (p.relative_to(ROOT).as_posix() for p in sorted((ROOT / "delam_fem").rglob("*.py")))
+    chosen = (module for module in modules if any(part in module for part in parts))
+    return [mutant for module in chosen for mutant in mutants_of(module, operators)]
 
 
 def change(text: str, mutated: str) -> str:
@@ -188,203 +162,142 @@ def change(text: str, mutated: str) -> str:
     return " ".join(old for old, _ in differ) + " → " + " ".join(new for _, new in differ)
 
 
-# -- tests of mutants ------------------------------------------------------------------------------
+# -- which tests run a line ------------------------------------------------------------------------
 
 
 def copy_of_checkout(place: Path) -> None:
-    """Copy the files that git knows, with the changes of the working tree."""
+    """Copy the files that git knows, with the changes of the working tree, and machine code."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT, check=True, capture_output=True, text=True,
     )  # fmt: skip
-    for name in filter(None, listed.stdout.split("\0")):
+    machine_code = (p.relative_to(ROOT).as_posix() for p in ROOT.glob("delam_fem/**/*.nb[ci]"))
+    for name in (*filter(None, listed.stdout.split("\0")), *machine_code):
         if (ROOT / name).is_file():
             (place / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, place / name)
 
 
-def _enter(place: str) -> None:
-    """Give a worker its own copy of the checkout, and import what tests need from elsewhere."""
-    own = Path(tempfile.mkdtemp(dir=place))
-    copy_of_checkout(own)
-    os.chdir(own)
-    sys.path.insert(0, str(own))
-    for name in config()["preload"]:
-        importlib.import_module(name)
-    with redirect_stdout(io.StringIO()), tempfile.TemporaryDirectory() as empty:
-        _pytest(["--collect-only", empty])  # imports the plugins, and nothing of the checkout
-    gc.freeze()  # pytest collects garbage often, and most objects are those of the libraries
+def record(directory: Path) -> None:
+    """Run all tests once, and keep which of them run which line, and their times."""
+    if (directory / "tests.xml").is_file():
+        return
+    directory.mkdir(parents=True, exist_ok=True)
+    command = [
+        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider",
+        "-m", "not nightly and not once", "--cov=delam_fem", "--cov-context=test", "--cov-report=",
+        f"--junit-xml={directory / 'tests.xml'}",
+    ]  # fmt: skip
+    environment = os.environ | {"COVERAGE_FILE": str(directory / "coverage.db")}
+    subprocess.run(command, cwd=ROOT, env=environment, check=False)
 
 
-def _pytest(arguments: list[str]) -> int:
-    """Run pytest in this process until the first failure; return its exit status."""
-    import pytest
+class Lines:
+    """Which tests run which lines, and how long each test takes.
 
-    return int(pytest.main([*OPTIONS, "-k", "not compiled", *arguments]))
-
-
-def run_tests(tests: list[str], limit: float) -> str:
-    """Run tests in a fork of this process; return "passed", "failed" or "timeout".
-
-    The fork has all libraries imported, which takes longer than the tests of a module.
+    Attributes:
+        tests: by module and line, the names of the tests that run it; line 0: any of its lines.
+        seconds: by test.
     """
-    child = os.fork()
-    if not child:
-        os.setpgid(0, 0)
-        status = 70
-        try:
-            with open(os.devnull, "w") as nothing:
-                os.dup2(nothing.fileno(), 1)
-                os.dup2(nothing.fileno(), 2)
-            status = _pytest(tests)
-        finally:
-            os._exit(status)
-    end = time.monotonic() + limit
-    while time.monotonic() < end:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
-            return "passed" if status == 0 else "failed"
-        time.sleep(0.02)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return "timeout"
+
+    def __init__(self, tests: Mapping[tuple[str, int], set[str]], seconds: Mapping[str, float]):
+        """Store both."""
+        self.tests = tests
+        self.seconds = seconds
+
+    @classmethod
+    def read(cls, directory: Path) -> Lines:
+        """Read what `record` kept."""
+        from coverage import CoverageData
+
+        seconds = {}
+        for case in ElementTree.parse(directory / "tests.xml").iter("testcase"):
+            if case.find("failure") is None and case.find("skipped") is None:
+                file, _, inner = _file_of(case.get("classname", ""))
+                name = "::".join(filter(None, (file, inner, case.get("name", ""))))
+                seconds[name] = float(case.get("time", 0.0))
+        data = CoverageData(str(directory / "coverage.db"))
+        data.read()
+        tests: dict[tuple[str, int], set[str]] = {}
+        for path in data.measured_files():
+            module = "delam_fem/" + path.rpartition("/delam_fem/")[2]
+            for line, contexts in data.contexts_by_lineno(path).items():
+                names = {context.rpartition("|")[0] for context in contexts}
+                names = {name for name in names if name in seconds}
+                tests[module, line] = names
+                tests.setdefault((module, 0), set()).update(names)
+        return cls(tests, seconds)
+
+    def of(self, mutant: Mutant) -> list[str]:
+        """Return the tests that judge a mutant, in the order in which they run."""
+        module = mutant.module
+        tests = self.tests.get((module, mutant.line)) or self.tests.get((module, 0), set())
+        if not tests:
+            users = (path for path in sorted((ROOT / "delam_fem").rglob("*.py")))
+            dotted = module.removesuffix(".py").replace("/", ".")
+            near = [p.relative_to(ROOT).as_posix() for p in users if dotted in imports(p)]
+            tests = set().union(*(self.tests.get((path, 0), set()) for path in near))
+        mirror = f"tests/{module.removeprefix('delam_fem/').rpartition('/')[0]}"
+        stem = f"test_{Path(module).stem}.py"
+        files = Counter(test.partition("::")[0] for test in tests)
+        siblings = {test for test in self.seconds if test.partition("::")[0] in files} - tests
+
+        weights = self.mentions(mutant, files)
+
+        def order(tests: set[str]) -> list[str]:
+            """Return the tests of the mirror, then those of all files in turn, quickest first."""
+            ranks, seen = {}, Counter[str]()
+            for test in sorted(tests, key=lambda test: (self.seconds[test], test)):
+                file = test.partition("::")[0]
+                is_mirror = file.startswith(mirror) and file.endswith(stem)
+                turn = seen[file] // (1 + round(SHARE * weights[file]))
+                is_near = file.startswith(mirror)
+                ranks[test] = not is_mirror, turn, not is_near, self.seconds[test], test
+                seen[file] += 1
+            return sorted(tests, key=ranks.__getitem__)
+
+        taken: list[str] = []
+        left = BUDGET
+        for test in (*order(tests), *order(siblings)):
+            if self.seconds[test] <= left and len(taken) < AT_MOST:
+                taken.append(test)
+                left -= self.seconds[test]
+        return taken
+
+    @staticmethod
+    def mentions(mutant: Mutant, files: Iterable[str]) -> dict[str, float]:
+        """Return how many words of a mutant's line test files have; rare ones count more, ≤ 1."""
+        line = (ROOT / mutant.module).read_text(encoding="utf-8").splitlines()[mutant.line - 1]
+        words = set(re.findall(r"[A-Za-z_]{4,}", line))
+        texts = {f: set(re.findall(r"[A-Za-z_]{4,}", (ROOT / f).read_text("utf-8"))) for f in files}
+        counts = Counter(word for text in texts.values() for word in words & text)
+        scores = {file: sum(1.0 / counts[w] for w in words & text) for file, text in texts.items()}
+        most = max(scores.values(), default=0.0) or 1.0
+        return {file: score / most for file, score in scores.items()}
 
 
-def _baseline(task: tuple[str, list[str]]) -> float:
-    """Return how long the tests of a module take [s].
-
-    Raises:
-        RuntimeError: they fail on the unchanged module, or do not notice that it is broken.
-    """
-    module, tests = task
-    begin = time.monotonic()
-    if run_tests(tests, math.inf) != "passed":
-        raise RuntimeError(f"{module}: the tests fail without a mutation: {' '.join(tests)}")
-    seconds = time.monotonic() - begin
-    path = Path(module)
-    text = path.read_text(encoding="utf-8")
-    path.write_text(f"{text}\nraise RuntimeError\n", encoding="utf-8")
-    if run_tests(tests, math.inf) != "failed":
-        raise RuntimeError(f"{module}: the tests do not import the module that is mutated")
-    path.write_text(text, encoding="utf-8")
-    return seconds
-
-
-def _test(task: tuple[Mutant, list[str], float]) -> tuple[Mutant, str]:
-    """Run the tests of one mutant."""
-    from cosmic_ray.mutating import use_mutation
-    from cosmic_ray.plugins import get_operator
-
-    mutant, tests, limit = task
-    operator = get_operator(mutant.operator)()
-    sys.dont_write_bytecode = True
-    with use_mutation(Path(mutant.module), operator, mutant.occurrence) as (text, mutated):
-        result = run_tests(tests, limit)
-    words = {"failed": "killed", "timeout": "timeout", "passed": change(text, mutated)}
-    return mutant, words[result]
-
-
-def measure(
-    chosen: dict[str, list[str]], given: dict[str, Any], file: Path, workers: int, *, again: bool
-) -> list[Measured]:
-    """Test the mutants of the chosen modules; write the results to a file as they come.
-
-    Args:
-        chosen: tests by module.
-        given: the content of mutation.toml.
-        file: JSON with the results; those of other modules stay.
-        workers: number of processes.
-        again: test only mutants that survived before, if their module has not changed.
-    """
-    known = {m.module: m for m in read(file)}
-    todo: list[Mutant] = []
-    for module in chosen:
-        mutants, idle = mutants_of(module, given["operators"])
-        digest = sha256((ROOT / module).read_bytes()).hexdigest()[:16]
-        before = known.get(module)
-        drawn = sampled(mutants, given["sample"], given["seed"])
-        drawn = [m for m in drawn if m not in idle]  # after drawing: samples stay
-        kept: dict[str, str] = {}
-        if again and before is not None and before.digest == digest:
-            kept = {m.key: before.results[m.key] for m in drawn if m.key in before.results}
-            drawn = [m for m in drawn if kept.get(m.key) not in ("killed", "timeout")]
-        known[module] = Measured(module, digest, len(mutants) - len(idle), kept)
-        todo += drawn
-    with (
-        tempfile.TemporaryDirectory() as place,
-        multiprocessing.get_context("spawn").Pool(workers, _enter, (place,)) as pool,
-    ):
-        modules = sorted({m.module for m in todo})
-        seconds = pool.map(_baseline, [(module, chosen[module]) for module in modules], 1)
-        limits = {
-            module: TIMES * taken + given["slack_seconds"]
-            for module, taken in zip(modules, seconds, strict=True)
-        }
-        random.Random(given["seed"]).shuffle(todo)  # a run that is stopped has a fair sample
-        tasks = [(m, chosen[m.module], limits[m.module]) for m in todo]
-        for n, (mutant, result) in enumerate(pool.imap_unordered(_test, tasks), 1):
-            known[mutant.module].results[mutant.key] = result
-            if result != "killed":
-                print(f"{n}/{len(tasks)} {mutant.module}: {result}", flush=True)
-            if n % 20 == 0 or n == len(tasks):
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(json.dumps([asdict(m) for m in known.values()], indent=1))
-    return [known[module] for module in sorted(known)]
-
-
-def read(file: Path) -> list[Measured]:
-    """Return the results of a file, none if it is missing."""
-    return [Measured(**entry) for entry in json.loads(file.read_text())] if file.is_file() else []
-
-
-# -- a sample over the whole package ---------------------------------------------------------------
-
-
-def anywhere(size: int, seed: int, operators: list[str]) -> list[Mutant]:
-    """Return a random sample of the mutants of all modules, in random order."""
-    found = []
-    for path in sorted((ROOT / "delam_fem").rglob("*.py")):
-        mutants, idle = mutants_of(path.relative_to(ROOT).as_posix(), operators)
-        found += [mutant for mutant in mutants if mutant not in idle]
-    return random.Random(seed).sample(found, min(size, len(found)))
-
-
-def rounds(module: str, root: Path = ROOT) -> list[list[str]]:
-    """Return the test files of a module: its mirror, those that import it, those that reach it."""
-    uses = {
-        path: imports(path)
-        for folder in ("tests", "delam_fem")
-        for path in sorted((root / folder).rglob("*.py"))
-    }
-    name = _dotted(Path(module))
-    near = {_dotted(p.relative_to(root)) for p in uses if name in uses[p]} | {name}
-    tests = [path for path in uses if path.stem.startswith("test_")]
-    mirror = root / "tests" / Path(module).relative_to("delam_fem").parent
-    first = [path for path in tests if path == mirror / f"test_{Path(module).stem}.py"]
-    second = [path for path in tests if name in uses[path]]
-    third = [path for path in tests if near & uses[path] or path.parent == mirror]
-    seen: set[Path] = set()
-    found = []
-    for stage in (first, second, third):
-        found.append([path.relative_to(root).as_posix() for path in stage if path not in seen])
-        seen |= set(stage)
-    return [stage for stage in found if stage]
+def _file_of(classname: str) -> tuple[str, str, str]:
+    """Return the file, and the class in it, of a test whose class JUnit writes with dots."""
+    parts = classname.split(".")
+    for n in range(len(parts), 0, -1):
+        file = "/".join(parts[:n]) + ".py"
+        if (ROOT / file).is_file():
+            return file, ".", "::".join(parts[n:])
+    return "", "", ""
 
 
 def imports(path: Path) -> set[str]:
     """Return the modules that a file imports; a name from a module counts as a module, too."""
-    found = set()
+    names = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return found
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
 
 
-def _dotted(path: Path) -> str:
-    """Return the name by which a file is imported."""
-    return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+# -- tests of mutants ------------------------------------------------------------------------------
 
 
 class _Failures:
@@ -402,14 +315,17 @@ class _Failures:
     pytest_collectreport = pytest_runtest_logreport
 
 
-def outcome(tests: list[str], cache: str = "") -> tuple[str, str]:
-    """Run tests to the first failure; return "passed", "failed" or "timeout", and what failed."""
+def outcome(tests: list[str], cache: str = "", limit: int = CPU_SECONDS) -> tuple[str, str]:
+    """Run tests to the first failure; return "passed", "failed" or "timeout", and what failed.
+
+    They run in a fork of this process, which has all libraries imported.
+    """
     with tempfile.TemporaryFile("w+") as names, open(os.devnull, "w") as nothing:
         child = os.fork()
         if not child:
             os.setpgid(0, 0)
-            resource.setrlimit(resource.RLIMIT_CPU, (STAGE_SECONDS, STAGE_SECONDS))
-            signal.alarm(10 * STAGE_SECONDS)  # a mutant may wait for ever
+            resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+            signal.alarm(10 * limit)  # a mutant may wait for ever
             status = 70
             try:
                 os.dup2(nothing.fileno(), 1)
@@ -432,176 +348,142 @@ def outcome(tests: list[str], cache: str = "") -> tuple[str, str]:
     return ("passed" if status == 0 else "failed"), failed
 
 
-def judged(mutant: Mutant) -> str:
-    """Return "killed: TEST", "timeout" or the change that survived, for a mutant in this folder."""
+def judged(mutant: Mutant, tests: list[str], broken: set[str]) -> str:
+    """Return "killed: TEST", "timeout" or the change that survived, for a mutant in this folder.
+
+    Tests that fail without the mutant, too, kill nothing; they are added to `broken` and left out.
+    """
     from cosmic_ray.mutating import use_mutation
     from cosmic_ray.plugins import get_operator
 
     operator, path = get_operator(mutant.operator)(), Path(mutant.module)
     sys.dont_write_bytecode = True
     times = path.stat()
-    for tests in rounds(mutant.module, Path.cwd()):
+    while True:
+        asked = [test for test in tests if test not in broken]
         with (
             tempfile.TemporaryDirectory() as cache,
             use_mutation(path, operator, mutant.occurrence) as (text, mutated),
         ):
-            result, name = outcome(tests, cache if "@njit" in text else "")
+            is_compiled = any(word in text for word in ("njit", "numba", "NamedTuple"))
+            result, name = outcome(asked, cache if is_compiled else "") if asked else ("passed", "")
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))  # Numba's cache looks at them
         if result == "passed":
-            continue
-        alone = [name] if "::" in name else tests
-        if outcome(alone)[0] == "passed":  # a test that fails anyhow kills nothing
+            return change(text, mutated)
+        if outcome([name] if "::" in name else asked)[0] == "passed":
             return "timeout" if result == "timeout" else f"killed: {name}"
-    return change(text, mutated)
+        if name not in asked:
+            return f"{change(text, mutated)} (not judged: its tests fail or last without it)"
+        broken.add(name)
 
 
-def sample(size: int, seed: int, file: Path) -> None:
-    """Judge a sample over the whole package, one mutant after the other, and say the score."""
-    drawn = anywhere(size, seed, config()["operators"])
-    file.parent.mkdir(parents=True, exist_ok=True)
-    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    known = {(row["module"], row["key"]): row["result"] for row in map(json.loads, lines)}
+def sample(drawn: list[Mutant], directory: Path) -> list[str]:
+    """Judge mutants one after the other; return the results, which are kept as they come."""
+    file = directory / "results.jsonl"
+    kept = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    known = {(row["module"], row["key"]): row["result"] for row in map(json.loads, kept)}
+    tests_of, broken = Lines.read(directory), set[str]()
     with tempfile.TemporaryDirectory() as place:
-        _enter(place)
-        for path in ROOT.glob("delam_fem/**/__pycache__/*.nb[ci]"):  # machine code
-            copied = Path(path.relative_to(ROOT))
-            copied.parent.mkdir(exist_ok=True)
-            shutil.copy2(path, copied)
-        for mutant in drawn:
+        copy_of_checkout(Path(place))
+        os.chdir(place)
+        sys.path.insert(0, place)
+        for name in config()["preload"]:
+            importlib.import_module(name)
+        with redirect_stdout(io.StringIO()), tempfile.TemporaryDirectory() as empty:
+            import pytest
+
+            pytest.main([*OPTIONS, "--collect-only", empty])  # the plugins, nothing of the checkout
+        gc.freeze()  # pytest collects garbage often, and most objects are those of the libraries
+        for n, mutant in enumerate(drawn, 1):
             if (mutant.module, mutant.key) in known:
                 continue
-            begin = time.monotonic()
-            result = known[mutant.module, mutant.key] = judged(mutant)
+            begin, tests = time.monotonic(), tests_of.of(mutant)
+            result = known[mutant.module, mutant.key] = judged(mutant, tests, broken)
             row = {"module": mutant.module, "key": mutant.key, "result": result}
+            row |= {"line": mutant.line, "tests": len(tests)}
             with file.open("a", encoding="utf-8") as output:
                 output.write(json.dumps(row, ensure_ascii=False) + "\n")
-            print(f"{time.monotonic() - begin:.0f} s {mutant.module}: {result}", flush=True)
-    results = [known[mutant.module, mutant.key] for mutant in drawn]
-    killed = sum(result.startswith(("killed", "timeout")) for result in results)
-    low, high = wilson(killed, len(results), 10**9)
-    print(f"{killed} of {len(results)} killed: {killed / len(results):.1%}")
-    print(f"95 % interval {low:.1%} to {high:.1%}")
+            taken = time.monotonic() - begin
+            print(f"{n}/{len(drawn)}, {taken:.0f} s, {mutant.module}: {result}", flush=True)
+        os.chdir(ROOT)
+    return [known[mutant.module, mutant.key] for mutant in drawn]
 
 
 # -- the score -------------------------------------------------------------------------------------
 
 
-def wilson(killed: int, n: int, total: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share of which `killed` of n drawn from `total` are known.
+def is_killed(result: str) -> bool:
+    """Return whether a test noticed a mutant with this result."""
+    return result.startswith(("killed: ", "timeout"))
 
-    Source: E. B. Wilson (1927), with the sample's size scaled for a finite population.
+
+def wilson(killed: int, n: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share of which `killed` of n are known.
+
+    Source: E. B. Wilson (1927).
     """
-    if n >= total:
-        return killed / n, killed / n
-    size = n * (total - 1.0) / (total - n)
     share, z = killed / n, 1.96
-    middle = (share + z**2 / (2.0 * size)) / (1.0 + z**2 / size)
-    half = z / (1.0 + z**2 / size) * math.sqrt(share * (1.0 - share) / size + (z / size / 2.0) ** 2)
+    middle = (share + z**2 / (2.0 * n)) / (1.0 + z**2 / n)
+    half = z / (1.0 + z**2 / n) * math.sqrt(share * (1.0 - share) / n + (z / n / 2.0) ** 2)
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
-def overall(measured: list[Measured]) -> tuple[float, float]:
-    """Return the share of all mutants that is killed, and half its 95 % interval.
-
-    Each module counts with all its mutants; the variances of the samples add up.
-    """
-    total = sum(m.n_mutants for m in measured)
-    share = variance = 0.0
-    for m in measured:
-        n, weight = len(m.results), m.n_mutants / total
-        killed = n - len(m.survivors)
-        share += weight * killed / n
-        p = (killed + 1.0) / (n + 2.0)
-        variance += weight**2 * p * (1.0 - p) / n * (1.0 - n / m.n_mutants)
-    return share, 1.96 * math.sqrt(variance)
-
-
-def page(measured: list[Measured], reasons: dict[str, str], missing: Iterable[str] = ()) -> str:
+def page(
+    drawn: list[Mutant],
+    results: list[str],
+    total: int,
+    reasons: Mapping[str, str],
+    since: Mapping[str, str],
+) -> str:
     """Return docs/mutation.md.
 
     Args:
-        measured: what was measured.
+        drawn: mutants.
+        results: of each of them.
+        total: number of mutants of which they were drawn.
         reasons: why a mutant is equivalent, by its changed line as `change` writes it.
-        missing: modules that were not measured.
+        since: the test that was written because of a survivor, by its changed line.
     """
-    names = ", ".join(f"`{_short(module)}`" for module in missing)
-    share, half = overall(measured)
-    drawn = sum(len(m.results) for m in measured)
-    rows = []
-    for m in measured:
-        n, killed = len(m.results), len(m.results) - len(m.survivors)
-        low, high = wilson(killed, n, m.n_mutants)
-        rows.append(
-            f"| `{_short(m.module)}` | {m.n_mutants} | {n} | {killed} | {100 * killed / n:.0f} "
-            f"| {100 * low:.0f} to {100 * high:.0f} |"
-        )
-    left = [
-        f"- `{m.module.removeprefix('delam_fem/')}`: `{text}`"
-        f" – {reasons.get(text, '**open: no test notices it**')}"
-        for m in measured
-        for text in m.survivors
-    ]
-    n_equivalent = sum(text in reasons for m in measured for text in m.survivors)
-    return "\n".join(
-        (
-            PAGE_HEAD.format(
-                share=100 * share, half=100 * half, drawn=drawn,
-                total=sum(m.n_mutants for m in measured),
-                survived=sum(len(m.survivors) for m in measured), equivalent=n_equivalent,
-            ),
-            "| module | mutants | tested | killed | score [%] | 95 % interval [%] |",
-            "|---|---|---|---|---|---|",
-            *rows,
-            "",
-            *([f"Not measured yet: {names}.", ""] if names else []),
-            "## Survivors",
-            "",
-            *left,
-            "",
-        )
+    folders: dict[str, list[bool]] = {}
+    left = []
+    told = dict(reasons) | {line: f"noticed since by `{test}`" for line, test in since.items()}
+    for mutant, result in zip(drawn, results, strict=True):
+        inner = mutant.module.removeprefix("delam_fem/")
+        folders.setdefault(inner.partition("/")[0], []).append(is_killed(result))
+        if not is_killed(result):
+            left.append((inner, result, told.get(result, "**open: no test notices it**")))
+    n, killed = len(results), len(results) - len(left)
+    same = sum(result in reasons for _, result, _ in left)
+    low, high = wilson(killed, n)
+    head = PAGE_HEAD.format(
+        killed=killed, n=n, total=total, share=100 * killed / n, low=100 * low, high=100 * high,
+        equivalent=same, survived=len(left), without=100 * killed / (n - same), budget=BUDGET,
     )  # fmt: skip
-
-
-def _short(module: str) -> str:
-    """Return the name of a module in the page."""
-    return module.removeprefix("delam_fem/").removesuffix(".py")
+    rows = [f"| `{name}` | {len(of)} | {sum(of)} |" for name, of in sorted(folders.items())]
+    table = ["| folder | drawn | killed |", "|---|---|---|", *rows, "", "## Survivors", ""]
+    survivors = [f"- `{where}`: `{text}` – {why}" for where, text, why in sorted(left)]
+    return "\n".join([head, *table, *survivors, ""])
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Measure, print the score, and write docs/mutation.md once all modules were measured."""
+    """Draw, judge, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--modules", nargs="*", default=[""], help="parts of their paths; none: only write the page"
-    )
-    parser.add_argument("--sample", type=int, help="mutants per module")
-    parser.add_argument(
-        "--anywhere", action="store_true", help="draw --sample mutants from the whole package"
-    )
-    parser.add_argument("--seed", type=int, default=1, help="of the draw from the whole package")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--again", action="store_true", help="only those that survived before")
+    parser.add_argument("--modules", nargs="*", default=[""], help="parts of their paths")
+    parser.add_argument("--sample", type=int, default=200, help="number of mutants")
+    parser.add_argument("--seed", type=int, default=1, help="of the draw")
     parser.add_argument("-o", "--directory", type=Path, default=ROOT / "runs" / "mutation")
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "mutation.md")
-    given = parser.parse_args(arguments)
-    if given.anywhere:
-        sample(given.sample or 200, given.seed, given.directory / "anywhere.jsonl")
-        return
-    settings = config()
-    settings["sample"] = given.sample or settings["sample"]
-    chosen = {m: t for m, t in settings["tests"].items() if any(p in m for p in given.modules)}
+    options = parser.parse_args(arguments)
     os.environ |= ENVIRONMENT
-    file = given.directory / "mutation.json"
-    measured = measure(chosen, settings, file, given.workers, again=given.again) if chosen else []
-    measured = [m for m in measured or read(file) if m.results]
-    for m in measured:
-        n, survived = len(m.results), len(m.survivors)
-        print(f"{m.module}: {n - survived} of {n} killed, {m.n_mutants} mutants in all")
-    share, half = overall(measured)
-    print(f"score {100 * share:.1f} % ± {100 * half:.1f} %")
-    missing = sorted(set(settings["tests"]) - {m.module for m in measured})
-    if not chosen or not missing:
-        text = page(measured, settings["equivalent"], missing)
-        given.page.write_text(text, encoding="utf-8")
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    settings, directory = config(), options.directory.resolve()
+    record(directory)
+    mutants = all_mutants(options.modules, settings["operators"])
+    drawn = random.Random(options.seed).sample(mutants, min(options.sample, len(mutants)))
+    results = sample(drawn, directory)
+    text = page(drawn, results, len(mutants), settings["equivalent"], settings["since"])
+    options.page.write_text(text, encoding="utf-8")
+    print(text.split("\n\n")[2])
 
 
 if __name__ == "__main__":

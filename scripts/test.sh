@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets delam_fem up, checks style and types, and runs all tests but the nightly ones on all cores.
+# Sets delam_fem up, checks style and types, and runs all tests but slow and nightly ones on all cores.
 # Arguments go to pytest instead: "scripts/test.sh tests/case/test_gap.py".
 set -euo pipefail
 

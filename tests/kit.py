@@ -14,6 +14,7 @@ from covertable import make
 from typer.testing import CliRunner, Result
 
 from delam_fem.cli.app import app
+from delam_fem.system.kernels import _Outermost
 
 SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
 """Overrides that make a preset quick."""
@@ -36,7 +37,7 @@ def invoke(*arguments: str | Path) -> Result:
 
 def compiled(function: Any) -> Any:
     """Return a function that Python can call, of one that is for compiled code alone."""
-    return numba.njit(lambda *arguments: function(*arguments))
+    return numba.njit(pipeline_class=_Outermost)(lambda *arguments: function(*arguments))
 
 
 def covering(*axes: Sequence[Any]) -> list[ParameterSet]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from delam_fem.contact.laws import Decision
+from delam_fem.contact.laws import NO_PAIRS, Decision
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.loop import State, StepByStep
 from delam_fem.simulation.recorder import Energies, PeriodRecord, Recorder
@@ -23,7 +23,7 @@ U = np.array([[5.0, 3.0, -7.0, 2.0, 6.0, 8.0, 1.0, 0.0, -2.0, 4.0, 9.0, -1.0, 7.
 """Displacements of two probes at all steps of the run [m]."""
 IMPACTS = {
     2: (Decision(np.array([1]), np.array([0.25]), np.array([-1.0]), np.array([0.5])), -0.75, 0.0),
-    3: (Decision.only_resting(np.array([True, False])), 0.0, 0.125),
+    3: (Decision(NO_PAIRS, *[np.zeros(0)] * 3, np.array([True, False])), 0.0, 0.125),
     8: (Decision(np.array([0, 1]), np.array([1.0, 2.0]), np.array([-3.0, -4.0]), np.zeros(2)),
         0.5, -0.25),
     10: (Decision(np.array([1]), np.array([4.0]), np.array([-5.0]), np.zeros(1)), -2.0, 0.0),
@@ -57,9 +57,6 @@ class Scripted:
     def state(self) -> np.ndarray:
         return STATIC + 100.0 * self.step
 
-    def renew_acceleration(self) -> None:
-        """Do nothing: the motion is written down."""
-
 
 @dataclass
 class Engine:
@@ -80,6 +77,9 @@ class Engine:
         s.step = round((state.motion[0, 0] - STATIC[0, 0]) / 100.0)
         s.resting, self.base_state = state.resting.copy(), base_state
         s.dissipated, s.contact_damped = state.losses
+
+    def renew_acceleration(self) -> None:
+        """Do nothing: the motion is written down."""
 
     def whole(self, share: np.ndarray) -> np.ndarray:
         return share

@@ -73,26 +73,26 @@ def synthetic_history(
     x = np.linspace(0.0, case.lamina[0].length, NODES)
     strikes = first + np.array(tip_strikes)
     data = xr.Dataset(coords={"lamina": names})
-    add(data, "time", t * T)
+    add(data, time=t * T)
     q, v = tip_motion(t, subharmonic)
-    add(data, "tip_displacement", q)
-    add(data, "tip_velocity", v / T)
-    add(data, "base_displacement", 0.0025 * np.sin(2.0 * np.pi * t))
-    add(data, "x", x)
+    add(data, tip_displacement=q)
+    add(data, tip_velocity=v / T)
+    add(data, base_displacement=0.0025 * np.sin(2.0 * np.pi * t))
+    add(data, x=x)
     data = data.set_coords("x")
-    add(data, "tip_node", NODES - 1)
-    add(data, "spring_share", np.r_[0.0, np.ones(x.size - 1)])
-    add(data, "gap0", 0.030 * (x / x[-1]) ** 2)
-    add(data, "period", np.arange(PERIODS))
+    add(data, tip_node=NODES - 1)
+    add(data, spring_share=np.r_[0.0, np.ones(x.size - 1)])
+    add(data, gap0=0.030 * (x / x[-1]) ** 2)
+    add(data, period=np.arange(PERIODS))
     q, v = tip_motion(np.arange(1.0, PERIODS + 1), subharmonic)
-    add(data, "strobe_displacement", q)
-    add(data, "strobe_velocity", v / T)
-    add(data, "envelope_min", q - 0.01)
-    add(data, "envelope_max", q + 0.01)
+    add(data, strobe_displacement=q)
+    add(data, strobe_velocity=v / T)
+    add(data, envelope_min=q - 0.01)
+    add(data, envelope_max=q + 0.01)
     _add_frames(data, case, frames, x)
     _add_events(data, strikes * T)
     for name, value in LEDGER.items():
-        add(data, f"energy_{name}", np.full(PERIODS, value))
+        add(data, **{f"energy_{name}": np.full(PERIODS, value)})
     data.attrs = {"outcome": "completed", "engine": "petsc", "delam_fem": "0.1.0"}
     return data
 
@@ -100,25 +100,25 @@ def synthetic_history(
 def _add_frames(data: xr.Dataset, case: Case, frames: np.ndarray, x: np.ndarray) -> None:
     shape = (x / x[-1]) ** 2
     q, v = tip_motion(frames)
-    add(data, "frame", frames * case.period)
-    add(data, "displacement", q[:, :, None] * shape)
-    add(data, "velocity", v[:, :, None] / case.period * shape)
-    add(data, "slope", q[:, :, None] * 2.0 * x / x[-1] ** 2)
+    add(data, frame=frames * case.period)
+    add(data, displacement=q[:, :, None] * shape)
+    add(data, velocity=v[:, :, None] / case.period * shape)
+    add(data, slope=q[:, :, None] * 2.0 * x / x[-1] ** 2)
     curvature = 2.0 * q[:, :, None] / x[-1] ** 2 + 0.0 * x
     rigidity = np.array([lamina.flexural_rigidity for lamina in case.lamina])
-    add(data, "moment", rigidity[:, None, None] * curvature)
+    add(data, moment=rigidity[:, None, None] * curvature)
     state = np.zeros((frames.size, NODES), dtype=np.int8)
     state[::FRAMES, 1:4] = 1
     state[1::FRAMES, 1:3] = 2
-    add(data, "contact_state", state)
+    add(data, contact_state=state)
 
 
 def _add_events(data: xr.Dataset, tip_strikes: np.ndarray) -> None:
     """Add strikes at the tip that grow, and after each a weaker one beside it."""
     n = tip_strikes.size
     growing = np.tile(1e-3 * np.arange(1, n + 1), 2)
-    add(data, "event_time", np.concatenate([tip_strikes, tip_strikes + 1e-4]))
-    add(data, "event_node", np.repeat([NODES - 1, NODES - 2], n))
-    add(data, "event_impulse", growing * np.repeat([1, 0.5], n))
-    add(data, "event_velocity_before", np.full(2 * n, -0.5))
-    add(data, "event_energy", np.full(2 * n, -1e-5))
+    add(data, event_time=np.concatenate([tip_strikes, tip_strikes + 1e-4]))
+    add(data, event_node=np.repeat([NODES - 1, NODES - 2], n))
+    add(data, event_impulse=growing * np.repeat([1, 0.5], n))
+    add(data, event_velocity_before=np.full(2 * n, -0.5))
+    add(data, event_energy=np.full(2 * n, -1e-5))

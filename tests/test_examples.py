@@ -31,13 +31,14 @@ SAID = {
     "tap": r"^200 mm: 1\.4[45] ms, 6\.5\d N; as a spring of 3\.50e\+05 N/m 1\.38 ms, 5\.69 N$",
     "own_law": r"^speeds of approach \[m/s\]: \[1\. +0\.5333\d 0\.3368\d 0\.2306\d\] exact",
     "own_operators": r"^pairs hit: \[0 1 0\] velocities at the end \[m/s\]: \[-0\.25 +-0\.125\]$",
+    "two_masses": r"^settled; blows at \[0\.1588\d .* exact 0\.15936 m/s$",
     "sweep": r"^3\.65 Hz: period 2, 0\.50 tip contacts per period$",
 }
 """A line that each example prints; a new one must at least print a number."""
 
 
-ALONE = ("body", "sweep")
-"""Examples that run on two ranks too, or start processes."""
+ALONE = ("sweep",)
+"""Examples that start processes."""
 OWN_FORMS = ("body", "plate", "timoshenko")
 LONGEST_FORM = 40  # lines: the promise of a short way in
 
@@ -58,7 +59,6 @@ def printed(path: Path, folder: Path, *launcher: str) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", [path for path in SCRIPTS if path.stem not in ALONE], ids=lambda path: path.stem
 )
@@ -71,12 +71,11 @@ def test_example_runs_and_says_its_numbers(
     assert re.search(SAID.get(path.stem, r"\d"), capsys.readouterr().out, re.MULTILINE)
 
 
-@pytest.mark.slow
 def test_a_sweep_in_a_script_runs_and_says_its_numbers(tmp_path: Path) -> None:
     assert re.search(SAID["sweep"], printed(FOLDER / "sweep.py", tmp_path), re.MULTILINE)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_form_on_two_ranks_moves_as_on_one(tmp_path: Path) -> None:
     """Lowest deflections agree to the six decimals of a millimetre that are printed."""
     two = "mpirun --allow-run-as-root --oversubscribe --mca mpi_yield_when_idle 1 -n 2".split()

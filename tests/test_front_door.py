@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,10 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
+from delam_fem.contact.laws import Setting, Supervisor
+from delam_fem.engines.session import law_of, span_of
+from delam_fem.model.discretise import assemble
+from delam_fem.model.layout import Structure
 
 SHORT = {
     "time.periods": 2, "time.steps_per_period": 200, "mesh.elements": 4,
@@ -33,9 +38,9 @@ def pair(**more: Any) -> df.Operators:
     return df.Operators(UNIT, 0.1 * UNIT, stiffness, BASE, gap, np.array([1e-3]), **more)
 
 
-def solve(operators: df.Operators, **keys: Any) -> df.Solution:
-    keys = {"steps_per_period": 100, "periods": 3} | keys
-    return df.solve(operators, "newton", "moreau-jean", df.HarmonicMotion(0.2, 1.0), **keys)
+def solve(operators: df.Operators | Structure, **keys: Any) -> df.OperatorsResult:
+    usual = {"steps_per_period": 100, "periods": 3, "law": "newton", "scheme": "moreau-jean"}
+    return df.run(operators, **usual | {"drive": df.HarmonicMotion(0.2, 1.0)} | keys)
 
 
 def test_a_case_may_be_named(tmp_path: Path) -> None:
@@ -88,22 +93,117 @@ def test_operators_run_until_a_time() -> None:
     found = solve(
         pair(probes=UNIT), steps_per_period=None, periods=None, time_step=0.01, until=20.0
     )
-    assert 20.0 <= found.time[-1] < 20.2
     history = found.history
-    assert history.displacement.shape == (2, history.sizes["time"])
-    assert history.displacement.attrs["units"] == "m"
+    assert 20.0 <= float(history.time[-1]) < 20.2
+    assert history.probe_displacement.shape == (2, history.sizes["time"])
+    assert history.probe_displacement.attrs["units"] == "m"
     assert history.sizes["event"] > 0
     assert float(history.event_impulse.min()) >= 0.0
-    gap = 1e-3 + history.displacement[1] - history.displacement[0]
+    gap = 1e-3 + history.probe_displacement[1] - history.probe_displacement[0]
     assert float(gap.min()) < 1e-3
     whole = solve(pair(probes=UNIT), periods=None, until=14.9)
-    assert whole.time[-1] == pytest.approx(15.0)
+    assert float(whole.history.time[-1]) == pytest.approx(15.0)
 
 
-def test_missing_probes_are_named() -> None:
+@pytest.mark.parametrize("engine", ["petsc", "compiled"])
+def test_operators_give_names_figures_and_a_verdict(engine: str, tmp_path: Path) -> None:
+    """The verdict knows the decay: each mode of `pair` has c/m = 0.1/s, so e^(-0.05 t)."""
+    probes = sp.csr_matrix([[1.0, 0.0], [0.0, 1.0], [-1.0, 1.0]])
+    probed = pair(probes=probes, names=("left", "right", "between"))
+    found = solve(
+        probed, engine=engine, periods=60, window_periods=5, name="two masses", frames_per_period=4
+    )
+    assert isinstance(found, df.Result)
+    assert found.summary["settled"] == "settled"
+    assert found.summary["settling"]["decay"] == pytest.approx(0.05 / 0.2)
+    window = found.history.probe_displacement.sel(probe="right")
+    history = found.history  # the probes read the dofs
+    for name in ("displacement", "velocity"):
+        at_frames = history[f"probe_{name}"].sel(time=history.frame, method="nearest")[:2]
+        assert np.allclose(history[f"dof_{name}"].T, at_frames, rtol=1e-12, atol=1e-14)
+    assert history.sizes["frame"] == 20
+    assert found.summary["probe_max"][1] == pytest.approx(float(window.max()), rel=1e-12)
+    assert found.summary["impacts_per_period"] == found.history.sizes["event"] / 5
+    written = {path.name for path in found.save(tmp_path / "out")}
+    figures = {"probe_histories", "phase_portraits", "spectra", "energy_ledger", "envelope"}
+    assert written == {"result.nc", "summary.json", "report.html", *(f"{n}.png" for n in figures)}
+    assert set(dir(found.plot)) == figures
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "two masses: 0.2 Hz, contact: newton@moreau-jean" in page and "probe min" in page
+    assert "two masses" in found._repr_html_()
+    with pytest.raises(df.CaseError, match="export: expected the result of a case"):
+        found.export("csv", tmp_path / "x.csv")
+
+
+def test_operators_without_probes_run(tmp_path: Path) -> None:
     found = solve(pair())
-    with pytest.raises(df.CaseError, match="operators: probes: missing"):
-        print(found.displacement)
+    assert found.history.sizes["probe"] == 0 and found.summary["probes"] == []
+    assert found.history.sizes["event"] > 0
+    assert tmp_path / "figures" / "energy_ledger.png" in found.save(tmp_path)
+
+
+def test_a_structure_runs_as_its_case() -> None:
+    case = df.preset("default", SHORT)
+    beams = assemble(case, needs_dolfinx=False)
+    drive = df.HarmonicMotion(case.excitation.top_frequency, case.excitation.amplitude)
+    by_case = df.run(case, "compiled", structure=beams)
+    alone = solve(
+        beams, engine="compiled", law=law_of(case), scheme=case.time.scheme, drive=drive,
+        steps_per_period=200, periods=2, refinement=span_of(case).refinement,
+    )  # fmt: skip
+    assert alone.summary["probes"][:2] == ["thick tip", "thin tip"]
+    tips = alone.history.probe_displacement[:2].to_numpy()
+    assert np.array_equal(tips, by_case.history.tip_displacement.to_numpy())
+    assert alone.history.event_impulse.equals(by_case.history.event_impulse)
+    for name in ("periodicity", "thd", "distortion_factor", "impacts_per_period", "steps"):
+        assert alone.summary[name] == by_case.summary[name]
+    assert alone.summary["probe_min"][:2] == by_case.summary["tip_min"]
+
+
+def test_what_a_run_is_given_replaces_keys() -> None:
+    case = df.preset("default", SHORT)
+    law, drive = df.Law("newton", restitution=0.3), df.HarmonicMotion(3.3, 2e-3)
+    found = df.run(case, "compiled", law=law, scheme="newmark", drive=drive, until=0.5)
+    given = found.case
+    assert (given.contact.law, given.contact.restitution) == ("newton", 0.3)
+    assert given.time.scheme == "newmark"
+    assert (given.excitation.top_frequency, given.excitation.amplitude) == (3.3, 2e-3)
+    assert given.n_periods == 2  # 0.5 s are 1.65 periods
+    same = df.run(given, "compiled").history
+    assert found.history.tip_displacement.equals(same.tip_displacement)
+
+
+@dataclass(frozen=True)
+class Borrowed:
+    """A law of one's own that decides as Newton's."""
+
+    name: str = "borrowed"
+    spring: tuple[float, float] = (0.0, 0.0)
+    is_coupled: bool = True
+
+    def supervisor(self, scheme: df.Scheme, setting: Setting) -> Supervisor:
+        return df.Law("newton", restitution=0.2).supervisor(scheme, setting)
+
+
+def test_a_law_of_ones_own_acts_in_a_case(tmp_path: Path) -> None:
+    case = df.preset("default", SHORT)
+    own = df.run(case, law=Borrowed(), scheme="newmark")
+    table = df.run(case, law=df.Law("newton", restitution=0.2), scheme="newmark")
+    assert own.history.tip_displacement.equals(table.history.tip_displacement)
+    assert own.history.sizes["event"] > 0
+    (told,) = [text for text in own.summary["warnings"] if "borrowed" in text]
+    assert (
+        told == "contact.law: in place of the law of the case acted 'borrowed'; case.toml does "
+        "not say so"
+    )
+    assert not [text for text in table.summary["warnings"] if "in place" in text]
+    own.save(tmp_path / "own", figures=False)
+    assert not (tmp_path / "own" / "state.npz").exists()  # its case would go on with another law
+    with pytest.raises(df.CaseError, match="directory: expected none with the law 'borrowed'"):
+        df.run(case, law=Borrowed(), scheme="newmark", directory=tmp_path)
+    massless = {"time.mass": "massless", "model.kind": "modes", "contact.restitution": 0.0}
+    with pytest.raises(df.CaseError, match=r'law: expected none with time\.mass = "massless"'):
+        df.run(df.preset("default", {**SHORT, **massless}), law=Borrowed())
 
 
 BAD: dict[str, Callable[[], object]] = {
@@ -137,12 +237,23 @@ BAD: dict[str, Callable[[], object]] = {
     ),
     "time_step: expected a number above 0": lambda: solve(pair(), time_step=-1.0),
     "periods: expected a whole number from 1, given 0": lambda: solve(pair(), periods=0),
-    "until: expected a number above 0": lambda: solve(pair(), periods=None, until=-1.0),
+    "until: expected a number above 0 .s., given -1": lambda: solve(
+        pair(), periods=None, until=-1.0
+    ),
     "expected either periods or until": lambda: solve(pair(), until=1.0),
     "steps_per_period: missing": lambda: solve(pair(), steps_per_period=None),
-    "write df.solve": lambda: df.run(pair()),  # type: ignore[arg-type]
+    "operators: law or scheme is missing; for example": lambda: df.run(pair()),  # type: ignore[call-overload]
+    "run: periods: a case has keys for all but .*, until": lambda: df.run(  # type: ignore[call-overload]
+        "default", periods=3
+    ),
+    "run: resume: operators know comm, drive, ": lambda: solve(pair(), resume=True),
+    "drive: expected a HarmonicMotion with a case": lambda: df.run(  # type: ignore[call-overload]
+        "default", drive=df.SweptMotion(1.0, 2.0, 1.0, 1e-3)
+    ),
+    "until: expected a number above 0": lambda: df.run("default", until=0.0),
+    "goes with the scheme": lambda: df.run("default", law="penalty", scheme="moreau-jean"),
     "neither a file nor a preset": lambda: df.run("nothing"),
-    "run: expected a case, .* given 7": lambda: df.run(7),  # type: ignore[arg-type]
+    "run: expected a case, .* given 7": lambda: df.run(7),  # type: ignore[call-overload]
     "case: 5 problems": lambda: df.Case(),
     "did you mean frequency": lambda: df.preset("default", fequency=1.0),
     r'write {"section.key"': lambda: df.preset("default", blubb=1.0),

@@ -16,7 +16,7 @@ from test_without_dolfinx import PROGRAM
 ROOT = Path(__file__).parents[1]
 CONSTRAINTS = ROOT / ".venv" / "constraints.txt"
 
-pytestmark = [pytest.mark.slow, pytest.mark.once]
+pytestmark = pytest.mark.once
 
 
 def call(*arguments: object, folder: Path) -> str:
@@ -42,6 +42,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"wheel": wheel, "sdist": sdist}
 
 
+@pytest.mark.slow
 def test_both_hold_the_whole_package_and_nothing_else(built: dict[str, Path]) -> None:
     wanted = {
         path.relative_to(ROOT).as_posix()

@@ -39,7 +39,6 @@ RUN = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "block", [b for b in RUN if b.language == "python"], ids=lambda block: block.name
 )
@@ -47,7 +46,6 @@ def test_python_block_runs(block: Block, checkout: Path) -> None:
     run_block(block, checkout)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "block", [b for b in RUN if b.language == "bash"], ids=lambda block: block.name
 )

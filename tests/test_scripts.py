@@ -9,7 +9,6 @@ import pytest
 from project import SCRIPTS, script
 
 
-@pytest.mark.slow
 def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[str]) -> None:
     assert script("reference_motions").main(["--periods", "300", "--engine", "compiled"]) == 0
     table = capsys.readouterr().out

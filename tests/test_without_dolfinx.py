@@ -58,7 +58,8 @@ try:
     pair = df.preset("default", keys)
     from delam_fem.model import discretise
     o = discretise.assemble(pair).operators
-    df.solve(o, "newton", "newmark", df.HarmonicMotion(3.0, 1e-3), steps_per_period=100, periods=1)
+    drive = df.HarmonicMotion(3.0, 1e-3)
+    df.run(o, law="newton", scheme="newmark", drive=drive, steps_per_period=100, periods=1)
 except df.CaseError as error:
     found["petsc"] = str(error)
 print(json.dumps(found))

@@ -37,6 +37,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_run_reads_no_settings_there(folder: Path) -> None:
     line = [*program(), "run", "paper", "-q", "-o", "out", *command(keys=RUN)[3:]]
     status, errors = ended(line, cwd=folder)
@@ -45,6 +46,7 @@ def test_a_run_reads_no_settings_there(folder: Path) -> None:
     assert json.loads((folder / "out" / "summary.json").read_text())["outcome"] == "completed"
 
 
+@pytest.mark.slow
 def test_the_workers_of_a_sweep_read_none_either(folder: Path) -> None:
     (folder / "s.toml").write_text(sweep_text(periods=5, count=2))
     status, errors = ended([*program(), "sweep", "s.toml", "-j", "1", "-o", "out"], cwd=folder)

@@ -6,8 +6,9 @@ import difflib
 import math
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from html import escape
+from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Self
@@ -45,8 +46,8 @@ from delam_fem.case.sections import (
     require_neighbours,
 )
 from delam_fem.case.toml import Data, apply_overrides, message, toml_text
-from delam_fem.case.values import Section, expected, inconsistent
-from delam_fem.contact.laws import combination
+from delam_fem.case.values import Expected, Section, inconsistent
+from delam_fem.contact.laws import combination, combined_name
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.beams import transmissibility
 from delam_fem.numerics.types import FloatArray
@@ -58,6 +59,8 @@ PARTS = 100
 """Parts of a run with a given time step; each stands for a period."""
 LEAST_STEPS = 4
 """Smallest number of steps of such a part."""
+BEAM_CELLS = 100
+"""Cells of the beams that stand for solids whose mesh is from a file."""
 MOST_FRAMES = 500
 """Frames of a run whose excitation does not repeat, where nothing else is said."""
 _NEEDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -110,7 +113,7 @@ class Case(Section):
     name: Annotated[
         str,
         Field(strict=True, pattern=r"^\w[\w .+-]*$", max_length=100),
-        expected("a name fit for a folder: letters, digits, space and . + - _"),
+        Expected("a name fit for a folder: letters, digits, space and . + - _"),
     ]
     lamina: Annotated[tuple[Lamina, ...], BeforeValidator(_tables)]
     gap: Gap | None = None
@@ -150,6 +153,7 @@ class Case(Section):
         self._check_time()
         self._check_sensors()
         self._check_elastic()
+        self._check_stops()
         if self.time.periods == "settled" and not self.is_periodic:
             raise inconsistent(
                 "time.periods",
@@ -182,16 +186,19 @@ class Case(Section):
         self._check_place("excitation", self.excitation)
         for section in ("point_mass", "sensor", "stop", "impactor", "initial"):
             entries, is_of_beams = getattr(self, section), section not in ("point_mass", "sensor")
-            if entries and is_of_beams and self.model.kind != "beam":
+            if entries and is_of_beams and self.model.is_continuum:
                 raise inconsistent(
-                    section, f'expected only with model.kind = "beam", given "{self.model.kind}"'
+                    section,
+                    'expected only with model.kind = "beam" or "modes", because a point of a solid '
+                    "gives way the more the finer its mesh is, given "
+                    f'"{self.model.kind}"',
                 )
             for number, own in enumerate(entries, start=1):
                 key = f"{section}.{getattr(own, 'name', number)}"
                 self._check_place(key, own, EDGE_TOLERANCE if is_of_beams else 0.0)
 
     def _check_place(self, key: str, own: Section, tolerance: float = 0.0) -> None:
-        """Check the lamina and the place of a table; where it gives none, there is none."""
+        """Check the lamina and the places that a table names, if it names any."""
         names = [lamina.name for lamina in self.lamina]
         given = getattr(own, "lamina", None)
         if given is not None and given not in names:
@@ -291,12 +298,12 @@ class Case(Section):
             if blow.elastic_by
         ]
         for section, number, blow in elastic:
-            if self.contact.law != "penalty":
+            if self.contact.law not in ("penalty", "none"):
                 raise inconsistent(
                     f"{section}.{number}.{blow.elastic_by}",
                     f"expected an elastic {section} only with contact.law = "
-                    '"penalty" (and time.scheme = "newmark"), because other laws have no dampers, '
-                    f'given "{self.contact.law}"',
+                    '"penalty" (and time.scheme = "newmark"), because all pairs of a case follow '
+                    f'one law, given "{self.contact.law}"',
                 )
             if not self.spring[0]:
                 raise inconsistent(
@@ -312,8 +319,24 @@ class Case(Section):
                     f"{needed:g} s, given {found:g} s",
                 )
 
+    def _check_stops(self) -> None:
+        """Check that a rigid stop has no second one at its place and side of a lamina."""
+        margin = EDGE_TOLERANCE * self.length
+        for (first, before), (second, stop) in combinations(enumerate(self.stop, start=1), 2):
+            if before.lamina != stop.lamina or {before.side, stop.side} == {"above", "below"}:
+                continue
+            (low, high), (start, end) = before.reach(self.length), stop.reach(self.length)
+            is_apart = start > high + margin or end < low - margin
+            if not is_apart and (before.stiffness is None or stop.stiffness is None):
+                raise inconsistent(
+                    f"stop.{second}.{'position' if stop.start is None else 'start'}",
+                    f"expected another place or side of lamina {stop.lamina} than that of stop "
+                    f"{first}, {low:g} to {high:g} m {before.side}, given {start:g} to {end:g} m "
+                    f"{stop.side}; only elastic stops may be at one place",
+                )
+
     def _check_sensors(self) -> None:
-        """Check that names of sensors differ, what they measure, and their sampling rates."""
+        """Check that sensors have different names, something to read, and possible rates."""
         most, names = 1.0 / (self.time.step or self.time_step), [own.name for own in self.sensor]
         for own in self.sensor:
             key = f"sensor.{own.name}"
@@ -473,10 +496,43 @@ class Case(Section):
         return self.time.mass == "massless"
 
     @property
+    def without_strikes(self) -> Self:
+        """The case without stops, impactors, their sensors, and without an initial state."""
+        sensors = tuple(own for own in self.sensor if own.stop is None and own.impactor is None)
+        return self.model_copy(
+            update={"stop": (), "impactor": (), "initial": (), "sensor": sensors}
+        )
+
+    @property
     def without_impactors(self) -> Self:
         """The case without its impactors and their sensors: what vibrates between two blows."""
         sensors = tuple(own for own in self.sensor if own.impactor is None)
         return self.model_copy(update={"impactor": (), "sensor": sensors})
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether a stop or an impactor is elastic."""
+        return any(own.elastic_by for own in self.stop) or any(
+            own.elastic_by for own in self.impactor
+        )
+
+    @property
+    def title(self) -> str:
+        """What the case is, in a few words."""
+        law, scheme = self.contact.law, self.time.scheme
+        contact = combined_name(law, scheme)
+        if "impulse" in combination(law, scheme).reads:
+            contact += f", {self.contact.impulse} impulses"
+        return f"{self.name}: {self.excitation.words}, contact: {contact}"
+
+    @property
+    def as_beams(self) -> Self:
+        """The case with beams in place of its solids; `BEAM_CELLS` elements if it has a mesh file.
+
+        Its sensors are left out.
+        """
+        mesh = self.mesh if self.mesh.file is None else Mesh(elements=BEAM_CELLS)
+        return self.model_copy(update={"mesh": mesh, "model": Model(), "sensor": ()})
 
     @property
     def is_floating(self) -> bool:
@@ -583,9 +639,9 @@ class Case(Section):
 
     @property
     def time_step(self) -> float:
-        """Time step dt = 1/(N f), where f is the highest frequency of a sweep [s].
+        """Time step dt = 1/(N f), where f is the frequency, of a sweep the highest [s].
 
-        With `time.step`: the longest step up to that of which whole periods cover the run.
+        With `time.step`: the longest step up to that one of which whole periods cover the run.
         """
         if self.time.step is None:
             return 1.0 / (self.time.steps_per_period * self.excitation.top_frequency)
@@ -618,7 +674,7 @@ class Case(Section):
     def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:
         """Return the exact tip amplitude of one lamina without contact on the moving base.
 
-        It is NaN if the base does not move harmonically.
+        The amplitude is NaN if the base does not move harmonically.
 
         Args:
             i: index of the lamina from 0.
@@ -683,6 +739,16 @@ class Case(Section):
             raise CaseError(f"case: not valid TOML: {error}") from None
         return cls.checked(data, "case")
 
+    def is_in(self, text: str) -> bool:
+        """Return whether a text that `to_toml` has written describes this case.
+
+        A key that the text lacks has come with a later version; its default counts.
+        """
+        try:
+            return text == self.to_toml() or self.from_toml(text).to_toml() == self.to_toml()
+        except CaseError:
+            return False
+
     def with_overrides(
         self, overrides: Mapping[str, object] | None = None, **by_word: object
     ) -> Self:
@@ -710,13 +776,7 @@ class Case(Section):
 
     def _key_of(self, word: str) -> str:
         """Return the only key of this case whose last part is a word."""
-        keys = []
-        for name in type(self).model_fields:
-            value = getattr(self, name)
-            entries = value if isinstance(value, tuple) else (value,)
-            for number, entry in enumerate(entries, start=1):
-                part = f".{getattr(entry, 'name', number)}" if isinstance(value, tuple) else ""
-                keys += [f"{name}{part}.{key}" for key in getattr(type(entry), "model_fields", ())]
+        keys = [f"{place}.{key}" for place, own in self._placed() for key in type(own).model_fields]
         fitting = [key for key in keys if key.endswith(f".{word}")]
         if len(fitting) == 1:
             return fitting[0]
@@ -745,10 +805,10 @@ class Case(Section):
             raise CaseError(message(label, error, data)) from None
 
     def with_files_checked(self, label: str) -> Self:
-        """Return the case unchanged, after a check that its files exist.
+        """Return the case after a check of its files, with the duration of a tabulated excitation.
 
         Raises:
-            CaseError: a file is missing.
+            CaseError: a file is missing, or the table of the excitation cannot be used.
         """
         for key, file in self.files.items():
             if not file.is_file():
@@ -779,11 +839,15 @@ class Case(Section):
     @property
     def files(self) -> dict[str, Path]:
         """The files that the case names, by their keys."""
-        numbered = enumerate(self.delamination, start=1)
-        named = {f"delamination.{number}.file": own.file for number, own in numbered}
-        named |= {f"stop.{number}.file": own.file for number, own in enumerate(self.stop, start=1)}
-        named["gap.file"] = None if self.gap is None else self.gap.file
-        named["mesh.file"] = self.mesh.file
-        named["model.file"] = self.model.file
-        named["excitation.file"] = getattr(self.excitation, "file", None)
+        named = {f"{place}.file": getattr(own, "file", None) for place, own in self._placed()}
         return {key: file for key, file in named.items() if file is not None}
+
+    def _placed(self) -> Iterator[tuple[str, Section]]:
+        """Yield the tables of the case with their places, as overrides name them."""
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if isinstance(value, Section):
+                yield name, value
+            elif isinstance(value, tuple):
+                for number, own in enumerate(value, start=1):
+                    yield f"{name}.{getattr(own, 'name', number)}", own

@@ -1,8 +1,8 @@
 """Define the section `[excitation]` of a case, and read a course of values from a table.
 
-Define the section `[excitation]` of a case: what makes the laminae move. The base moves, or a force
-acts at a point of a lamina. Every kind has the properties `acts_on`, `is_periodic`, `top_frequency`
-and `length`, so that other code need not know the kinds.
+The excitation makes the laminae move: the base moves, or a force acts at a point of a lamina. Every
+kind has the properties `acts_on`, `is_periodic`, `top_frequency` and `length`, so that other code
+need not know the kinds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from delam_fem.case.values import (
     inconsistent,
 )
 from delam_fem.numerics.types import FloatArray
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 _UNITS = {"base": ("m", "m/s2"), "force": ("N",)}
 """SI units of the values by what they act on."""
@@ -35,7 +35,7 @@ _UNITS = {"base": ("m", "m/s2"), "force": ("N",)}
 
 @dataclass(frozen=True)
 class Series:
-    """Values in time.
+    """A course of values in time, as a table gives it.
 
     Attributes:
         time: times from 0, increasing, shape (rows,) [s].
@@ -54,7 +54,7 @@ class Series:
 
 
 def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
-    """Read a table and check it.
+    """Read the course of an excitation from a table, and check it.
 
     Comments (#) are skipped. A heading gives units in brackets: `time [ms], force [kN]`. Without
     units, times are in s, values in m (base) or N (force), and a warning says so.
@@ -71,8 +71,7 @@ def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
     name = f"excitation.file {path}"
     table = read_columns(path, name, ("time", "value"))
     (time, value), units = in_si_units(table, ("time", "value"), (("s",), _UNITS[acts_on]), name)
-    if time.size < least_rows:
-        raise CaseError(f"{name}: expected at least {least_rows} rows, given {time.size}")
+    require(time.size >= least_rows, name, f"at least {least_rows} rows", time.size)
     _check_times(time, table.lines, name)
     return Series(time, value, units[1])
 
@@ -160,7 +159,7 @@ class _OfBase(_Kind):
         return f"A = {1e3 * (self.amplitude or 0.0):g} mm"
 
     def displacement_amplitude(self, frequency: float) -> float:
-        """Return A: the given one, or acceleration / (2 pi f)^2 [m]."""
+        """Return the amplitude A: the given one, or acceleration / (2 pi f)^2 [m]."""
         if self.acceleration is None:
             return self.amplitude or 0.0
         return self.acceleration / (2.0 * math.pi * frequency) ** 2

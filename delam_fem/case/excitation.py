@@ -1,8 +1,7 @@
-"""Compute the drive in time: the motion of the base with its derivatives, or a force at a point.
+"""Compute the drive in time: the motion of the base, or a force at a point, with derivatives.
 
-Compute the force at a point of a lamina in time: the blow of a hammer, or a table. Motions of the
-base start at t = 0 with the displacement 0 but not with the velocity 0: the base starts abruptly
-while the laminae are at rest, as in the paper.
+Motions of the base start at t = 0 with the displacement 0 but not with the velocity 0: the base
+starts abruptly while the laminae are at rest, as in the paper.
 """
 
 from __future__ import annotations
@@ -161,15 +160,15 @@ class SweptMotion:
 class Tabulated:
     """A measured force [N], or a measured motion of the base [m].
 
-    A force is PCHIP, which does not overshoot between the rows, and 0 after its last. A motion is
-    a quintic spline of its displacement. From accelerations, the displacement is their double
-    integral that is 0 at both ends of the table, so that a base that vibrates does not drift away.
-    A displacement counts from its first value.
+    A force is interpolated by PCHIP, which does not overshoot between the rows; it is 0 after the
+    last row. A displacement counts from its first value and is interpolated by a quintic spline.
+    From accelerations, the displacement is their double integral that is 0 at both ends of the
+    table, so that a base that vibrates does not drift away.
 
     Attributes:
         course: the force or the displacement.
         length: last time of the table [s].
-        ends: whether it is 0 afterwards; otherwise it stays.
+        ends: whether the value is 0 afterwards; otherwise the last value stays.
     """
 
     course: BSpline | PchipInterpolator
@@ -184,11 +183,10 @@ class Tabulated:
             return cls(PchipInterpolator(time, value), length, ends=True)
         if series.unit == "m":
             return cls(make_interp_spline(time, value - value[0], k=5), length, ends=False)
-        twice = make_interp_spline(time, value, k=3).antiderivative(2)
-        ends = np.array([0.0, length])
-        first, last = twice(ends).tolist()
-        line = make_interp_spline(ends, [first, last], k=1)
-        return cls(_difference(twice, line), length, ends=False)
+        velocity = make_interp_spline(time, value, k=3).antiderivative()
+        drift = velocity.integrate(0.0, length) / length
+        steady = BSpline(velocity.t, velocity.c - drift, velocity.k)  # its functions add up to 1
+        return cls(steady.antiderivative(), length, ends=False)
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
         """Return the value and two derivatives, shape (k, 3); see `Drive`."""
@@ -197,13 +195,6 @@ class Tabulated:
         course = np.stack([self.course(inside, nu=order) for order in range(3)], axis=-1)
         lasts = (t <= self.length * (1.0 + _LAST)) | (not self.ends)
         return np.where(lasts[:, None], course, 0.0)
-
-
-def _difference(spline: BSpline, line: BSpline) -> BSpline:
-    """Return a spline minus a straight line, as a spline of the same degree."""
-    k, t = spline.k, spline.t
-    greville = np.array([t[j + 1 : j + k + 1].mean() for j in range(len(t) - k - 1)])
-    return BSpline(t, spline.c[: greville.size] - line(greville), k)
 
 
 class Drive(Protocol):
@@ -254,7 +245,7 @@ def base_motion(case: Case) -> HarmonicMotion | SweptMotion:
 def swept_motion(
     given: SweepExcitation | ForceExcitation, amplitude: float, acceleration: float | None = None
 ) -> SweptMotion:
-    """Return the course of a sweep."""
+    """Return the motion of the base, or the force at a point, that a sweep describes."""
     return SweptMotion(
         given.start_frequency or 0.0,
         given.end_frequency or 0.0,

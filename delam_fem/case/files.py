@@ -22,7 +22,7 @@ PRESETS = ("paper", "default", "embedded", "edge")
 
 
 def find_case(what: CaseSource, overrides: Mapping[str, object] | None = None) -> Case:
-    """Return the case that is meant: a case itself, a preset by its name, or a case file.
+    """Return a case from what names it: the case itself, the name of a preset, or a case file.
 
     Args:
         what: a case, the name of a preset, or the path of a case file.
@@ -63,12 +63,10 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
     data = read_toml(path)
     if "axis" in data:
         raise CaseError(f"case {path}: is a sweep; compute it with delam-fem sweep {path}")
-    several = [data.get(name) for name in ("delamination", "stop")]
-    listed = [table for tables in several if isinstance(tables, list) for table in tables]
-    sections = [data.get(name) for name in ("gap", "mesh", "model", "excitation")]
-    for table in (*sections, *listed):
-        if isinstance(table, dict) and isinstance(table.get("file"), str):
-            table["file"] = os.path.join(path.absolute().parent, table["file"])
+    for tables in data.values():
+        for table in tables if isinstance(tables, list) else [tables]:
+            if isinstance(table, dict) and isinstance(table.get("file"), str):
+                table["file"] = os.path.join(path.absolute().parent, table["file"])
     return _case(data, overrides, f"case {path}")
 
 

@@ -12,7 +12,7 @@ from delam_fem.case.sections import Delamination, Gap, Stop
 from delam_fem.case.tables import in_si_units, read_columns
 from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.numerics.types import FloatArray
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 _END_TOLERANCE = 1e-9
 """Tolerance relative to L, so that a table written with nine digits still reaches the free end."""
@@ -21,7 +21,7 @@ _LONGER = 2e-3
 
 
 def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
-    """Return the gap g0(x) at rest.
+    """Return the gap at rest g0(x) of laminae that are apart.
 
         exponent:  root + (tip - root) (x/L)^p
         mode:      root + (tip - root) w1(x/L), the exact first cantilever mode with w1(1) = 1
@@ -74,7 +74,7 @@ def opening_at_rest(
         file:         the table, interpolated by PCHIP
 
     Args:
-        own: gives edges, opening and shape.
+        own: the delamination or the stop, with edges, opening and shape.
         x: places from start to end [m].
         length: length of the laminae [m].
         opens_at_start: whether the open end of the shape "power" is the start.
@@ -172,8 +172,7 @@ def _columns(path: Path, length: float) -> tuple[tuple[int, ...], FloatArray, Fl
     label = f"gap file {path}"
     table = read_columns(path, label, ("x", "gap"))
     (x, gap), _ = in_si_units(table, ("x", "gap"), (("m",), ("m",)), label)
-    if x.size < 2:
-        raise CaseError(f"{label}: expected at least two rows of x, gap, given {x.size}")
+    require(x.size >= 2, label, "at least two rows of x, gap", x.size)
     for k in np.flatnonzero(~(np.diff(x) > 0.0)):
         raise CaseError(
             f"{label}, line {table.lines[k + 1]}: expected x to increase, given {x[k + 1]} "

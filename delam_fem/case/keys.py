@@ -17,7 +17,8 @@ from textwrap import wrap
 from types import MappingProxyType, UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from pydantic_core import PydanticUndefined
+from pydantic.json_schema import GenerateJsonSchema
+from pydantic_core import PydanticUndefined, core_schema
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset_text
@@ -202,13 +203,21 @@ _INSTEAD = {
 """Keys of a case file that give a required number as well."""
 
 
+class _WithoutNull(GenerateJsonSchema):
+    """Generator of schemas without null, which TOML has not."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> Schema:
+        """Return the schema of what may be missing as that of what is there."""
+        return self.generate_inner(schema["schema"])
+
+
 def case_schema() -> Schema:
     """Return the JSON schema of a case file, draft 2020-12.
 
     Returns:
         A dictionary for `json.dumps`.
     """
-    made = Case.model_json_schema()
+    made = Case.model_json_schema(schema_generator=_WithoutNull)
     listed = tables()
     definitions = {own.model.__name__: own for own in listed if own.name}
     for name, own in definitions.items():
@@ -248,16 +257,10 @@ def _described(schema: Schema, table: Table) -> Schema:
 
 
 def _plain(schema: Schema, key: Key | None) -> Schema:
-    """Return the schema of a key with its meaning, and without null, which TOML has not."""
+    """Return the schema of a key with its meaning, and without a default of null."""
     own = {name: value for name, value in schema.items() if name != "title"}
     if own.get("default", ...) is None:
         del own["default"]
-    choices = [choice for choice in own.get("anyOf", ()) if choice.get("type") != "null"]
-    if len(choices) == 1:
-        del own["anyOf"]
-        own |= choices[0]
-    elif choices:
-        own["anyOf"] = choices
     if key is not None:
         own["description"] = key.meaning
         if key.unit not in ("", "-") and own.get("type") == "number":
@@ -359,7 +362,7 @@ def _wrapped(text: str, width: int) -> list[str]:
 
 
 def _comment(key: Key, is_needed: bool) -> str:
-    """Return what stands beside a key: meaning, type, and whether it must be given."""
+    """Return the comment beside a key: meaning, type, and whether the key must be given."""
     notes = [] if key.choices and all(word in key.meaning for word in key.choices) else [key.type]
     if is_needed:
         notes.append("required")

@@ -1,7 +1,7 @@
 """Define the sections of a case as frozen, strict models.
 
-Young's modulus and density of named materials: nominal values for a first model. Sheets of one name
-differ by some percent: where natural frequencies matter, identify the modulus.
+Young's modulus and density of the named materials are nominal values for a first model. Sheets of
+one name differ by some percent: where natural frequencies matter, identify the modulus.
 
 Sources:
     aluminium: EN 1999-1-1, 3.2.5.
@@ -34,6 +34,7 @@ from delam_fem.case.values import (
     DampingRatio,
     Degree,
     Elements,
+    Expected,
     FileName,
     Finite,
     Label,
@@ -46,7 +47,6 @@ from delam_fem.case.values import (
     Section,
     Steps,
     Unit,
-    expected,
     in_si,
     inconsistent,
 )
@@ -58,7 +58,7 @@ from delam_fem.numerics.types import FloatArray
 
 @dataclass(frozen=True)
 class Material:
-    """A material of the table.
+    """Young's modulus and density of a named material.
 
     Attributes:
         young_modulus: E [Pa].
@@ -145,7 +145,7 @@ class Lamina(Section):
 
     @property
     def is_point(self) -> bool:
-        """Whether it is a mass on a spring in place of a beam."""
+        """Whether the lamina is a mass on a spring in place of a beam."""
         return self.mass is not None
 
     @property
@@ -195,7 +195,7 @@ _PICTURE = {"length": 1.0, "width": 0.1, "thickness": 0.05, "density": 2000.0,
 
 
 def _converted(key: object, value: object) -> object:
-    """Return a value of a lamina that carries a unit in SI, before others follow from it."""
+    """Return a value of a lamina, in SI if it carries a unit, before others follow from it."""
     if key == "mass_per_length":
         return in_si(value, "kg/m", "mass_per_length")
     field = Lamina.model_fields.get(str(key))
@@ -353,7 +353,7 @@ class Model(Section):
 
     @property
     def is_continuum(self) -> bool:
-        """Whether it has a mesh of solids."""
+        """Whether the laminae are computed as solids."""
         return self.kind in ("plane-stress", "solid")
 
     @property
@@ -468,7 +468,7 @@ EDGE_TOLERANCE = 1e-9
 """Tolerance relative to the length within which an edge is at an end of the structure."""
 
 Neighbours = Annotated[
-    tuple[Label, Label], expected("the names of two neighbouring laminae, the lower one first")
+    tuple[Label, Label], Expected("the names of two neighbouring laminae, the lower one first")
 ]
 
 
@@ -581,17 +581,17 @@ class Delamination(Section):
         return self
 
     def spans(self, length: float) -> bool:
-        """Return whether it reaches from one end of the structure to the other."""
+        """Return whether the delamination reaches from one end of the structure to the other."""
         return self.reaches(0.0, length) and self.reaches(length, length)
 
     def reaches(self, end: float, length: float) -> bool:
-        """Return whether one of its edges is at `end` (0 or the length) of the structure."""
+        """Return whether an edge of the delamination is at `end` (0 or the length)."""
         edge = self.start if end == 0.0 else self.end
         return abs(edge - end) <= EDGE_TOLERANCE * length
 
 
 def _require_one_shape(own: Delamination | Stop) -> None:
-    """Check that what opens has either a shape or a table."""
+    """Check that a delamination or a stop has either a shape or a table."""
     if own.file is not None and (own.shape is not None or own.opening):
         raise inconsistent("file", "expected no shape and no opening beside the table")
     if own.exponent is not None and own.shape != "power":
@@ -604,7 +604,7 @@ def require_fitting(
     """Check delaminations beside the laminae of their case.
 
     Args:
-        delaminations: of the case.
+        delaminations: the delaminations of the case.
         laminae: laminae from bottom to top.
         support: the supports of the case.
 
@@ -740,6 +740,13 @@ class Stop(Section):
         if self.damping and self.stiffness is None:
             raise inconsistent("damping", "expected only beside stiffness, of an elastic stop")
         return self
+
+    def reach(self, length: float) -> tuple[float, float]:
+        """Return where the stop begins and ends on a lamina of a length [m]."""
+        if self.start is not None and self.end is not None:
+            return self.start, self.end
+        place = length if self.position is None else self.position
+        return place, place
 
     @property
     def elastic_by(self) -> str | None:

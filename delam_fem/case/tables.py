@@ -1,9 +1,9 @@
-"""Read tables of numbers of the user; messages about them quote nothing of the file.
+"""Read tables of numbers from files of the user.
 
 Columns are separated by semicolons, tabs, commas or blanks. With any separator but the comma,
 numbers may have a decimal comma. A heading, which may stand in a comment, may name units.
 
-A file that is named by mistake is no table, and its text may be nobody's business.
+Messages quote no words of a file: one that is named by mistake may hold private text.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ def in_si_units(
 
 
 def _factor(table: Columns, column: int, accepted: Sequence[str], label: str) -> tuple[float, str]:
-    """Return the factor from the unit of a column to the SI unit that it fits, and this."""
+    """Return the factor from the unit of a column to an accepted SI unit, and that SI unit."""
     given = table.unit(column)
     if given is None:
         return 1.0, accepted[0]
@@ -227,7 +227,7 @@ def _separator(data: Sequence[str]) -> str | None:
 
 
 def _cells(text: str, separator: str | None) -> list[str]:
-    """Split a row."""
+    """Split a row into its cells."""
     return [cell.strip() for cell in text.split(separator)]
 
 

@@ -82,7 +82,7 @@ def _remedy(text: str, error: str) -> str:
 
 
 def parsed(text: str, label: str) -> Data:
-    """Return the tables of a TOML text, of which no number and no depth can do harm.
+    """Return the tables of a TOML text, with bounds on its nesting and its whole numbers.
 
     Args:
         text: the text.
@@ -256,7 +256,7 @@ _MATERIAL_KEYS = {
     "mass_per_length": ("material", "density"),
     "young_modulus": ("material",),
 }
-"""What an override of a lamina's material, or of a number of it, removes."""
+"""Keys of a lamina that an override of its material, or of a number of the material, removes."""
 
 
 def parse_override(text: str) -> tuple[str, object]:

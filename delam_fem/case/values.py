@@ -1,7 +1,7 @@
 """The types of the values of a case, and values that carry a unit.
 
-Read values that carry a unit, such as "2 mm", "70 GPa" or "3.25 Hz"; everything else is SI. The
-names of units are those of pint, which is imported only where a text has a unit.
+A value may carry a unit, as in "2 mm", "70 GPa" or "3.25 Hz"; all others are in SI. The names of
+units are those of pint, which is imported only where a text has a unit.
 """
 
 from __future__ import annotations
@@ -63,11 +63,6 @@ class Expected:
             raise PydanticCustomError("unexpected", "expected {what}", what) from None
 
 
-def expected(what: str) -> Expected:
-    """Return a validator that replaces any inner error by "expected …" with the given words."""
-    return Expected(what)
-
-
 def inconsistent(key: str, text: str) -> PydanticCustomError:
     """Return an error for a key that contradicts another key.
 
@@ -79,7 +74,7 @@ def inconsistent(key: str, text: str) -> PydanticCustomError:
 
 
 def _sensible(value: float) -> float:
-    """Check that a size is one that arithmetic in doubles can bear."""
+    """Check that a size is from `LEAST` to `MOST`, so that doubles hold its products and powers."""
     if value and not LEAST <= value <= MOST:
         raise PydanticCustomError("unexpected", f"expected a size from {LEAST:g} to {MOST:g}")
     return value
@@ -103,53 +98,53 @@ def _short(path: Path) -> Path:
 _FINITE = Field(strict=True, allow_inf_nan=False)
 _WHOLE = Field(strict=True)
 Positive = Annotated[
-    float, _FINITE, Field(gt=0.0), expected("a positive number"), AfterValidator(_sensible)
+    float, _FINITE, Field(gt=0.0), Expected("a positive number"), AfterValidator(_sensible)
 ]
 NotNegative = Annotated[
-    float, _FINITE, Field(ge=0.0), expected("a number of at least 0"), AfterValidator(_sensible)
+    float, _FINITE, Field(ge=0.0), Expected("a number of at least 0"), AfterValidator(_sensible)
 ]
-Finite = Annotated[float, _FINITE, Field(ge=-1e30, le=1e30), expected("a number")]
+Finite = Annotated[float, _FINITE, Field(ge=-1e30, le=1e30), Expected("a number")]
 DampingRatio = Annotated[
-    float, _FINITE, Field(ge=0.0, lt=1.0), expected("a number from 0 to below 1")
+    float, _FINITE, Field(ge=0.0, lt=1.0), Expected("a number from 0 to below 1")
 ]
-Restitution = Annotated[float, _FINITE, Field(ge=0.0, le=1.0), expected("a number from 0 to 1")]
+Restitution = Annotated[float, _FINITE, Field(ge=0.0, le=1.0), Expected("a number from 0 to 1")]
 Elements = Annotated[
-    int, _WHOLE, Field(ge=1, le=100_000), expected("a whole number from 1 to 100000")
+    int, _WHOLE, Field(ge=1, le=100_000), Expected("a whole number from 1 to 100000")
 ]
 PointsPerElement = Annotated[
-    int, _WHOLE, Field(ge=1, le=64), expected("a whole number from 1 to 64")
+    int, _WHOLE, Field(ge=1, le=64), Expected("a whole number from 1 to 64")
 ]
-CellCount = Annotated[int, _WHOLE, Field(ge=1, le=100), expected("a whole number from 1 to 100")]
+CellCount = Annotated[int, _WHOLE, Field(ge=1, le=100), Expected("a whole number from 1 to 100")]
 Poisson = Annotated[
-    float, _FINITE, Field(ge=0.0, lt=0.5), expected("a number of at least 0 and below 0.5")
+    float, _FINITE, Field(ge=0.0, lt=0.5), Expected("a number of at least 0 and below 0.5")
 ]
-Degree = Annotated[int, _WHOLE, Field(ge=2, le=3), expected("2 or 3")]
+Degree = Annotated[int, _WHOLE, Field(ge=2, le=3), Expected("2 or 3")]
 Steps = Annotated[
-    int, _WHOLE, Field(ge=4, le=100_000_000), expected("a whole number from 4 to 100000000")
+    int, _WHOLE, Field(ge=4, le=100_000_000), Expected("a whole number from 4 to 100000000")
 ]
 Refine = Annotated[
-    int, _WHOLE, Field(ge=1, le=4096), expected("a whole number from 1 (never) to 4096")
+    int, _WHOLE, Field(ge=1, le=4096), Expected("a whole number from 1 (never) to 4096")
 ]
 Count = Annotated[
-    int, _WHOLE, Field(ge=1), expected("a whole number of at least 1"), AfterValidator(_countable)
+    int, _WHOLE, Field(ge=1), Expected("a whole number of at least 1"), AfterValidator(_countable)
 ]
 CountOrSettled = Annotated[
     Annotated[int, _WHOLE, Field(ge=1), AfterValidator(_countable)] | Literal["settled"],
-    expected('a whole number of at least 1, or "settled"'),
+    Expected('a whole number of at least 1, or "settled"'),
 ]
 CountOrNone = Annotated[
-    int, _WHOLE, Field(ge=0), expected("a whole number of at least 0"), AfterValidator(_countable)
+    int, _WHOLE, Field(ge=0), Expected("a whole number of at least 0"), AfterValidator(_countable)
 ]
 FileName = Annotated[
     Path,
     AfterValidator(_short),
     AfterValidator(lambda path: Path(os.path.abspath(path))),
-    expected("the name of a file"),
+    Expected("the name of a file"),
 ]
 Label = Annotated[
     str,
     Field(strict=True, pattern=r"^[A-Za-z][\w-]*$"),
-    expected("a word of letters, digits, - and _"),
+    Expected("a word of letters, digits, - and _"),
 ]
 
 
@@ -180,7 +175,7 @@ class Section(BaseModel):
         """Check that a key is given if the value of another, `by`, needs it, and not otherwise.
 
         Raises:
-            PydanticCustomError: it is missing, or has no meaning here.
+            PydanticCustomError: the key is missing, or has no meaning here.
         """
         if (getattr(self, key) is not None) != is_needed:
             words = "missing, but required" if is_needed else "expected none"
@@ -283,7 +278,7 @@ def _words(unit: str) -> str:
 
 
 def _refused(text: str, key: str) -> Exception:
-    """Return an error at the place of the value, or at a key."""
+    """Return an error that pydantic places at the value, or at a key if one is given."""
     if key:
         return inconsistent(key, text)
     return PydanticCustomError("inconsistent", "{text}", {"text": text})

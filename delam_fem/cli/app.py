@@ -72,6 +72,7 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
         "detect pod": study_command("detect pod"),
         "detect infer": study_command("detect infer"),
         "detect modulate": study_command("detect modulate"),
+        "detect tap": study_command("detect tap"),
     },
     "Output": {
         "show page": page_command,
@@ -86,7 +87,7 @@ FAMILIES = {
     "orbit": "find, follow: periodic orbits, their stability, and branches over a key.",
     "measure": "read, response, overlay: measured data in SI; beside a run.",
     "identify": "resonance, keys, natural: parameters from measured or simulated motions.",
-    "detect": "scan, excite, pod, infer, modulate: where a delamination is, and how surely.",
+    "detect": "scan, excite, pod, infer, modulate, tap: where a delamination is, and how surely.",
     "show": "page, film, diagram, export, operators: what was computed, for eyes and programs.",
 }
 """What the commands of two words with the same first word do."""

@@ -1,4 +1,4 @@
-"""Define the commands about cases: show, new, modes as a model, and matrices for others."""
+"""Define the commands about cases: `new`, `check`, `reduce` and `show operators`."""
 
 from __future__ import annotations
 
@@ -32,52 +32,44 @@ if TYPE_CHECKING:
     from delam_fem.studies.sweeps.grid import Sweep
 
 
-Name = Annotated[
-    str | None,
-    typer.Argument(metavar="[NAME]", help="Name of the case, or of its file (default: beam)."),
-]
-Kind = Annotated[
-    Literal["apart", "paper", "layered", "edge"] | None,
-    typer.Option(
-        help="apart (the default): two laminae, clamped together at one end; paper: with the "
-        "paper's literal law; layered: a bonded beam with a delamination inside; edge: one at its "
-        "free end."
-    ),
-]
-NewFile = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="Write this file (default: NAME.toml)."),
-]
-From = Annotated[
-    str | None,
-    typer.Option("--from", metavar="PRESET", help="Take a preset; without NAME, print it."),
-]
-List = Annotated[bool, typer.Option("--list", help="Print the names of the presets instead.")]
-Schema = Annotated[
-    bool,
-    typer.Option(
-        "--schema",
-        help="Print the JSON schema of a case file instead, with which editors check and "
-        "complete it.",
-    ),
-]
-CaseNames = Annotated[
-    list[str], typer.Argument(metavar="CASE…", help="Presets, case files, or sweep files.")
-]
-EngineOption = Annotated[
-    Literal["petsc", "compiled"], typer.Option(help="Engine that is to compute the steps.")
-]
 SUFFIX = ".toml"
 
 
 def new_command(
-    name: Name = None,
-    output: NewFile = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="Name of the case, or of its file (default: beam)."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Write this file (default: NAME.toml)."
+        ),
+    ] = None,
     *,
-    kind: Kind = None,
-    source: From = None,
-    presets: List = False,
-    schema: Schema = False,
+    kind: Annotated[
+        Literal["apart", "paper", "layered", "edge"] | None,
+        typer.Option(
+            help="apart (the default): two laminae, clamped together at one end; paper: with the "
+            "paper's literal law; layered: a bonded beam with a delamination inside; edge: one at "
+            "its free end."
+        ),
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option("--from", metavar="PRESET", help="Take a preset; without NAME, print it."),
+    ] = None,
+    presets: Annotated[
+        bool, typer.Option("--list", help="Print the names of the presets instead.")
+    ] = False,
+    schema: Annotated[
+        bool,
+        typer.Option(
+            "--schema",
+            help="Print the JSON schema of a case file instead, with which editors check and "
+            "complete it.",
+        ),
+    ] = False,
 ) -> None:
     """Write a commented case file with every key: its unit, its default, its meaning."""
     with reported():
@@ -113,7 +105,14 @@ def new_command(
 
 
 def check_command(
-    names: CaseNames, overrides: Overrides = None, *, engine: EngineOption = "petsc"
+    names: Annotated[
+        list[str], typer.Argument(metavar="CASE…", help="Presets, case files, or sweep files.")
+    ],
+    overrides: Overrides = None,
+    *,
+    engine: Annotated[
+        Literal["petsc", "compiled"], typer.Option(help="Engine that is to compute the steps.")
+    ] = "petsc",
 ) -> None:
     """Check cases and sweeps as a run would before its first step, and show what they are."""
     with reported():
@@ -132,7 +131,7 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
     """Check a case or a sweep and show its table.
 
     Raises:
-        CaseError: it cannot be computed.
+        CaseError: the case or the sweep cannot be computed, or needs too much.
     """
     from delam_fem.engines.cost import require_affordable, run_cost
 
@@ -158,7 +157,7 @@ def show_case(case: Case, engine: EngineName) -> None:
     """Check a case and show its table, with what a run needs.
 
     Raises:
-        CaseError: it cannot be computed.
+        CaseError: the case cannot be computed.
     """
     from delam_fem.engines.cost import run_cost
     from delam_fem.pipeline import checked
@@ -246,24 +245,23 @@ def _structure(case: Case) -> str:
     )
 
 
-NormalModes = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Normal modes of each lamina, or bonded structure.")
-]
-Coordinates = Annotated[
-    int | None,
-    typer.Option(
-        min=1, metavar="N", help="Coordinates at most; the stiffest residual shapes are left out."
-    ),
-]
-
-
 def reduce_command(
     case_name: CaseArgument,
     output: Folder = None,
     overrides: Overrides = None,
     *,
-    modes: NormalModes = 20,
-    coordinates: Coordinates = None,
+    modes: Annotated[
+        int,
+        typer.Option(min=1, metavar="N", help="Normal modes of each lamina, or bonded structure."),
+    ] = 20,
+    coordinates: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Coordinates at most; the stiffest residual shapes are left out.",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -283,7 +281,7 @@ def reduce_command(
 
 
 def _show_operators(found: Reduction, path: Path) -> None:
-    """Show what a reduction keeps, how well, and what it costs."""
+    """Show what a reduction keeps, how exact it is, and what it costs."""
     o, reduced, basis = found.full.operators, found.structure.operators, found.basis
     normal = int(basis.is_mode.sum())
     rows = [
@@ -310,14 +308,12 @@ def _show_operators(found: Reduction, path: Path) -> None:
     )
 
 
-File = Annotated[
-    Path, typer.Option("-o", "--output", metavar="FILE", help="A file that ends in .npz or .mat.")
-]
-
-
 def operators_command(
     case_name: CaseArgument,
-    output: File,
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="FILE", help="A file that ends in .npz or .mat."),
+    ],
     overrides: Overrides = None,
     *,
     quiet: Quiet = False,
@@ -326,5 +322,4 @@ def operators_command(
     with reported(quiet):
         from delam_fem.results.export import operators
 
-        path = operators(case_of(case_name, overrides), output)
-        say_files([path], quiet)
+        say_files([operators(case_of(case_name, overrides), output)], quiet)

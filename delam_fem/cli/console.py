@@ -29,9 +29,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, TypeAlias, g
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
-from rich.text import Text
 
 from delam_fem.system.errors import CaseError
 
@@ -144,37 +143,37 @@ def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
     Yields:
         The function to call with the numbers of finished and of all periods (or points).
     """
-    logged = PlainProgress(_log.debug, steps_per_period)
-    if console.quiet:  # a bar would still hide and show the cursor
-        yield logged
-        return
-    if not console.is_terminal:
+    log = logging.getLogger(PROGRESS)
 
-        def say(line: str) -> None:
-            console.print(line, soft_wrap=True)
-            _log.debug(line)
+    def say(line: str) -> None:
+        console.print(line, soft_wrap=True)
+        log.debug(line)
 
+    if console.quiet or not console.is_terminal:  # a quiet bar would still hide the cursor
         yield PlainProgress(say, steps_per_period)
         return
+    logged = PlainProgress(log.debug, steps_per_period)
     columns = (
         TextColumn(_unit(steps_per_period) + " {task.completed:.0f} of {task.total:.0f}"),
         BarColumn(),
-        _Rate(steps_per_period),
+        TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as bar:
 
         def report(done: int, total: int) -> None:
             if not bar.tasks:  # a resumed run does not start at 0
-                bar.add_task("run", total=total, completed=done)
-            bar.update(bar.tasks[0].id, completed=done)
+                bar.add_task("run", total=total, completed=done, rate="")
+            task = bar.tasks[0]
+            rate = _rate(task.speed, steps_per_period) if task.speed else ""
+            bar.update(task.id, completed=done, rate=rate)
             logged(done, total)
 
         yield report
 
 
 def _unit(steps_per_period: int) -> str:
-    """Return the word for the counted unit."""
+    """Return what progress counts, periods or points, as a word."""
     return "period" if steps_per_period else "point"
 
 
@@ -183,20 +182,6 @@ def _rate(per_second: float, steps_per_period: int) -> str:
     if not steps_per_period:
         return f"{per_second:,.4g} points/s"
     return f"{per_second * steps_per_period:,.0f} steps/s"
-
-
-class _Rate(ProgressColumn):
-    """Column of the progress bar with steps or points per second."""
-
-    def __init__(self, steps_per_period: int) -> None:
-        """Store the number of steps per period."""
-        super().__init__()
-        self.steps_per_period = steps_per_period
-
-    def render(self, task: Task) -> Text:
-        """Return the rate as text."""
-        speed = task.speed
-        return Text(_rate(speed, self.steps_per_period) if speed else "")
 
 
 class PlainProgress:
@@ -243,8 +228,8 @@ class PlainProgress:
 PACKAGE = "delam_fem"
 PROGRESS = f"{PACKAGE}.cli.console.progress"
 """Name of the log of progress, which a file keeps and a terminal sees as a bar."""
-COMMAND = f"{PACKAGE}.cli.console.command"
-"""Name of the log of begin and end, which a file keeps."""
+_command_log = logging.getLogger(f"{PACKAGE}.cli.console.command")
+"""The log of begin and end, which a file keeps."""
 FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
 
 Verbose = Annotated[
@@ -275,16 +260,8 @@ _wanted: ContextVar[Wanted | None] = ContextVar("_wanted", default=None)
 
 def with_messages(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command with the options `-v` and `--log` besides its own."""
-    hints = get_type_hints(command, include_extras=True)
-    own = [
-        parameter.replace(annotation=hints[name])
-        for name, parameter in inspect.signature(command).parameters.items()
-    ]
-    kind = inspect.Parameter.KEYWORD_ONLY
-    added = [
-        inspect.Parameter("verbose", kind, default=False, annotation=Verbose),
-        inspect.Parameter("log_file", kind, default=None, annotation=LogFile),
-    ]
+    hints, own = get_type_hints(command, include_extras=True), inspect.signature(command).parameters
+    parameters = {name: (hints[name], parameter.default) for name, parameter in own.items()}
 
     @functools.wraps(command)
     def called(*args: Any, verbose: bool, log_file: Path | None, **options: Any) -> None:
@@ -295,9 +272,19 @@ def with_messages(command: Callable[..., None]) -> Callable[..., None]:
             _wanted.reset(token)
 
     del called.__wrapped__  # typer reads the parameters of the function below all wrappers
-    called.__annotations__ = hints | {"verbose": Verbose, "log_file": LogFile}
-    called.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
+    take(called, parameters | {"verbose": (Verbose, False), "log_file": (LogFile, None)})
     return called
+
+
+def take(command: Callable[..., None], parameters: Mapping[str, tuple[Any, Any]]) -> None:
+    """Tell typer which parameters a command takes: type and default of each."""
+    command.__annotations__ = {name: hint for name, (hint, _) in parameters.items()}
+    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=own, annotation=hint)
+            for name, (hint, own) in parameters.items()
+        ]
+    )
 
 
 @contextmanager
@@ -315,18 +302,22 @@ def shown(*, quiet: bool, is_first: bool) -> Iterator[None]:
     level = logging.DEBUG if wanted.verbose else logging.WARNING if quiet else logging.INFO
     handlers: list[logging.Handler] = [_Screen(level)]
     if wanted.log_file is not None and is_first:
-        handlers.append(_file(wanted.log_file))
+        try:
+            handlers.append(logging.FileHandler(wanted.log_file, "a", encoding="utf-8"))
+        except OSError as error:
+            fail(f"--log {wanted.log_file}: cannot be written ({error.strerror})", BAD_INPUT)
+        handlers[-1].setFormatter(logging.Formatter(FORMAT))
     before = log.level, log.propagate
     log.propagate = False  # FFCx gives the root logger a handler
     log.setLevel(logging.DEBUG if len(handlers) > 1 else level)
     for handler in handlers:
         log.addHandler(handler)
-    command, begin = command_log(), time.perf_counter()
-    command.debug("begin: %s", shlex.join(sys.argv))
+    begin = time.perf_counter()
+    _command_log.debug("begin: %s", shlex.join(sys.argv))
     try:
         yield
     finally:
-        command.debug("end after %.1f s", time.perf_counter() - begin)
+        _command_log.debug("end after %.1f s", time.perf_counter() - begin)
         log.propagate = before[1]
         log.setLevel(before[0])
         for handler in handlers:
@@ -334,24 +325,9 @@ def shown(*, quiet: bool, is_first: bool) -> Iterator[None]:
             handler.close()
 
 
-def command_log() -> logging.Logger:
-    """Return the log of begin and end of a command."""
-    return logging.getLogger(COMMAND)
-
-
 def tell(text: str) -> None:
     """Write a line to stderr; above a progress bar if there is one, which replaces `sys.stderr`."""
     sys.stderr.write(f"{text}\n")
-
-
-def _file(path: Path) -> logging.Handler:
-    """Return a handler that adds messages to a file."""
-    try:
-        handler = logging.FileHandler(path, "a", encoding="utf-8")
-    except OSError as error:
-        fail(f"--log {path}: cannot be written ({error.strerror})", BAD_INPUT)
-    handler.setFormatter(logging.Formatter(FORMAT))
-    return handler
 
 
 class _Screen(logging.Handler):
@@ -364,7 +340,7 @@ class _Screen(logging.Handler):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a record is for the terminal: neither progress nor begin and end."""
-        return record.name not in (PROGRESS, COMMAND)
+        return record.name not in (PROGRESS, _command_log.name)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record, unless it has been written."""
@@ -372,10 +348,6 @@ class _Screen(logging.Handler):
         if text not in self._said:
             self._said.add(text)
             tell(f"warning: {text}" if record.levelno == logging.WARNING else text)
-
-
-STANDARD = (0, 1, 2)
-"""Descriptors of stdin, stdout and stderr."""
 
 
 @contextmanager
@@ -398,7 +370,7 @@ def _fill_closed() -> None:
 
     Otherwise the next file that is opened would get its number, and messages would go there.
     """
-    for number in STANDARD:
+    for number in (0, 1, 2):  # stdin, stdout, stderr
         try:
             os.fstat(number)
         except OSError:
@@ -431,7 +403,7 @@ class _Lasting(io.RawIOBase):
         self._number = number
 
     def writable(self) -> bool:
-        """Return True."""
+        """Return whether the stream can be written: True."""
         return True
 
     def isatty(self) -> bool:
@@ -514,7 +486,7 @@ def fail(text: str, status: int) -> NoReturn:
     let_the_first_speak()
     lines = [_shortened(line) for line in f"delam-fem: {text}".splitlines()]
     tell("\n".join(lines))
-    command_log().info("exit status %d: %s", status, " ".join(lines))
+    _command_log.info("exit status %d: %s", status, " ".join(lines))
     raise typer.Exit(status)
 
 
@@ -546,9 +518,7 @@ def error_console(quiet: bool) -> Console:
 
 def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table to stdout."""
-    table = Table(title=title, title_justify="left")
-    for column in heading:
-        table.add_column(column)
+    table = Table(*heading, title=title, title_justify="left")
     for row in rows:
         table.add_row(*row)
     Console(markup=False).print(table)  # units stand in brackets

@@ -1,4 +1,4 @@
-"""Carry out `delam-fem run`, `show page` and `show film`: folder, ranks, end, film."""
+"""Define the commands `run`, `show page` and `show film`; a run may have several processes."""
 
 from __future__ import annotations
 
@@ -43,44 +43,19 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
     from delam_fem.system.mpi import MPI
 
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")]
-Files = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "-o", "--output", metavar="FILE",
-        help="File that ends in .gif or .mp4; repeatable (default: RUN/laminae.gif and .mp4, or "
-        "RUN/solid.gif and .mp4).",
-    ),
-]  # fmt: skip
-
-
-Figures = Annotated[
-    bool,
-    typer.Option(
-        "--figures/--no-figures",
-        help="Draw figures, fields and page, or write the numbers alone; `show page` draws later.",
-    ),
-]
-
-Extend = Annotated[
-    int | None,
-    typer.Option(
-        min=1, show_default=False, metavar="N", help="Go on from a completed run by N periods."
-    ),
-]
-
-
-Solid = Annotated[
-    bool,
-    typer.Option(
-        "--solid", help="Show solids coloured by their stress, their thickness drawn larger."
-    ),
-]
-
 
 def film_command(
-    run: RunFolder,
-    output: Files = None,
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")],
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="File that ends in .gif or .mp4; repeatable (default: RUN/laminae.gif and .mp4, "
+            "or RUN/solid.gif and .mp4).",
+        ),
+    ] = None,
     *,
     periods: Annotated[
         float, typer.Option(metavar="N", help="Length of the film: the last periods.")
@@ -89,7 +64,12 @@ def film_command(
     stretch: Annotated[
         float, typer.Option(metavar="N", help="Factor of lateral lengths; 1: true to scale.")
     ] = 3.0,
-    solid: Solid = False,
+    solid: Annotated[
+        bool,
+        typer.Option(
+            "--solid", help="Show solids coloured by their stress, their thickness drawn larger."
+        ),
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a film of the laminae, with the pairs that touch lit."""
@@ -128,7 +108,12 @@ def run_command(
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
-    extend: Extend = None,
+    extend: Annotated[
+        int | None,
+        typer.Option(
+            min=1, show_default=False, metavar="N", help="Go on from a completed run by N periods."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     seconds: Annotated[
         float | None,
@@ -139,7 +124,14 @@ def run_command(
             help="Least time between two checkpoints (default: 30).",
         ),
     ] = None,
-    figures: Figures = True,
+    figures: Annotated[
+        bool,
+        typer.Option(
+            "--figures/--no-figures",
+            help="Draw figures, fields and page, or write the numbers alone; `show page` draws "
+            "later.",
+        ),
+    ] = True,
     dry_run: DryRun = False,
     yes: Yes = False,
     quiet: Quiet = False,
@@ -190,7 +182,7 @@ def run_command(
 
 
 def engine_in(directory: Path, *, resume: bool, extend: bool) -> EngineName:
-    """Return the engine of what a run goes on from in a folder; petsc if there is nothing."""
+    """Return the engine of the run that another goes on from; petsc if there is none."""
     from delam_fem.simulation import checkpoint
 
     path = checkpoint.path_in(directory) if resume else checkpoint.final_in(directory)
@@ -220,7 +212,7 @@ def _computed(
 
 
 def _saved(result: Result, directory: Path, figures: bool) -> list[Path]:
-    """Write the results; if that fails, say what is left to go on with."""
+    """Write the results and return their paths; if that fails, say what is left to go on with."""
     from delam_fem.simulation.checkpoint import path_in
 
     try:
@@ -241,7 +233,7 @@ def _saved(result: Result, directory: Path, figures: bool) -> list[Path]:
 
 @contextmanager
 def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
-    """End all processes of mpirun if one of them fails; the others would wait for it forever."""
+    """End all processes of mpirun if one of them fails; the others would wait forever."""
     try:
         yield
     except BaseException as error:
@@ -257,7 +249,7 @@ def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def _wait_for_all(comm: MPI.Intracomm) -> None:
-    """Wait until all processes are here, without keeping a core busy."""
+    """Wait until all processes of mpirun have come here, without keeping a core busy."""
     if comm.size > 1:
         request = comm.Ibarrier()
         while not request.Test():

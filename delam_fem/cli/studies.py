@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +32,7 @@ from delam_fem.cli.console import (
     reported,
     say_files,
     table,
+    take,
     tell,
 )
 from delam_fem.studies import options as studies
@@ -71,6 +72,7 @@ STUDIES = {
     "identify keys": Entry(studies.Identify, "studies.identification.identify", "identification"),
     "identify natural": Entry(studies.Natural, "studies.identification.natural"),
     "detect modulate": Entry(studies.Modulate, "studies.detection.modulation"),
+    "detect tap": Entry(studies.Tap, "studies.detection.tap"),
 }
 """Commands by their words."""
 _UNIT = re.compile(r"\[([^\]]+)\]")
@@ -133,13 +135,7 @@ def study_command(name: str) -> Callable[..., None]:
         "quiet": (Quiet, False),
     }
     called.__doc__ = summary(kind)
-    called.__annotations__ = {key: hint for key, (hint, _) in parameters.items()}
-    called.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [
-            inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint)
-            for key, (hint, default) in parameters.items()
-        ]
-    )
+    take(called, parameters)
     return called
 
 
@@ -153,8 +149,7 @@ def _parameter(kind: type[Options], name: str, flag: Flag, text: str) -> tuple[A
         default = ",".join(words) if flag.is_joined else words
     unit = _UNIT.search(text)
     text = f"{text[0].upper()}{text[1:]}".replace("[", r"\[")  # units are no markup
-    empty = inspect.Parameter.empty
-    default = empty if default is MISSING else default
+    default = inspect.Parameter.empty if default is MISSING else default
     if flag.is_argument:
         return Annotated[hint, typer.Argument(metavar=flag.metavar, help=text)], default
     own = typer.Option(
@@ -188,29 +183,6 @@ Rate = Annotated[
     float | None, typer.Option(metavar="HZ", help="Samples per second of files without times.")
 ]
 
-Excitation = Annotated[
-    str | None,
-    typer.Option(metavar="NAME", help="Channel to which frequency responses are estimated."),
-]
-Segment = Annotated[
-    float | None,
-    typer.Option(
-        metavar="S", help="Length of averaged segments (default: an eighth, or from blow to blow)."
-    ),
-]
-Method = Literal["H1", "H2", "Hv"]
-Estimator = Annotated[Method, typer.Option(help="Estimator of frequency responses.")]
-PoleRange = Annotated[
-    tuple[float, float] | None,
-    typer.Option("--poles", metavar="LOW HIGH", help="Find poles between two frequencies."),
-]
-Free = Annotated[
-    tuple[str, float, float] | None,
-    typer.Option(
-        metavar="CHANNEL LOW HIGH",
-        help="Follow the free vibration of a channel between two frequencies, in segments.",
-    ),
-]
 MeasuredFolder = Annotated[
     Path | None,
     typer.Option(
@@ -230,7 +202,9 @@ def read_command(
     quiet: Quiet = False,
 ) -> None:
     """Read measurements into one dataset in SI, DIR/measured.nc, and show what was found."""
-    _measure(files, output, channels, units, rate, overwrite=overwrite, quiet=quiet)
+    with reported(quiet):
+        data = _read(files, channels, units, rate)
+        _keep(data, files, output, overwrite=overwrite, quiet=quiet)
 
 
 def response_command(
@@ -240,92 +214,97 @@ def response_command(
     units: Units = None,
     rate: Rate = None,
     *,
-    excitation: Excitation = None,
-    segment: Segment = None,
-    estimator: Estimator = "H1",
-    pole_range: PoleRange = None,
-    free: Free = None,
+    excitation: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Channel to which frequency responses are estimated."),
+    ] = None,
+    segment: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Length of averaged segments (default: an eighth, or from blow to blow).",
+        ),
+    ] = None,
+    estimator: Annotated[
+        Literal["H1", "H2", "Hv"], typer.Option(help="Estimator of frequency responses.")
+    ] = "H1",
+    pole_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--poles", metavar="LOW HIGH", help="Find poles between two frequencies."),
+    ] = None,
+    free: Annotated[
+        tuple[str, float, float] | None,
+        typer.Option(
+            metavar="CHANNEL LOW HIGH",
+            help="Follow the free vibration of a channel between two frequencies, in segments.",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Read measurements, and add frequency responses, poles, or a free vibration over time."""
-    asked = excitation, segment, estimator, pole_range, free
-    _measure(files, output, channels, units, rate, asked, overwrite=overwrite, quiet=quiet)
-
-
-def _measure(
-    files: list[Path],
-    output: Path | None,
-    channels: list[str] | None,
-    units: str | None,
-    rate: float | None,
-    asked: tuple[
-        str | None,
-        float | None,
-        Method,
-        tuple[float, float] | None,
-        tuple[str, float, float] | None,
-    ]
-    | None = None,
-    *,
-    overwrite: bool,
-    quiet: bool,
-) -> None:
-    """Read measurements, write and show them.
-
-    `asked` is what a user asks of frequency responses: excitation, length of segments, estimator,
-    range of poles, free vibration; None: nothing.
-    """
     with reported(quiet):
-        from delam_fem.results.measured.reading import (
-            HEADING,
-            assigned,
-            lines,
-            read_measured,
-            rows,
-            write_all,
-        )
-        from delam_fem.system.files import claimed
-
-        excitation, segment, estimator, pole_range, free = asked or (None, None, "H1", None, None)
-        if asked is not None and not (excitation or pole_range or free):
+        if not (excitation or pole_range or free):
             raise CaseError(
                 "measure response: expected --excitation NAME, --poles LOW HIGH or both, or --free "
                 "CHANNEL LOW HIGH; `measure read` only reads"
             )
-        data = read_measured(*files, channels=assigned(channels), units=units, rate=rate)
-        if excitation is not None:
-            from delam_fem.results.measured.responses import with_responses
+        from delam_fem.results.measured.responses import with_free_vibrations, with_responses
 
+        data = _read(files, channels, units, rate)
+        tables: list[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = []
+        if excitation is not None:
             data = with_responses(data, excitation, segment=segment, estimator=estimator)
         if free is not None:
-            from delam_fem.results.measured.responses import with_free_vibrations
-
             data = with_free_vibrations(data, *free, segment=segment)
-        found = _poles(data, pole_range)
-        folder = output or Path("runs") / f"{files[0].stem}-measured"
-        with claimed(folder, inputs=files, may_hold_results=overwrite) as directory:
-            paths = write_all(data, directory)
-        if not quiet:
-            names = ", ".join(dict.fromkeys(path.name for path in files))
-            table(f"measured: {names}", HEADING, list(rows(data)))
-            for line in lines(data):
-                typer.echo(line)
-            if found:
-                table("poles", ("frequency [Hz]", "damping [%]"), found)
-            if free is not None:
-                heading = ("time [s]", "frequency [Hz]", "damping [%]", "amplitude")
-                table(f"free vibration of {free[0]}", heading, _free_rows(data))
-            say_files(paths)
+        if pole_range is not None:
+            tables.append(("poles", ("frequency [Hz]", "damping [%]"), _poles(data, *pole_range)))
+        if free is not None:
+            heading = ("time [s]", "frequency [Hz]", "damping [%]", "amplitude")
+            tables.append((f"free vibration of {free[0]}", heading, _free_rows(data)))
+        _keep(data, files, output, tables, overwrite=overwrite, quiet=quiet)
 
 
-def _poles(data: xr.Dataset, pole_range: tuple[float, float] | None) -> list[tuple[str, str]]:
+def _read(
+    files: list[Path], channels: list[str] | None, units: str | None, rate: float | None
+) -> xr.Dataset:
+    """Read measurements as the options of the command line say."""
+    from delam_fem.results.measured.reading import assigned, read_measured
+
+    return read_measured(*files, channels=assigned(channels), units=units, rate=rate)
+
+
+def _keep(
+    data: xr.Dataset,
+    files: list[Path],
+    output: Path | None,
+    tables: Sequence[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = (),
+    *,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Write and show what was read from files, and further tables: title, heading, rows."""
+    from delam_fem.results.measured.reading import HEADING, lines, rows, write_all
+    from delam_fem.system.files import claimed
+
+    folder = output or Path("runs") / f"{files[0].stem}-measured"
+    with claimed(folder, inputs=files, may_hold_results=overwrite) as directory:
+        paths = write_all(data, directory)
+    if not quiet:
+        names = ", ".join(dict.fromkeys(path.name for path in files))
+        table(f"measured: {names}", HEADING, list(rows(data)))
+        for line in lines(data):
+            typer.echo(line)
+        for each in tables:
+            table(*each)
+        say_files(paths)
+
+
+def _poles(data: xr.Dataset, lower: float, upper: float) -> list[tuple[str, ...]]:
     """Return the poles as rows of a table; they are added to the attributes of the dataset."""
-    if pole_range is None:
-        return []
     from delam_fem.results.measured.responses import poles
 
-    found = poles(data, *pole_range)
+    found = poles(data, lower, upper)
     if not found:
         return [("none found", "–")]
     data.attrs["pole_frequency_hz"] = [pole.frequency for pole in found]
@@ -413,18 +392,14 @@ def export_command(
             say_files(written)
 
 
-Figures = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="[FIG]…", help="Figures: 1, 2a, 2b, 3, … 15, gamma (default: all)."),
-]
-PaperFolder = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
-]
-
-
 def paper_command(
-    figures: Figures = None,
-    output: PaperFolder = Path("runs/paper"),
+    figures: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FIG]…", help="Figures: 1, 2a, 2b, 3, … 15, gamma (default: all)."),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
+    ] = Path("runs/paper"),
     *,
     fast: Annotated[
         bool,

@@ -41,35 +41,6 @@ if TYPE_CHECKING:
     from delam_fem.studies.executors import ExecutorName
     from delam_fem.studies.sweeps.grid import Sweep
 
-ShardOption = Annotated[
-    str | None,
-    typer.Option(
-        "--shard",
-        metavar="K/N",
-        help="Compute only the K-th of N shares of the points; --merge joins them.",
-    ),
-]
-Merge = Annotated[
-    bool, typer.Option("--merge", help="Join the shards in the folder to the result.")
-]
-Partial = Annotated[
-    bool, typer.Option("--partial", help="With --merge: write what is there if points are missing.")
-]
-Slurm = Annotated[
-    int | None,
-    typer.Option(
-        "--slurm",
-        min=1,
-        metavar="N",
-        help="Print a script that computes N shards as an array of SLURM jobs and merges them.",
-    ),
-]
-Hours = Annotated[
-    float | None,
-    typer.Option(
-        "--hours", min=0.0, metavar="H", help="With --slurm: longest time of a job (default: 24)."
-    ),
-]
 DAY = 24.0
 """Longest time of a job unless the user says another [h]."""
 
@@ -98,25 +69,17 @@ def require_fitting(
 
 
 def compute_shard(
-    sweep: Sweep,
-    directory: Path,
-    text: str,
-    where: tuple[int | None, ExecutorName | None],
-    inputs: list[Path],
-    **options: Any,
+    sweep: Sweep, directory: Path, text: str, inputs: list[Path], *, quiet: bool, **options: Any
 ) -> None:
     """Compute a shard and show how far it is; exit with a message if it is not complete."""
     from delam_fem.studies.sweeps.run import run_shard
     from delam_fem.studies.sweeps.schedule import parse_shard
     from delam_fem.system.files import claimed
 
-    shard, quiet = parse_shard(text), options.pop("quiet")
-    workers, executor = where
+    shard = parse_shard(text)
     with claimed(directory, inputs=inputs, is_shared=True):
         with progress(error_console(quiet)) as report:
-            found = run_shard(
-                sweep, directory, shard, executor, workers=workers, progress=report, **options
-            )
+            found = run_shard(sweep, directory, shard, progress=report, **options)
     if not quiet:
         rows = [("points", f"{found.n_done} of {found.n_points}"), *summary_rows(found.about)]
         table(f"sweep {sweep.file.name}, shard {shard}", ("", "value"), rows)
@@ -170,23 +133,6 @@ def print_script(
     typer.echo(text, nl=False)
 
 
-SweepArgument = Annotated[
-    Path, typer.Argument(metavar="SWEEP", help="A sweep file (.toml); see docs/sweeps.md.")
-]
-Source = Annotated[
-    Path,
-    typer.Argument(
-        metavar="SWEEP", help="A sweep file (.toml), or a result: a folder or its sweep.nc."
-    ),
-]
-Kind = Annotated[
-    Literal["response", "bifurcation", "plane", "lyapunov", "basins"],
-    typer.Argument(
-        help="response: amplitudes over an axis; bifurcation: stroboscopic points over an axis; "
-        "plane: kinds of motion over two axes; lyapunov: largest exponent over one or two; "
-        "basins: attractors over two initial conditions."
-    ),
-]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted sweep.")]
 ExecutorOption = Annotated[
     Literal["process", "mpi", "serial"] | None,
@@ -199,7 +145,9 @@ ExecutorOption = Annotated[
 
 
 def sweep_command(
-    sweep_file: SweepArgument,
+    sweep_file: Annotated[
+        Path, typer.Argument(metavar="SWEEP", help="A sweep file (.toml); see docs/sweeps.md.")
+    ],
     output: Folder = None,
     overrides: Overrides = None,
     *,
@@ -207,66 +155,103 @@ def sweep_command(
     overwrite: Overwrite = False,
     workers: Workers = None,
     executor: ExecutorOption = None,
-    shard: ShardOption = None,
-    merge: Merge = False,
-    partial: Partial = False,
-    slurm: Slurm = None,
-    hours: Hours = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            "--shard",
+            metavar="K/N",
+            help="Compute only the K-th of N shares of the points; --merge joins them.",
+        ),
+    ] = None,
+    merge: Annotated[
+        bool, typer.Option("--merge", help="Join the shards in the folder to the result.")
+    ] = False,
+    partial: Annotated[
+        bool,
+        typer.Option("--partial", help="With --merge: write what is there if points are missing."),
+    ] = False,
+    slurm: Annotated[
+        int | None,
+        typer.Option(
+            "--slurm",
+            min=1,
+            metavar="N",
+            help="Print a script that computes N shards as an array of SLURM jobs and merges them.",
+        ),
+    ] = None,
+    hours: Annotated[
+        float | None,
+        typer.Option(
+            "--hours",
+            min=0.0,
+            metavar="H",
+            help="With --slurm: longest time of a job (default: 24).",
+        ),
+    ] = None,
     dry_run: DryRun = False,
     yes: Yes = False,
     quiet: Quiet = False,
 ) -> None:
     """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
-        where = workers, executor
         way = require_one(shard=shard, merge=merge, slurm=slurm)
         require_fitting(way, {"overwrite": overwrite, "dry_run": dry_run}, partial, hours)
         if way is None:
-            check = functools.partial(_shown_only, where, yes) if dry_run else None
-            going_on = resume, overwrite
+            check = functools.partial(_shown_only, workers, executor, yes) if dry_run else None
             data, directory = _computed(
-                sweep_file, output, overrides, going_on, where, quiet, yes=yes, check=check
-            )
+                sweep_file, output, overrides, resume=resume, overwrite=overwrite,
+                workers=workers, executor=executor, yes=yes, quiet=quiet, check=check,
+            )  # fmt: skip
         else:
             sweep, directory, inputs = _opened(sweep_file, output, overrides)
             if slurm is not None:
                 print_script(sweep, sweep_file, directory, overrides, slurm, hours)
                 return
             if shard is not None:
-                options = {"resume": resume, "is_confirmed": yes, "quiet": quiet}
-                compute_shard(sweep, directory, shard, where, inputs, **options)
+                compute_shard(
+                    sweep, directory, shard, inputs, resume=resume, workers=workers,
+                    executor=executor, is_confirmed=yes, quiet=quiet,
+                )  # fmt: skip
                 return
             data = merge_shards(sweep, directory, inputs, is_partial=partial)
-        _finish(data, directory, quiet)
+        from delam_fem.studies.diagrams import is_unsettled, write_page
+
+        if moving := int(is_unsettled(data).sum()):
+            tell(
+                f"warning: {moving} of {data.attrs['n_completed']} completed points have not "
+                'settled; try more time.periods, or time.periods = "settled"'
+            )
+        page = write_page(data, directory)
+        data.close()
+        say_files([directory / "sweep.nc", page], quiet)
 
 
-def _shown_only(where: tuple[int | None, ExecutorName | None], yes: bool, sweep: Sweep) -> None:
+def _shown_only(
+    workers: int | None, executor: ExecutorName | None, yes: bool, sweep: Sweep
+) -> None:
     """Show what a sweep needs, and end the command."""
     from delam_fem.studies.sweeps.run import require_computable
 
-    workers, executor = where
     show_sweep(sweep, workers)
     require_computable(sweep, executor, workers, is_confirmed=yes)
     raise typer.Exit(DONE)
 
 
-def _finish(data: xr.Dataset, directory: Path, quiet: bool) -> None:
-    """Write the page of a sweep; say what has not settled, and which files there are."""
-    from delam_fem.studies.diagrams import is_unsettled, write_page
-
-    if moving := int(is_unsettled(data).sum()):
-        tell(
-            f"warning: {moving} of {data.attrs['n_completed']} completed points have not settled; "
-            'try more time.periods, or time.periods = "settled"'
-        )
-    page = write_page(data, directory)
-    data.close()
-    say_files([directory / "sweep.nc", page], quiet)
-
-
 def diagram_command(
-    kind: Kind,
-    source: Source,
+    kind: Annotated[
+        Literal["response", "bifurcation", "plane", "lyapunov", "basins"],
+        typer.Argument(
+            help="response: amplitudes over an axis; bifurcation: stroboscopic points over an "
+            "axis; plane: kinds of motion over two axes; lyapunov: largest exponent over one or "
+            "two; basins: attractors over two initial conditions."
+        ),
+    ],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SWEEP", help="A sweep file (.toml), or a result: a folder or its sweep.nc."
+        ),
+    ],
     output: Folder = None,
     overrides: Overrides = None,
     *,
@@ -282,18 +267,11 @@ def diagram_command(
         from delam_fem.studies.diagrams import require_drawable, save_diagram, write_page
 
         if source.suffix == ".toml":
-            going_on = resume, overwrite
             data, directory = _computed(
-                source,
-                output,
-                overrides,
-                going_on,
-                (workers, executor),
-                quiet,
-                yes=yes,
-                again=False,
+                source, output, overrides, resume=resume, overwrite=overwrite, workers=workers,
+                executor=executor, yes=yes, quiet=quiet, again=False,
                 check=functools.partial(require_drawable, kind),
-            )
+            )  # fmt: skip
         else:
             data, directory = _read(source, output)
             if left := data.attrs["n_missing"]:
@@ -313,27 +291,25 @@ def _computed(
     sweep_file: Path,
     output: Path | None,
     overrides: list[str] | None,
-    going_on: tuple[bool, bool],
-    where: tuple[int | None, ExecutorName | None],
-    quiet: bool,
     *,
+    resume: bool,
+    overwrite: bool,
+    workers: int | None,
+    executor: ExecutorName | None,
     yes: bool,
+    quiet: bool,
     again: bool = True,
     check: Callable[[Sweep], None] | None = None,
 ) -> tuple[xr.Dataset, Path]:
     """Compute a sweep and show its table; exit with a message if it is not complete.
 
-    `going_on` says whether to resume and whether to overwrite; `check` looks at the sweep before
-    anything is computed.
+    `check` looks at the sweep before anything is computed.
     """
     from delam_fem.studies.sweeps import dataset, run
     from delam_fem.system.files import claimed
 
     sweep, directory, inputs = _opened(sweep_file, output, overrides)
-    resume, overwrite = going_on
     resume = resume or (not again and not overwrite and dataset.is_complete(directory, sweep))
-    workers, executor = where
-    options: dict[str, Any] = {"workers": workers, "resume": resume, "is_confirmed": yes}
     with claimed(directory, inputs=inputs, may_hold_results=resume or overwrite):
         if check is not None:
             check(sweep)
@@ -341,7 +317,10 @@ def _computed(
             run.require_computable(sweep, executor, workers, is_confirmed=yes, folder=directory)
             dataset.remove_results(directory)
         with progress(error_console(quiet)) as report:
-            data = run.run_sweep(sweep, directory, executor, progress=report, **options)
+            data = run.run_sweep(
+                sweep, directory, executor, workers=workers, resume=resume, progress=report,
+                is_confirmed=yes,
+            )  # fmt: skip
     about = data.attrs
     if not quiet:
         counted = ("points", "completed", "diverged", "failed", "missing")
@@ -397,7 +376,11 @@ def _points_in(directory: Path) -> str:
 
 
 def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
-    """Open the result of a sweep."""
+    """Return the result of a sweep and the folder of its diagrams.
+
+    Raises:
+        CaseError: there is no result, the sweep is not finished, or its shards are not merged.
+    """
     from delam_fem.studies.sweeps.dataset import open_result
 
     path = source / "sweep.nc" if source.is_dir() else source

@@ -1,1 +1,1 @@
-"""Contact laws: they read gaps and gap rates and decide which pairs jump."""
+"""Contact laws: they decide from gaps and gap rates which pairs are hit and which pairs rest."""

@@ -4,9 +4,17 @@
 
 W = H M^-1 H^T is symmetric and positive semidefinite, and q lies in its range. The problem is the
 optimality condition of the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with
-W = L L^T. Lawson and Hanson's active-set method solves it, working on W directly. A redundant pair
-has no residual once the pairs that span it are active, so the method never adds it: p is then one
-of several solutions, but H^T p is unique.
+W = L L^T. Lawson and Hanson's active-set method solves it, working on W directly: the impulses of
+the active pairs follow from W_AA s = -q_A, and all others are 0. Simultaneous impacts mostly push
+all pairs, and lasting contact pushes those of the last step, so the method begins with these: the
+pairs that would be pulled leave the set at once, then the method goes on as always, from p = 0.
+
+If W_AA is singular to round-off, the method begins again with no pair and takes one at a time. A
+redundant pair has no residual once the pairs that span it are active, so the method never adds it:
+p is then one of several solutions, but H^T p is unique.
+
+Source:
+    C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, ch. 23.
 """
 
 from __future__ import annotations
@@ -25,8 +33,8 @@ TOLERANCE = 1e-13
 SINGULAR = 1e-13
 """A pivot below this number times the diagonal entry of W is round-off: the pair is redundant."""
 
-CHANCES = 3
-"""Exchanges of several pairs that may fail to reduce the number of pairs on the wrong side."""
+GONE = 1e-14
+"""An impulse below this number times the size of its trial value is round-off of zero."""
 
 UNSOLVABLE = 1e-4
 """A residual above this number times the largest |q| is an error; nearly equal pairs reach 1e-6."""
@@ -40,178 +48,86 @@ FAILURES = {
     OUT_OF_RANGE: "no impulses can part these pairs (q is not in the range of W); check their rows "
     "of the gap matrix",
 }
-"""The results of `solve_checked` that are errors."""
+"""Results of `solve_among` that are errors, with what to tell the user."""
+IDLE, ACTIVE, BARRED = range(3)
+"""Sides of a pair in `solve_among`: impulse 0, impulse sought, or dependent on active pairs."""
+
+
+class Again(NamedTuple):
+    """The arrays that `solve_among` keeps from call to call, for n pairs.
+
+    Attributes:
+        was_idle: pairs that were in question last time and got no impulse, shape (n,).
+        factor: Cholesky factor of the last W_AA, flat, shape (n²,).
+        members: number of the pairs of this factor, or -1; then the place where its W begins; then
+            these pairs, shape (n + 2,).
+        active, trial, side: work space, each of shape (n,): the active pairs, s of W_AA s = -q_A,
+            and IDLE, ACTIVE or BARRED.
+    """
+
+    was_idle: npt.NDArray[np.uint8]
+    factor: FloatArray
+    members: IntArray
+    active: IntArray
+    trial: FloatArray
+    side: npt.NDArray[np.uint8]
+
+
+def nothing_known(n: int) -> Again:
+    """Return an empty `Again` for n pairs; Python and compiled code call this function."""
+    # three allocations, cut into views: a solution of few pairs takes hardly longer than these
+    numbers, places = np.zeros(n * (n + 1)), np.full(2 * n + 2, -1)
+    marks = np.zeros(2 * n, np.uint8)
+    return Again(marks[:n], numbers[n:], places[n:], places[:n], numbers[:n], marks[n:])
+
+
+fresh = njit(nothing_known)
 
 
 @njit
-def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
-    """Solve W_AA s = -q_A by Cholesky; return False if W_AA is singular to round-off."""
-    factor = np.empty((n_active, n_active))
-    for i in range(n_active):
-        for j in range(i + 1):
-            total = W[active[i], active[j]]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            if i == j:
-                if total <= 1e-13 * W[active[i], active[i]]:
-                    return False
-                factor[i, i] = np.sqrt(total)
-            else:
-                factor[i, j] = total / factor[j, j]
-    for i in range(n_active):
-        total = -q[active[i]]
-        for k in range(i):
-            total -= factor[i, k] * out[k]
-        out[i] = total / factor[i, i]
-    for i in range(n_active - 1, -1, -1):
-        total = out[i]
-        for k in range(i + 1, n_active):
-            total -= factor[k, i] * out[k]
-        out[i] = total / factor[i, i]
-    return True
+def forget(memory, pairs, n):  # type: ignore[no-untyped-def]
+    """Forget the last solution of n pairs, and the factor of the last W_AA."""
+    memory.members[0] = -1
+    for j in range(n):
+        memory.was_idle[pairs[j]] = 0
 
 
 @njit
-def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
-    """Solve with all pairs active, the usual case; return whether no impulse is negative."""
-    n = q.size
-    if not _solve_active(W, q, np.arange(n), n, p):
-        return False
-    for k in range(n):
-        if p[k] < 0.0:
-            return False
-    return True
+def _factorise(W, origin, stride, pairs, m, memory):  # type: ignore[no-untyped-def]
+    """Factorise W_AA of the m active pairs, unless that is done; return False if it is singular.
 
-
-@njit(forceinline=True)
-def _most_violated(W, q, p, active, n_active, is_barred, limit):  # type: ignore[no-untyped-def]
-    """Return the inactive pair with the smallest residual below -limit, or -1."""
-    best, chosen = -limit, -1
-    for k in range(q.size):
-        if p[k] == 0.0 and not is_barred[k]:
-            residual = q[k]
-            for i in range(n_active):
-                residual += W[k, active[i]] * p[active[i]]
-            if residual < best:
-                best, chosen = residual, k
-    return chosen
-
-
-@njit(forceinline=True)
-def _feasible_step(p, trial, active, n_active):  # type: ignore[no-untyped-def]
-    """Return the largest fraction of the way from p to trial that keeps all impulses >= 0."""
-    step = 1.0
-    for i in range(n_active):
-        if trial[i] <= 0.0:
-            old = p[active[i]]
-            step = min(step, old / (old - trial[i])) if old > trial[i] else 0.0
-    return step
-
-
-@njit(forceinline=True)
-def _drop_pulled(p, trial, active, n_active):  # type: ignore[no-untyped-def]
-    """Remove the pairs whose impulse fell to zero; return how many pairs stay active."""
-    kept = 0
-    for i in range(n_active):
-        if trial[i] <= 0.0 and p[active[i]] <= 1e-14 * abs(trial[i]):
-            p[active[i]] = 0.0
-        else:
-            active[kept] = active[i]
-            kept += 1
-    return kept
-
-
-@njit
-def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
-    """Run Lawson and Hanson's iteration; return the number of solves, negative on failure."""
-    n = q.size
-    active = np.empty(n, dtype=np.int64)
-    is_barred = np.zeros(n, dtype=np.bool_)
-    trial = np.empty(n)
-    n_active, solves = 0, 0
-    p[:] = 0.0
-    while solves <= 3 * n + 10:
-        chosen = _most_violated(W, q, p, active, n_active, is_barred, limit)
-        if chosen < 0:
-            return solves
-        active[n_active] = chosen
-        n_active += 1
-        while n_active > 0:
-            solves += 1
-            if not _solve_active(W, q, active, n_active, trial):
-                n_active -= 1  # the new pair depends on the others: they carry its impulse
-                is_barred[chosen] = True
-                break
-            step = _feasible_step(p, trial, active, n_active)
-            for i in range(n_active):
-                p[active[i]] += step * (trial[i] - p[active[i]])
-            if step == 1.0:
-                is_barred[:] = False
-                break
-            n_active = _drop_pulled(p, trial, active, n_active)
-    return -solves
-
-
-@kept
-def solve_into(W, q, p):  # type: ignore[no-untyped-def]
-    """Write the solution into p; return whether one was found (called from compiled code)."""
-    if q.size == 1:
-        p[0] = max(0.0, -q[0] / W[0, 0])
-        return True
-    if _solve_all(W, q, p):
-        return True
-    return _active_set(W, q, p, TOLERANCE * np.max(np.abs(q))) >= 0
-
-
-@njit
-def solve_checked(W, q, p, change):  # type: ignore[no-untyped-def]
-    """Write the solution into p, and W p into `change`; return SOLVED, or what is wrong."""
-    n, largest = q.size, 0.0
-    for i in range(n):
-        largest = max(largest, abs(q[i]))
-        if not np.isfinite(q[i]):
-            return NOT_FINITE
-        for j in range(n):
-            if not np.isfinite(W[i, j]):
-                return NOT_FINITE
-    if n and not solve_into(W, q, p):
-        return NOT_FOUND
-    for i in range(n):
-        change[i] = 0.0
-        for j in range(n):
-            change[i] += W[i, j] * p[j]
-        if n > 1 and change[i] + q[i] < -UNSOLVABLE * largest:
-            return OUT_OF_RANGE
-    return SOLVED
-
-
-@kept
-def _solve(W, q, p, change):  # type: ignore[no-untyped-def]
-    """Do the same for Python."""
-    return solve_checked(W, q, p, change)
-
-
-@njit
-def _factorise_among(W, stride, pairs, active, m, factor):  # type: ignore[no-untyped-def]
-    """Write the Cholesky factor of W_AA, with inverse diagonal; return False if it is singular."""
+    W_AA = L Lᵀ by Cholesky; the diagonal of L is stored inverted. A pivot that is not a number also
+    counts as that of a singular matrix.
+    """
+    factor, members, active = memory.factor, memory.members, memory.active
+    is_same = members[0] == m and members[1] == origin
     for i in range(m):
-        row, first = pairs[active[i]] * stride, i * stride
+        is_same &= members[2 + i] == pairs[active[i]]
+    if is_same:
+        return True
+    members[0] = -1
+    for i in range(m):
+        pair, first = pairs[active[i]], i * stride
+        row = origin + pair * stride
         for j in range(i + 1):
             value = W[row + pairs[active[j]]]
             for k in range(j):
                 value -= factor[first + k] * factor[j * stride + k]
-            if i == j:
-                if value <= SINGULAR * W[row + pairs[active[i]]]:
-                    return False
+            if j < i:
+                factor[first + j] = value * factor[j * stride + j]
+            elif value > SINGULAR * W[row + pair]:
                 factor[first + i] = 1.0 / np.sqrt(value)
             else:
-                factor[first + j] = value * factor[j * stride + j]
+                return False
+        members[2 + i] = pair
+    members[0], members[1] = m, origin
     return True
 
 
 @njit
-def _solve_among(stride, q, active, m, factor, trial):  # type: ignore[no-untyped-def]
-    """Solve W_AA s = -q_A with the factor of W_AA."""
+def _substitute(stride, q, m, memory):  # type: ignore[no-untyped-def]
+    """Solve W_AA s = -q_A with the factor of W_AA; s goes to `memory.trial`."""
+    factor, active, trial = memory.factor, memory.active, memory.trial
     for i in range(m):
         value = -q[active[i]]
         for k in range(i):
@@ -220,138 +136,130 @@ def _solve_among(stride, q, active, m, factor, trial):  # type: ignore[no-untype
     for i in range(m - 1, -1, -1):
         value = trial[i] * factor[i * stride + i]
         trial[i] = value
-        for k in range(i):
+        for k in range(i):  # column by column, so that vectors of numbers are subtracted
             trial[k] -= factor[i * stride + k] * value
 
 
 @njit
-def _renew_factor(W, stride, pairs, active, m, factor, members):  # type: ignore[no-untyped-def]
-    """Make the factor that of the active pairs, unless it is; return False if W_AA is singular."""
-    is_same = members[stride] == m
-    for i in range(m):
-        is_same &= members[i] == pairs[active[i]]
-    if is_same:
-        return True
-    members[stride] = -1
-    if not _factorise_among(W, stride, pairs, active, m, factor):
-        return False
-    for i in range(m):
-        members[i] = pairs[active[i]]
-    members[stride] = m
-    return True
+def _move(p, m, memory):  # type: ignore[no-untyped-def]
+    """Move the impulses p towards `trial` while all stay >= 0; return whether they get there.
 
-
-@njit
-def _violations(W, stride, pairs, q, n, active, m, trial, is_wrong, limit):  # type: ignore[no-untyped-def]
-    """Mark the pairs that should change sides: pulled, or closing; return how many they are."""
-    count, i = 0, 0
-    for j in range(n):
-        if i < m and active[i] == j:
-            is_wrong[j] = 1 if trial[i] < 0.0 else 0
-            i += 1
-        else:
-            row, residual = pairs[j] * stride, q[j]
-            for k in range(m):
-                residual += W[row + pairs[active[k]]] * trial[k]
-            is_wrong[j] = 1 if residual < -limit else 0
-        count += is_wrong[j]
-    return count
-
-
-@njit
-def _exchange(n, active, m, is_wrong, only_last):  # type: ignore[no-untyped-def]
-    """Let marked pairs change sides, or only the last; return the number of active pairs."""
-    last = n - 1
-    if only_last:
-        while not is_wrong[last]:
-            last -= 1
-        for j in range(last):
-            is_wrong[j] = 0
-    i = kept = 0
-    for j in range(n):  # from here on the marks are those of the pairs that are active next
-        was_active = i < m and active[i] == j
-        i += was_active
-        is_wrong[j] = 1 if was_active != (is_wrong[j] != 0) else 0
-    for j in range(n):
-        if is_wrong[j]:
-            active[kept] = j
-            kept += 1
-    return kept
-
-
-class Again(NamedTuple):
-    """The arrays that `solve_again` keeps from call to call, for n pairs.
-
-    Attributes:
-        was_active: pairs with an impulse in the last solution, shape (n,).
-        factor: the last factor, flat, shape (n²,).
-        members: the pairs of this factor; the last entry is their number, shape (n + 1,).
-        active, trial, is_wrong: work space, each of shape (n,).
+    Pairs whose impulse falls to zero on the way become idle.
     """
-
-    was_active: npt.NDArray[np.uint8]
-    factor: FloatArray
-    members: IntArray
-    active: IntArray
-    trial: FloatArray
-    is_wrong: npt.NDArray[np.uint8]
-
-    @classmethod
-    def of(cls, n: int) -> Again:
-        """Return the arrays for n pairs, with nothing known."""
-        marks = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
-        numbers = np.full(n + 1, -1), np.zeros(n, np.int64)
-        return cls(marks[0], np.zeros(n * n), *numbers, np.zeros(n), marks[1])
+    active, trial, step = memory.active, memory.trial, 1.0
+    for i in range(m):
+        if trial[i] <= 0.0:
+            before = p[active[i]]
+            step = min(step, before / (before - trial[i])) if before > trial[i] else 0.0
+    for i in range(m):
+        j = active[i]
+        p[j] = trial[i] if step == 1.0 else p[j] + step * (trial[i] - p[j])
+        if step < 1.0 and trial[i] <= 0.0 and p[j] <= GONE * abs(trial[i]):
+            p[j], memory.side[j] = 0.0, IDLE
+    return step == 1.0
 
 
 @njit
-def solve_again(W, stride, pairs, n, q, p, memory):  # type: ignore[no-untyped-def]
-    """Solve for some pairs, beginning with those that were active last time; return the success.
+def _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory):  # type: ignore[no-untyped-def]
+    """Return the idle pair with the smallest residual below -limit, or -1."""
+    best, chosen = -limit, -1
+    for j in range(n):
+        if memory.side[j] == IDLE:
+            row, residual = origin + pairs[j] * stride, q[j]
+            for i in range(m):
+                residual += W[row + pairs[memory.active[i]]] * p[memory.active[i]]
+            if residual < best:
+                best, chosen = residual, j
+    return chosen
 
-    Block principal pivoting: all pairs on the wrong side change it at once; if that does not help
-    three times, only the last one does, which always ends (Murty). The impulses depend on the final
-    set alone, not on the way to it, so that a run continued from a file has the same bits. If W_AA
-    is singular, use `solve_into`.
+
+@njit
+def _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):  # type: ignore[no-untyped-def]
+    """Run the iteration of `solve_among`; return whether it came to an end."""
+    side, chosen, is_fresh = memory.side, -1, False
+    for j in range(n):
+        p[j], side[j] = 0.0, IDLE if memory.was_idle[pairs[j]] else ACTIVE
+    for _ in range(4 * n + 20):
+        m = 0
+        for j in range(n):
+            if side[j] == ACTIVE:
+                memory.active[m] = j
+                m += 1
+        if _factorise(W, origin, stride, pairs, m, memory):
+            _substitute(stride, q, m, memory)
+            if not _move(p, m, memory):
+                continue
+            for j in range(n):
+                side[j] = ACTIVE if side[j] == ACTIVE else IDLE
+        elif is_fresh:
+            side[chosen] = BARRED  # it depends on the others, which carry its impulse
+        else:
+            is_fresh, m = True, 0
+            for j in range(n):
+                p[j], side[j] = 0.0, IDLE
+        chosen = _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory)
+        if chosen < 0:
+            return True
+        side[chosen] = ACTIVE
+    return False
+
+
+@njit
+def solve_among(W, origin, stride, pairs, n, q, p, change, memory):  # type: ignore[no-untyped-def]
+    """Find the impulses of some pairs, beginning with the side that each pair had last time.
+
+    The impulses depend on the final set of active pairs alone, not on the way to it. A run that is
+    continued from a file therefore has the same bits, unless W is singular.
 
     Args:
-        W: symmetric positive definite, with `stride` rows and columns, flat.
+        W: symmetric positive semidefinite, with `stride` rows and columns, flat.
+        origin: place of the first entry of W.
         stride: number of all pairs.
         pairs: the pairs in question, increasing, the first n entries.
         n: number of these pairs.
-        q: their right-hand sides, the first n entries.
-        p: result, the first n entries.
-        memory: see `Again`, for `stride` pairs.
+        q: q of these pairs, the first n entries.
+        p: result, the impulses, the first n entries.
+        change: result, W p, the first n entries.
+        memory: see `Again`, for at least `stride` pairs.
 
-    Source:
-        J. J. Júdice, F. M. Pires, A block principal pivoting algorithm for large-scale strictly
-        monotone linear complementarity problems, Comput. Oper. Res. 21 (1994).
+    Returns:
+        SOLVED, or a key of `FAILURES`.
     """
-    active, trial, is_wrong = memory.active, memory.trial, memory.is_wrong
-    largest, m, fewest, chances = 0.0, 0, n + 1, CHANCES
+    largest = 0.0
     for j in range(n):
+        if not np.isfinite(q[j]):
+            return NOT_FINITE
         largest = max(largest, abs(q[j]))
-        if memory.was_active[pairs[j]]:
-            active[m] = j
-            m += 1
-    limit = TOLERANCE * largest
-    for _ in range(3 * n + 10):
-        if not _renew_factor(W, stride, pairs, active, m, memory.factor, memory.members):
-            return False
-        _solve_among(stride, q, active, m, memory.factor, trial)
-        count = _violations(W, stride, pairs, q, n, active, m, trial, is_wrong, limit)
-        if count == 0:
-            for k in range(stride):
-                memory.was_active[k] = 0
-            for j in range(n):
-                p[j] = 0.0
-            for i in range(m):
-                p[active[i]] = trial[i]
-                memory.was_active[pairs[active[i]]] = 1
-            return True
-        chances = CHANCES if count < fewest else chances - 1
-        fewest = min(fewest, count)
-        m = _exchange(n, active, m, is_wrong, chances < 0)
-    return False
+    if n == 1:
+        single = W[origin + pairs[0] * (stride + 1)]
+        p[0] = max(0.0, -q[0] / single)
+        change[0] = single * p[0]
+        return SOLVED if np.isfinite(single) else NOT_FINITE
+    result = SOLVED
+    if not _is_solved(W, origin, stride, pairs, n, q, p, TOLERANCE * largest, memory):
+        result = NOT_FOUND
+    for i in range(n):
+        row, change[i] = origin + pairs[i] * stride, 0.0
+        for j in range(n):
+            change[i] += W[row + pairs[j]] * p[j]
+        if not change[i] + q[i] >= -UNSOLVABLE * largest:
+            result = OUT_OF_RANGE if result == SOLVED else result
+    if result == SOLVED:
+        for j in range(n):
+            memory.was_idle[pairs[j]] = p[j] == 0.0
+        return SOLVED
+    for i in range(n):
+        for j in range(n):
+            if not np.isfinite(W[origin + pairs[i] * stride + pairs[j]]):
+                return NOT_FINITE
+    return result
+
+
+@kept
+def solve_into(W, q, p, change):  # type: ignore[no-untyped-def]
+    """Write the solution for all pairs into p, and W p into `change`; see `solve_among`."""
+    n = q.size
+    return solve_among(W.ravel(), 0, n, np.arange(n), n, q, p, change, fresh(n))
 
 
 def solve(W: FloatArray, q: FloatArray) -> FloatArray:
@@ -367,16 +275,13 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
     Raises:
         ArithmeticError: W or q is not finite, q is not in the range of W, or the iteration does
             not converge.
-
-    Source:
-        C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, ch. 23.
     """
     p = np.zeros(q.size)
-    require_solved(_solve(W, q, p, np.zeros(q.size)))
+    require_solved(solve_into(np.ascontiguousarray(W), q, p, np.zeros(q.size)))
     return p
 
 
 def require_solved(result: int) -> None:
-    """Raise an ArithmeticError if a result of `solve_checked` is an error."""
+    """Raise an ArithmeticError if a result of `solve_among` is an error."""
     if result != SOLVED:
         raise ArithmeticError(f"impulses: {FAILURES[result]}")

@@ -1,4 +1,4 @@
-"""The contact laws and the schemes that go with each; the interface between laws and steppers.
+"""Define the contact laws, the schemes that go with each, and the interface to steppers.
 
 All schemes of time integration are one-step schemes. Newmark's scheme solves for the acceleration
 at the end of a step and calls the contact law there. The Moreau–Jean scheme solves for the velocity
@@ -8,15 +8,15 @@ A stepper makes a candidate state and shows it as `Kinematics`. A law answers wi
 with None if nothing jumps. Laws keep no state: the stepper owns the set of resting pairs, shows it
 to the law, and carries decisions out.
 
-A new law needs a `Supervisor` in `rules.py`, a row in `LAWS`, a row in `COMBINATIONS` for each
-scheme, and its decision in the compiled engine; docs/architecture.md has the list. Supervisors are
-imported only when they are set up, so that reading a case stays fast.
+A new law needs a row in `LAWS`, a row in `COMBINATIONS` for each scheme, and, if none of the kinds
+of decisions fits, one more in `rules.py`, which both engines call; docs/architecture.md has the
+list.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple, Protocol, get_args
@@ -79,7 +79,6 @@ SCHEMES: Mapping[str, Scheme] = MappingProxyType(
 
 
 NO_PAIRS: IntArray = np.zeros(0, dtype=np.int64)
-NO_VALUES: FloatArray = np.zeros(0)
 
 
 class Kinematics(Protocol):
@@ -126,11 +125,6 @@ class Decision(NamedTuple):
     rate_post: FloatArray
     resting: BoolArray | None = None
 
-    @classmethod
-    def only_resting(cls, resting: BoolArray) -> Decision:
-        """Return a decision that hits no pair and only changes which pairs rest."""
-        return cls(NO_PAIRS, NO_VALUES, NO_VALUES, NO_VALUES, resting)
-
 
 class Supervisor(Protocol):
     """A contact law, set up for one problem."""
@@ -152,13 +146,30 @@ class Setting:
     compliance: Compliance
 
 
-def is_same_set(first: BoolArray, second: BoolArray) -> bool:
-    """Return whether two sets of pairs are equal.
+NONE, IMPACTS, PENALTY, MOREAU = range(4)
+"""Kinds of decisions: none, impacts between two steps, springs, impulses within a step."""
 
-    This runs in every step with contact. Comparing bytes takes a tenth of the time of
-    `numpy.array_equal`.
+
+class LawNumbers(NamedTuple):
+    """The numbers of a law of the table with a scheme.
+
+    Attributes:
+        kind: NONE, IMPACTS, PENALTY or MOREAU.
+        is_coupled: whether simultaneous impacts influence one another ("consistent").
+        restitution: e [-].
+        stiffness: stiffness of a pair's spring [N/m].
+        damping: damping of a pair's spring [N s/m].
+        threshold: speed limit for resting pairs [m/s]. IMPACTS: a pair that leaves slower than this
+            rests on a spring; -inf: never. MOREAU: a pair that approaches slower than this counts
+            as resting.
     """
-    return first.tobytes() == second.tobytes()
+
+    kind: int
+    is_coupled: bool = False
+    restitution: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    threshold: float = -np.inf
 
 
 LawName = Literal["none", "newton", "newton-penalty", "penalty"]
@@ -243,7 +254,21 @@ class Law:
         Raises:
             ValueError: the law does not go with the scheme.
         """
-        return combination(self.name, scheme.name).supervisor(self, setting)
+        # imported here, so that reading a case needs no compiler
+        from delam_fem.contact.rules import Rules
+
+        return Rules(self.numbers(scheme), setting)
+
+    def numbers(self, scheme: Scheme) -> LawNumbers:
+        """Return the numbers of the law with a scheme that decisions and springs need.
+
+        Raises:
+            ValueError: the law does not go with the scheme.
+        """
+        row = combination(self.name, scheme.name)
+        is_coupled = self.is_coupled or row.kind == MOREAU
+        slow = self.threshold_velocity if "threshold_velocity" in row.reads else -math.inf
+        return LawNumbers(row.kind, is_coupled, self.restitution, *self.spring, slow)
 
 
 @dataclass(frozen=True)
@@ -252,7 +277,7 @@ class LawRow:
 
     Attributes:
         meaning: what happens at a closed pair.
-        spring: names of the `Law` attributes that its springs use.
+        spring: names of the `Law` attributes that its contact springs use.
     """
 
     meaning: str
@@ -281,58 +306,21 @@ class Combination:
     """A law together with a scheme.
 
     Attributes:
-        supervisor: function that sets the law up for a problem.
+        kind: kind of its decisions: NONE, IMPACTS, PENALTY or MOREAU (`rules.py`).
         reads: keys of the section `[contact]` that have an effect.
     """
 
-    supervisor: Callable[[Law, Setting], Supervisor]
+    kind: int
     reads: tuple[str, ...] = ()
 
 
-def _no_contact(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.rules import NoContact
-
-    return NoContact()
-
-
-def _impacts(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.rules import Impacts
-
-    return Impacts(setting, restitution=law.restitution, coupled=law.is_coupled)
-
-
-def _impacts_with_springs(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.rules import Impacts
-
-    return Impacts(
-        setting,
-        restitution=law.restitution,
-        coupled=law.is_coupled,
-        threshold_velocity=law.threshold_velocity,
-    )
-
-
-def _springs(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.rules import PenaltySprings
-
-    return PenaltySprings()
-
-
-def _step_impacts(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.rules import StepImpacts
-
-    return StepImpacts(
-        setting, restitution=law.restitution, resting_velocity=law.threshold_velocity
-    )
-
-
-_NONE = Combination(_no_contact)
-_NEWTON = Combination(_impacts, ("restitution", "impulse"))
-_STEP_NEWTON = Combination(_step_impacts, ("restitution", "threshold_velocity"))
+_NONE = Combination(NONE)
+_NEWTON = Combination(IMPACTS, ("restitution", "impulse"))
+_STEP_NEWTON = Combination(MOREAU, ("restitution", "threshold_velocity"))
 _NEWTON_PENALTY = Combination(
-    _impacts_with_springs, ("restitution", "impulse", "penalty_stiffness", "threshold_velocity")
+    IMPACTS, ("restitution", "impulse", "penalty_stiffness", "threshold_velocity")
 )
-_PENALTY = Combination(_springs, ("penalty_stiffness", "penalty_damping"))
+_PENALTY = Combination(PENALTY, ("penalty_stiffness", "penalty_damping"))
 
 COMBINATIONS: Mapping[tuple[str, str], Combination] = MappingProxyType(
     {

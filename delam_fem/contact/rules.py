@@ -1,18 +1,24 @@
-"""The rules of the contact laws: who is hit, who rests, and with which impulses.
+"""The decisions of the contact laws: which pairs are hit, with which impulses, and which rest.
 
-Formulas of the contact laws as pure functions of gaps and gap rates, without time or state.
-Impulses [N s] and forces [N] act on pairs; H^T maps them to the dofs. A positive impulse or force
-pushes the laminae apart.
+Both engines call these functions: they see gaps and gap rates of pairs, and know neither time nor
+state. Impulses [N s] and forces [N] act on pairs; H^T maps them to the dofs. A positive impulse or
+force pushes the laminae apart. A decision is made in three steps:
 
-Newton's impact law between two steps, alone or with springs for pairs that stay closed. The laws
-are "newton" (paper 3.1) and "newton-penalty" (paper 3.2, eq. 17 as corrected). They go with schemes
-that ask the law at the end of a step.
+- `candidates` lists the closed pairs that an impulse may part. IMPACTS ("newton" in paper 3.1,
+  "newton-penalty" in paper 3.2, eq. 17 as corrected) asks between two steps: a pair that carries no
+  spring and approaches is hit. MOREAU asks within a step of the Moreau–Jean scheme, about gaps that
+  are predicted for its middle. PENALTY and NONE hit no pair.
+- `decide` finds their impulses p by Newton's law, together ("consistent"),
 
-Newton's impact law with impulses inside the step, as the Moreau–Jean scheme needs it:
+      0 <= p  ⊥  U̇⁺ + e U̇ >= 0,   U̇⁺ = U̇_free + W p
 
-    0 <= p  ⊥  U̇⁺ + e U̇ >= 0
-
-on every pair whose gap, predicted for the middle of the step, is closed.
+  or each pair as if it were alone ("lumped", paper eq. 14), p = -(1 + e) U̇ / W_kk, so that it
+  leaves with -e times its own rate. U̇_free is the gap rate that follows without impulses; between
+  two steps it is U̇.
+- `renew_resting` says which pairs rest from now on. IMPACTS: a pair whose gap opens loses its
+  spring, and a hit pair that leaves slower than the threshold gets one. PENALTY: exactly the closed
+  pairs carry springs. MOREAU: pairs that were pushed although they approached slower than the
+  threshold; that is only a report.
 """
 
 from __future__ import annotations
@@ -20,121 +26,16 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.laws import Decision, Kinematics, Setting, is_same_set
-from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.kernels import kept
-
-
-def separate_impulses(
-    rate_pre: FloatArray, restitution: float, inverse_mass: FloatArray
-) -> FloatArray:
-    """Return impulses that treat each pair as if it were alone (paper eq. 14).
-
-        p = (1 + e) (-rate_pre) / W_kk,   W_kk = 1/m_1 + 1/m_2
-
-    Each pair leaves with -e times its own gap rate.
-
-    Args:
-        rate_pre: gap rates before the impact, negative (approaching), shape (k,) [m/s].
-        restitution: e [-].
-        inverse_mass: W_kk of the lumped masses, shape (k,) [1/kg].
-    """
-    return -(1.0 + restitution) * rate_pre / inverse_mass
-
-
-def coupled_impulses(
-    rate_pre: FloatArray, rate_free: FloatArray, restitution: float, compliance: FloatArray
-) -> FloatArray:
-    """Return the impulses of Newton's law for pairs that influence one another.
-
-        0 <= p  ⊥  (rate_free + W p) + e rate_pre >= 0
-
-    Args:
-        rate_pre: gap rates before the impact, shape (k,) [m/s].
-        rate_free: gap rates that would follow without impulses, shape (k,) [m/s]; equal to
-            `rate_pre` if the impact takes no time.
-        restitution: e [-].
-        compliance: W = H M^-1 H^T of the k pairs, shape (k, k) [1/kg].
-
-    Raises:
-        ArithmeticError: no solution (velocities or W are not finite).
-    """
-    return complementarity.solve(compliance, rate_free + restitution * rate_pre)
-
-
-class Impacts:
-    """Impacts at the end of a step.
-
-    The law acts in this order. It releases springs whose gap has opened. It hits closed,
-    approaching pairs without a spring. Hit pairs that leave slower than the threshold get a spring.
-    """
-
-    def __init__(
-        self,
-        setting: Setting,
-        *,
-        restitution: float,
-        coupled: bool,
-        threshold_velocity: float | None = None,
-    ) -> None:
-        """Set the law up.
-
-        Args:
-            setting: the problem; impulses act through its mass matrix.
-            restitution: e [-].
-            coupled: True: solve simultaneous impacts together ("consistent"); False: each pair
-                alone ("lumped").
-            threshold_velocity: γ [m/s]; None: no pair ever rests on a spring (law "newton").
-        """
-        self._compliance = setting.compliance
-        self._restitution = restitution
-        self._coupled = coupled
-        self._threshold = threshold_velocity
-
-    def examine(self, seen: Kinematics) -> Decision | None:
-        """Return the impacts and the new set of springs at the end of a step."""
-        closed, resting = seen.gap <= 0.0, seen.resting
-        if is_same_set(closed, resting):
-            return None
-        rate = seen.rate_pre()
-        hit = np.flatnonzero(closed & ~resting & (rate < 0.0))
-        kept = resting & closed
-        if not hit.size:
-            return None if is_same_set(kept, resting) else Decision.only_resting(kept)
-        rate_pre = rate[hit]
-        impulses, rate_post = self._impact(hit, rate_pre)
-        if self._threshold is not None:
-            kept[hit[rate_post < self._threshold]] = True
-        changed = None if is_same_set(kept, resting) else kept
-        return Decision(hit, impulses, rate_pre, rate_post, changed)
-
-    def _impact(self, hit: IntArray, rate_pre: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the impulses of the hit pairs and their gap rates after the impact."""
-        if self._coupled:
-            W = self._compliance.block(hit)
-            impulses = coupled_impulses(rate_pre, rate_pre, self._restitution, W)
-            return impulses, rate_pre + W @ impulses
-        inverse_mass = self._compliance.diagonal(hit)
-        impulses = separate_impulses(rate_pre, self._restitution, inverse_mass)
-        return impulses, -self._restitution * rate_pre
-
-
-class NoContact:
-    """Law "none": the laminae pass through one another."""
-
-    def examine(self, seen: Kinematics) -> Decision | None:
-        """Return None: nothing ever jumps."""
-        return None
-
-
-class PenaltySprings:
-    """Law "penalty": every closed pair carries a spring and a damper; no pair is hit."""
-
-    def examine(self, seen: Kinematics) -> Decision | None:
-        """Return the new set of springs at the end of a step, or None if it did not change."""
-        closed = seen.gap <= 0.0
-        return None if is_same_set(closed, seen.resting) else Decision.only_resting(closed)
-
+from delam_fem.contact.laws import (
+    IMPACTS,
+    MOREAU,
+    PENALTY,
+    Decision,
+    Kinematics,
+    LawNumbers,
+    Setting,
+)
+from delam_fem.system.kernels import kept, njit
 
 CLOSED = 1e-4
 """A gap below this fraction of Δt times the largest gap rate is closed, if pairs touch at rest.
@@ -146,78 +47,164 @@ the gap rate.
 """
 
 
-class StepImpacts:
-    """Law "newton" with the Moreau–Jean scheme."""
-
-    def __init__(
-        self, setting: Setting, *, restitution: float, resting_velocity: float = 0.0
-    ) -> None:
-        """Set the law up.
-
-        Args:
-            setting: the problem; impulses act through the matrix of the θ-step,
-                M + θ Δt C + θ² Δt² K.
-            restitution: e [-].
-            resting_velocity: a hit pair that approached slower than this counts as resting [m/s];
-                this changes only the report, not the motion.
-        """
-        self._compliance, self._n_pairs = setting.compliance, setting.n_pairs
-        self._restitution, self._resting_velocity = restitution, resting_velocity
-        self._active = np.zeros(setting.n_pairs, dtype=np.int64)
-
-    def examine(self, seen: Kinematics) -> Decision | None:
-        """Return the impulses of this step, or None if no pair needs one."""
-        e, rate_pre, rate_free = self._restitution, seen.rate_pre(), seen.rate_free()
-        n_active = _list_active(seen.gap, rate_pre, rate_free, e, self._active)
-        if not n_active:
-            return None
-        active = self._active[:n_active]
-        W, resting = self._compliance.block(active), np.zeros(self._n_pairs, dtype=np.bool_)
-        pushed = np.empty((3, n_active))
-        n, result = _push(
-            W, active, rate_pre, rate_free, e, self._resting_velocity, pushed, resting
-        )
-        complementarity.require_solved(result)
-        if n < n_active:
-            active, pushed = active[:n], pushed[:, :n]
-        return Decision(active.copy(), pushed[0], pushed[1], pushed[2], resting)
-
-
-@kept
-def _list_active(gap, rate_pre, rate_free, restitution, active):  # type: ignore[no-untyped-def]
-    """List the closed pairs; return how many they are, or 0 if all of them part fast enough."""
-    n, lacks = 0, False
-    for k in range(gap.size):
-        if gap[k] <= 0.0:
-            active[n] = k
-            n += 1
-            lacks |= not rate_free[k] + restitution * rate_pre[k] >= 0.0  # also if not a number
-    return n if lacks else 0
-
-
-@kept
-def _push(W, active, rate_pre, rate_free, restitution, slow, pushed, resting):  # type: ignore[no-untyped-def]
-    """Push the closed pairs apart; return how many get an impulse, and whether that was solved.
+@njit
+def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacking):  # type: ignore[no-untyped-def]
+    """List the pairs that an impulse may part.
 
     Args:
-        W: compliance of the closed pairs, shape (k, k).
-        active: the closed pairs, shape (k,); as a result those with an impulse, the first entries.
-        rate_pre: gap rates of all pairs before the impact, shape (n_pairs,).
-        rate_free: the same at the end of the step without impulses.
-        restitution: e [-].
-        slow: a pair that approaches slower than this counts as resting [m/s].
-        pushed: result, impulses and gap rates before and after of these, the first columns.
-        resting: result, the pairs that were pushed although they hardly approached, (n_pairs,).
+        law: its kind and restitution e.
+        n_pairs: number of all pairs.
+        gap: gaps that the law examines, shape (n_pairs,) [m].
+        rate: gap rates U̇, of the closed pairs at least, shape (n_pairs,) [m/s].
+        free: U̇_free, likewise.
+        resting: pairs that rest now, shape (n_pairs,).
+        hit: result, the pairs, the first entries.
+        before: result, their U̇.
+        after: result, their U̇_free.
+        lacking: result, U̇_free + e U̇, which is negative where an impulse is needed.
+
+    Returns:
+        Number of these pairs, 0 if none of them needs an impulse; whether a pair begins or ceases
+        to rest because of its gap alone.
     """
-    q, p, change, n = np.empty(active.size), np.zeros(active.size), np.empty(active.size), 0
-    for i in range(active.size):
-        q[i] = rate_free[active[i]] + restitution * rate_pre[active[i]]
-    result = complementarity.solve_checked(W, q, p, change)
-    for i in range(active.size):
-        if p[i] > 0.0:
-            k = active[i]
-            active[n], pushed[0, n], pushed[1, n] = k, p[i], rate_pre[k]
-            pushed[2, n] = rate_free[k] + change[i]
-            resting[k] = rate_pre[k] > -slow
+    kind, restitution = law
+    n, lacks, changes = 0, False, False
+    for k in range(n_pairs):
+        is_closed, rests = gap[k] <= 0.0, resting[k] != 0
+        if kind == PENALTY:
+            changes |= is_closed != rests
+        elif kind == IMPACTS and not is_closed:
+            changes |= rests
+        elif is_closed and (kind == MOREAU or (kind == IMPACTS and not rests and rate[k] < 0.0)):
+            hit[n], before[n], after[n] = k, rate[k], free[k]
+            lacking[n] = free[k] + restitution * rate[k]
+            lacks |= not lacking[n] >= 0.0  # also if it is no number
             n += 1
-    return n, result
+    return n if lacks else 0, changes
+
+
+@njit
+def decide(law, W, places, n, hit, before, after, lacking, impulse, change, memory):  # type: ignore[no-untyped-def]
+    """Find the impulses of n candidates, and their gap rates afterwards.
+
+    Args:
+        law: its kind, whether impulses are coupled, its restitution e.
+        W: entries, place of the first and length of a row of W; see `solve_among`.
+        places: rows of W that belong to the candidates.
+        n: number of the candidates.
+        hit: see `candidates`.
+        before: see `candidates`.
+        after: see `candidates`; result, U̇⁺.
+        lacking: see `candidates`.
+        impulse: result.
+        change: work space.
+        memory: see `solve_among`.
+
+    Returns:
+        Number of pairs that are hit, the first entries; result of `solve_among`. With MOREAU a pair
+        without an impulse is not hit.
+    """
+    (kind, is_coupled, restitution), (entries, origin, stride) = law, W
+    if not is_coupled:
+        for j in range(n):
+            single = entries[origin + places[j] * (stride + 1)]
+            impulse[j] = -(1.0 + restitution) * before[j] / single
+            after[j] = -restitution * before[j]
+        return n, complementarity.SOLVED
+    result = complementarity.solve_among(
+        entries, origin, stride, places, n, lacking, impulse, change, memory
+    )
+    n_hit = 0
+    for j in range(n):
+        if kind != MOREAU or impulse[j] > 0.0:
+            hit[n_hit], impulse[n_hit] = hit[j], impulse[j]
+            before[n_hit], after[n_hit] = before[j], after[j] + change[j]
+            n_hit += 1
+    return n_hit, result
+
+
+@njit
+def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: ignore[no-untyped-def]
+    """Write which pairs rest after n were hit into `resting`; return whether that has changed.
+
+    Args:
+        law: its kind and threshold velocity [m/s].
+        n_pairs: number of all pairs.
+        gap: see `candidates`.
+        n: number of the hit pairs.
+        hit: see `decide`.
+        before: see `decide`.
+        after: see `decide`.
+        resting: pairs that rest before; result, those that rest afterwards, shape (n_pairs,).
+    """
+    (kind, threshold), is_changed = law, False
+    for k in range(n_pairs):
+        rested = resting[k] != 0
+        rests = kind != MOREAU and gap[k] <= 0.0 and (kind == PENALTY or rested)
+        is_changed |= rests != rested
+        resting[k] = rests
+    for j in range(n):
+        if (before[j] > -threshold) if kind == MOREAU else (after[j] < threshold):
+            resting[hit[j]], is_changed = True, True
+    return is_changed
+
+
+class Rules:
+    """A law of the table, set up for one problem (`contact.laws.Supervisor`)."""
+
+    def __init__(self, law: LawNumbers, setting: Setting) -> None:
+        """Set a law up for a problem.
+
+        Args:
+            law: the numbers of the law.
+            setting: the problem; impulses act through its compliance.
+        """
+        self._of_candidates = law.kind, law.restitution
+        self._numbers = law.kind, law.is_coupled, law.restitution, law.threshold
+        W = setting.compliance
+        self._block = W.block if law.is_coupled else lambda pairs: np.diag(W.diagonal(pairs))
+        self._hit = np.zeros(setting.n_pairs, dtype=np.int64)
+        self._values = np.zeros((4, setting.n_pairs))  # U̇, U̇_free and U̇⁺, what is lacking, p
+        self._resting = np.zeros(setting.n_pairs, dtype=np.bool_)
+
+    def examine(self, seen: Kinematics) -> Decision | None:
+        """Return the impulses and the new set of resting pairs, or None if nothing jumps."""
+        gap, resting, hit, values = seen.gap, seen.resting, self._hit, self._values
+        pre, free = seen.rate_pre(), seen.rate_free()
+        n, changes = _candidates(*self._of_candidates, gap, pre, free, resting, hit, values)
+        if not n and not changes:
+            return None
+        pairs, now = hit[:n].copy(), self._resting
+        W = self._block(pairs) if n else values  # which nobody reads then
+        n, result, is_changed = _decide(*self._numbers, W, gap, n, hit, values, resting, now)
+        complementarity.require_solved(result)
+        if n < pairs.size:
+            pairs = hit[:n].copy()
+        of_hit = values[:, :n].copy()
+        return Decision(pairs, of_hit[3], of_hit[0], of_hit[1], now.copy() if is_changed else None)
+
+
+@kept
+def _candidates(kind, restitution, gap, rate, free, resting, hit, values):  # type: ignore[no-untyped-def]
+    """Call `candidates` from Python; the rows of `values` are its results."""
+    law, results = (kind, restitution), (hit, values[0], values[1], values[2])
+    return candidates(law, gap.size, gap, rate, free, resting, *results)
+
+
+@kept
+def _decide(kind, is_coupled, restitution, threshold, W, gap, n, hit, values, resting, now):  # type: ignore[no-untyped-def]
+    """Decide about n candidates with the compliance W, shape (n, n); `now` gets the resting pairs.
+
+    Returns:
+        Number of hit pairs, the first entries; result of `solve_among`; whether other pairs rest.
+    """
+    before, after, lacking, impulse = values[0], values[1], values[2], values[3]
+    result = complementarity.SOLVED
+    if n:
+        law, flat = (kind, is_coupled, restitution), (W.ravel(), 0, n)
+        work = np.empty(n), complementarity.fresh(n)
+        of_pairs = hit, before, after, lacking, impulse
+        n, result = decide(law, flat, np.arange(n), n, *of_pairs, *work)
+    now[:] = resting
+    changed = renew_resting((kind, threshold), gap.size, gap, n, hit, before, after, now)
+    return n, result, changed

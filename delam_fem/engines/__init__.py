@@ -1,1 +1,1 @@
-"""Engines: interchangeable implementations that compute the time steps."""
+"""Engines: interchangeable implementations of the time steps."""

@@ -1,9 +1,9 @@
 """Estimate time, memory and disk of a computation before it starts.
 
 The numbers are rough, a factor of three up or down in processor time (docs/usage.md has some beside
-what was measured). They are there to notice a zero too many. A step costs so much for each entry of
-the stiffness matrix, times a factor if lasting contact is solved for in it; a period and a point of
-a sweep cost something whatever they compute.
+what was measured). They serve to notice a zero too many. A step has a cost for each entry of the
+stiffness matrix, times a factor if lasting contact is solved for in it; a period and a point of a
+sweep have a cost whatever they compute.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
 
 MOST_HOURS = 24.0
-"""Computing time of which a computation must be confirmed [h]."""
+"""Computing time above which a computation must be confirmed [h]."""
 MOST_BYTES = 4e9
-"""Memory or disk of which a computation must be confirmed [bytes]."""
+"""Memory or disk above which a computation must be confirmed [bytes]."""
 _STEP: dict[EngineName, tuple[float, float, float]] = {
     "petsc": (4.5, 2.0e-3, 2.0e-3),
     "compiled": (0.1, 0.4e-3, 1.3e-3),
@@ -33,8 +33,8 @@ _STEP: dict[EngineName, tuple[float, float, float]] = {
 CONTACT: dict[EngineName, float] = {"petsc": 8.0, "compiled": 0.1}
 """Time that lasting contact adds to a step [µs]."""
 LASTING, REFINED, INSIDE = 1.5, 4.0, 0.25
-"""Factors of such a step; where it is refined near contact; more for each further contact point of
-an element."""
+"""Factor of a step with lasting contact; factor where steps are refined near contact; what each
+further contact point of an element adds to the factor."""
 PERIOD: dict[EngineName, float] = {"petsc": 50.0, "compiled": 100.0}
 """Time of a period beside its steps: its record, its ledger [µs]."""
 POINT_SECONDS = 0.0035
@@ -49,17 +49,17 @@ FILE_BYTES = 4e6
 """Size of figures and pages, whatever is computed [bytes]."""
 _DOUBLE = 8
 _ROW_NUMBERS, _ROW_NUMBERS_IN_FILES = 24, 240
-"""Numbers that a run keeps of each period; the figure of all periods draws each."""
+"""Numbers that a run keeps of each period, in memory and in files: a figure draws each period."""
 _STEP_NUMBERS, _STEP_NUMBERS_IN_FILES = 16, 5
-"""Numbers that a run keeps of each step of its window."""
+"""Numbers that a run keeps of each step of its window, in memory and in files."""
 _NODE_NUMBERS, _NODE_NUMBERS_IN_FILES = 24, 14
-"""Numbers of each node and frame."""
+"""Numbers that a run keeps of each node and frame, in memory and in files."""
 _GIGA = 1e9
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a computation needs.
+    """The time, memory and disk that a computation needs.
 
     Attributes:
         hours: computing time [h].

@@ -1,7 +1,7 @@
 """March a reduced problem through its periods: exact modes, rigid contact, fine steps near contact.
 
-The exact motion of modes in a step, as numbers that compiled code needs. A mode q'' + c q' + ω² q =
-F has the load F = F0 + ΔF τ/h in a step of length h. Then exactly
+A mode q'' + c q' + ω² q = F has the load F = F0 + ΔF τ/h in a step of length h. Its exact motion in
+the step, as numbers that compiled code needs, is
 
     q1 = a11 q0 + a12 v0 + b1 F0 + d1 ΔF,   v1 = a21 q0 + a22 v0 + b2 F0 + d2 ΔF              (P1)
     c ∫ v² dτ = xᵀ Q x,   x = (q0, v0, F0, ΔF)                                                 (P2)
@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import roots_legendre
 
-from delam_fem.contact.complementarity import Again, solve_again, solve_into
+from delam_fem.contact.complementarity import SOLVED, Again, nothing_known, solve_among
 from delam_fem.model.operators import Operators
 from delam_fem.model.reduced import Reduced, reduce
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
@@ -63,15 +63,15 @@ COMPLETED, DIVERGED, UNSOLVED = range(3)
 
 
 class Problem(NamedTuple):
-    """A reduced problem, see `model.reduced`; m modes, n pairs, c parts.
+    """A reduced problem (`model.reduced`) in compiled code, with m modes, n pairs and c parts.
 
     Attributes:
-        squares: ω², shape (m,).
-        damping: shape (m,).
-        creep: β, shape (c,).
+        squares: ω², shape (m,) [1/s2].
+        damping: c of each mode, shape (m,) [1/s].
+        creep: β, shape (c,) [s].
         gap_columns: Gᵀ, shape (m, n).
-        compliance: W of each part, shape (c, n, n).
-        gap0: shape (n,).
+        compliance: W of each part, shape (c, n, n) [m/N].
+        gap0: gap at rest, shape (n,) [m].
         gap_drive: h, shape (n,).
     """
 
@@ -85,7 +85,7 @@ class Problem(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The state and the work space.
+    """The state and the work space of a reduced problem in compiled code.
 
     Attributes:
         q, v: amplitudes and velocities of the modes, shape (m,).
@@ -96,7 +96,7 @@ class Memory(NamedTuple):
         next_q, next_v: amplitudes at the end of a step without contact, shape (m,).
         push: modal contact loads, shape (m,).
         next_gap: gaps at the end of a step, shape (n,).
-        bent: W λ of a part, shape (n,).
+        bent: A λ, or W λ of a part, shape (n,).
         totals: energies of the period [J]; shape (4,).
         effort: numbers of coarse and fine steps, shape (2,).
         lowest: smallest gap of each pair, shape (n,) [m].
@@ -138,7 +138,7 @@ class Drive(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What is kept of a period.
+    """The record of a period, step by step.
 
     Attributes:
         q, v: amplitudes and velocities of the modes at each step, shape (N + 1, m).
@@ -151,19 +151,6 @@ class Trace(NamedTuple):
     v: FloatArray
     s: FloatArray
     impulse: FloatArray
-
-
-def problem_of(reduced: Reduced) -> Problem:
-    """Return a reduced problem as arrays of compiled code."""
-    return Problem(
-        reduced.squares,
-        reduced.damping,
-        reduced.creep,
-        np.ascontiguousarray(reduced.gap_modes.T),
-        np.ascontiguousarray(reduced.compliance),
-        reduced.gap0,
-        reduced.gap_drive,
-    )
 
 
 def new_memory(m: int, n: int, c: int) -> Memory:
@@ -185,7 +172,7 @@ def new_memory(m: int, n: int, c: int) -> Memory:
         effort=np.zeros(2, dtype=np.int64),
         lowest=np.zeros(n),
         pairs=np.arange(n),
-        again=Again.of(n),
+        again=nothing_known(n),
     )
 
 
@@ -204,7 +191,7 @@ TERMS, NODES = 16, 8
 
 
 class Step(NamedTuple):
-    """Numbers of steps of one size.
+    """The numbers that steps of one size need.
 
     Attributes:
         length: h [s].
@@ -235,7 +222,7 @@ def step_of(reduced: Reduced, length: float) -> Step:
 def exact_step(
     squares: FloatArray, damping: FloatArray, length: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return P1 and P2 of modes, shapes (8, m) and (10, m).
+    """Return the coefficients of P1 and P2 of modes, shapes (8, m) and (10, m), as in `Step`.
 
     Args:
         squares: ω², shape (m,) [1/s2].
@@ -245,6 +232,8 @@ def exact_step(
     h, A = length, np.zeros((squares.size, 4, 4))
     A[:, 0, 1] = A[:, 1, 2] = A[:, 2, 3] = 1.0
     A[:, 1, 0], A[:, 1, 1] = -squares * h * h, -damping * h
+    # x = (q, h q', h² F0, h² ΔF) of each mode; F rises linearly, so its derivative is ΔF. A is
+    # (m, 4, 4); the series of the exponential converges fast where its norm is below SMALL.
     halvings = np.ceil(np.log2(np.abs(A).sum(axis=2).max(axis=1) / SMALL)).astype(int).clip(0)
     parts = 0.5**halvings
     E = _exponential(A * parts[:, None, None])
@@ -253,6 +242,7 @@ def exact_step(
     for place, weight in zip(0.5 * (1.0 + places), 0.5 * weights, strict=True):
         row = _exponential(A * (place * parts)[:, None, None])[:, 1]
         Q += (weight * parts)[:, None, None] * row[:, :, None] * row[:, None, :]
+    # double the part of the step until it is the step; modes differ in how often that takes
     for k in range(int(halvings.max(initial=0))):
         still = halvings > k
         own = E[still]
@@ -267,7 +257,7 @@ def exact_step(
 
 
 def _exponential(A: FloatArray) -> FloatArray:
-    """Return exp(A) of small matrices, shape (m, 4, 4)."""
+    """Return exp(A) by its series, of matrices with a small norm, shape (m, 4, 4)."""
     term = np.broadcast_to(np.eye(4), A.shape).copy()
     total = term.copy()
     for k in range(1, TERMS):
@@ -277,22 +267,9 @@ def _exponential(A: FloatArray) -> FloatArray:
 
 
 @njit
-def _move(step, memory, load, rise, share):  # type: ignore[no-untyped-def]
-    """Compute the amplitudes at the end of a step without contact (P1)."""
-    a, q, v = step.move, memory.q, memory.v
-    next_q, next_v = memory.next_q, memory.next_v
-    for j in range(q.size):
-        F, dF = load[j] + share * rise[j], rise[j]
-        next_q[j] = a[0, j] * q[j] + a[1, j] * v[j] + a[4, j] * F + a[6, j] * dF
-        next_v[j] = a[2, j] * q[j] + a[3, j] * v[j] + a[5, j] * F + a[7, j] * dF
-
-
-@njit
-def _gaps(problem, q, base, out):  # type: ignore[no-untyped-def]
-    """Write the gaps without the omitted flexibility into `out`."""
+def _add_modes(problem, q, out):  # type: ignore[no-untyped-def]
+    """Add G q, the gaps that amplitudes of the modes open, or the same of their rates, to `out`."""
     columns, n = problem.gap_columns, out.size
-    for k in range(n):
-        out[k] = problem.gap0[k] + problem.gap_drive[k] * base
     for j in range(q.size):
         amplitude = q[j]
         for k in range(n):
@@ -300,19 +277,34 @@ def _gaps(problem, q, base, out):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _rates(problem, memory, base_rate):  # type: ignore[no-untyped-def]
-    """Write the gap rates of the present state without contact forces into `memory.rate`."""
-    columns, rate, v = problem.gap_columns, memory.rate, memory.v
-    n = rate.size
-    for k in range(n):
-        rate[k] = problem.gap_drive[k] * base_rate
-    for j in range(v.size):
-        for k in range(n):
-            rate[k] += columns[j, k] * v[j]
+def _gaps(problem, q, base, out):  # type: ignore[no-untyped-def]
+    """Write the gaps without the omitted flexibility into `out`."""
+    for k in range(out.size):
+        out[k] = problem.gap0[k] + problem.gap_drive[k] * base
+    _add_modes(problem, q, out)
+
+
+@njit
+def _rates(problem, v, base_rate, out):  # type: ignore[no-untyped-def]
+    """Write the gap rates without the omitted flexibility into `out`."""
+    for k in range(out.size):
+        out[k] = problem.gap_drive[k] * base_rate
+    _add_modes(problem, v, out)
+
+
+@njit
+def _move(problem, step, memory, load, rise, share, base):  # type: ignore[no-untyped-def]
+    """Compute amplitudes (P1) and gaps at the end of a step without contact."""
+    a, q, v = step.move, memory.q, memory.v
+    next_q, next_v, next_gap = memory.next_q, memory.next_v, memory.next_gap
+    for j in range(q.size):
+        F, dF = load[j] + share * rise[j], rise[j]
+        next_q[j] = a[0, j] * q[j] + a[1, j] * v[j] + a[4, j] * F + a[6, j] * dF
+        next_v[j] = a[2, j] * q[j] + a[3, j] * v[j] + a[5, j] * F + a[7, j] * dF
+    _gaps(problem, next_q, base[0] + base[1], next_gap)
     for c in range(problem.creep.size):
-        if problem.creep[c] > 0.0:
-            for k in range(n):
-                rate[k] -= memory.r[c, k] / problem.creep[c]
+        for k in range(next_gap.size):
+            next_gap[k] += step.decay[c] * memory.r[c, k]
 
 
 @njit
@@ -325,23 +317,11 @@ def _is_near(memory, ahead):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _solve(step, memory):  # type: ignore[no-untyped-def]
-    """Find the contact forces of M1 from the free gaps in `next_gap`; return the success."""
-    n = memory.gap.size
-    q, p = memory.next_gap, memory.force
-    if solve_again(step.compliance, n, memory.pairs, n, q, p, memory.again):
-        return True
-    return solve_into(step.compliance.reshape(n, n), q, p)
-
-
-@njit
 def _push(problem, step, memory):  # type: ignore[no-untyped-def]
     """Add the contact forces to the end of the step: to gaps, amplitudes and modal loads."""
-    n, force, gap, A = memory.gap.size, memory.force, memory.next_gap, step.compliance
-    for i in range(n):
-        if force[i] > 0.0:
-            for k in range(n):
-                gap[k] += A[i * n + k] * force[i]
+    n, force = memory.gap.size, memory.force
+    for k in range(n):
+        memory.next_gap[k] += memory.bent[k]
     for j in range(memory.q.size):
         push = 0.0
         for k in range(n):
@@ -353,7 +333,7 @@ def _push(problem, step, memory):  # type: ignore[no-untyped-def]
 
 @njit
 def _creep(problem, step, memory, is_pushed):  # type: ignore[no-untyped-def]
-    """Advance s and r of all parts; return the energy lost in creep."""
+    """Advance the late contact forces s and r = W s of all parts; return the energy lost [J]."""
     n, force, bent, loss = memory.gap.size, memory.force, memory.bent, 0.0
     for c in range(problem.creep.size):
         e, s, r = step.decay[c], memory.s[c], memory.r[c]
@@ -385,6 +365,8 @@ def _account(problem, step, memory, load, rise, share):  # type: ignore[no-untyp
         loss += F * (Q[7, j] * F + Q[8, j] * dF) + Q[9, j] * dF * dF
         q[j], v[j] = memory.next_q[j], memory.next_v[j]
         dq, dv = q[j] - q0, v[j] - v0
+        # q" + c q' + ω² q = F integrated over the step gives the mean of q, and with it the work
+        # of a rising load: ∫ F q' = F₁ q₁ - F₀ q₀ - ΔF mean(q)
         mean = (F + 0.5 * dF - (dv + problem.damping[j] * dq) / h) / problem.squares[j]
         work += (own + dF) * q[j] - own * q0 - dF * mean
     memory.totals[MODAL_LOSS] += loss
@@ -406,23 +388,23 @@ def _finish(problem, step, memory, move):  # type: ignore[no-untyped-def]
 
 @njit
 def _advance(problem, step, memory, load, rise, share, base, impulse):  # type: ignore[no-untyped-def]
-    """Make one step; `share` of the loads' rises lies before it, base is (q, Δq) of the drive.
+    """Make one step; return whether the contact forces were found.
 
-    Return whether the contact forces were found.
+    The loads begin at `load` + `share` `rise` and grow by `rise`; `base` is (q, Δq) of the drive.
     """
     n, is_pushed = memory.gap.size, False
-    _move(step, memory, load, rise, share)
-    _gaps(problem, memory.next_q, base[0] + base[1], memory.next_gap)
-    for c in range(problem.creep.size):
-        for k in range(n):
-            memory.next_gap[k] += step.decay[c] * memory.r[c, k]
+    _move(problem, step, memory, load, rise, share, base)
     for k in range(n):
         memory.force[k] = 0.0
         is_pushed |= memory.next_gap[k] < 0.0
     for j in range(memory.push.size):
         memory.push[j] = 0.0
     if is_pushed:
-        if not _solve(step, memory):
+        result = solve_among(
+            step.compliance, 0, n, memory.pairs, n, memory.next_gap, memory.force, memory.bent,
+            memory.again,
+        )  # fmt: skip
+        if result != SOLVED:
             return False
         _push(problem, step, memory)
         for k in range(n):
@@ -435,22 +417,13 @@ def _advance(problem, step, memory, load, rise, share, base, impulse):  # type: 
 
 @njit
 def _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):  # type: ignore[no-untyped-def]
-    """Return whether a coarse step from the present state meets no contact; do not make it."""
+    """Return whether a coarse step from the present state meets no contact, without making it."""
     if is_near:
         return False
     reach = 0.5 * SAFETY * coarse.length
-    _move(coarse, memory, load, rise, 0.0)
-    _gaps(problem, memory.next_q, base[0] + base[1], memory.next_gap)
-    columns, n = problem.gap_columns, memory.gap.size
-    for c in range(problem.creep.size):
-        for k in range(n):
-            memory.next_gap[k] += coarse.decay[c] * memory.r[c, k]
-    for k in range(n):
-        memory.bent[k] = problem.gap_drive[k] * base_rate
-    for j in range(memory.q.size):
-        for k in range(n):
-            memory.bent[k] += columns[j, k] * memory.next_v[j]
-    for k in range(n):
+    _move(problem, coarse, memory, load, rise, 0.0, base)
+    _rates(problem, memory.next_v, base_rate, memory.bent)
+    for k in range(memory.gap.size):
         if memory.next_gap[k] - max(reach * memory.bent[k], 0.0) <= 0.0:
             return False
     return True
@@ -476,7 +449,7 @@ def _keep(memory, trace, step):  # type: ignore[no-untyped-def]
 
 @kept(nogil=True, what="steps of modes, about 10 s")
 def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-untyped-def]
-    """March through the steps of a period; return COMPLETED, DIVERGED or UNSOLVED."""
+    """Compute the steps of a period; return COMPLETED, DIVERGED or UNSOLVED."""
     n_steps, r, reach = len(drive.motion) - 1, drive.refine, 0.5 * SAFETY * coarse.length
     rise, small = np.empty(memory.q.size), np.empty(memory.q.size)
     for c in range(problem.creep.size):
@@ -494,7 +467,10 @@ def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-
             small[j] = rise[j] / r
         base = (drive.motion[step - 1], drive.motion[step] - drive.motion[step - 1])
         base_rate = base[1] / coarse.length
-        _rates(problem, memory, base_rate)
+        _rates(problem, memory.v, base_rate, memory.rate)
+        for c in range(problem.creep.size):
+            if problem.creep[c] > 0.0:
+                memory.rate[:] -= memory.r[c] / problem.creep[c]
         is_near = r > 1 and _is_near(memory, reach)
         impulse = trace.impulse[step]
         impulse[:] = 0.0
@@ -533,7 +509,7 @@ class Period:
 
 
 class Periods:
-    """Computes periods of a reduced problem under one periodic or prescribed drive.
+    """Periods of a reduced problem under a drive, computed one by one from a given state.
 
     A state is (q, q', s of each part), shape (n_state,).
 
@@ -555,7 +531,15 @@ class Periods:
                 f"{refine}"
             )
         self.reduced, self.time_step, self.refine = reduced, time_step, refine
-        self._problem = problem_of(reduced)
+        self._problem = Problem(
+            reduced.squares,
+            reduced.damping,
+            reduced.creep,
+            np.ascontiguousarray(reduced.gap_modes.T),
+            np.ascontiguousarray(reduced.compliance),
+            reduced.gap0,
+            reduced.gap_drive,
+        )
         self._coarse = step_of(reduced, time_step)
         self._fine = step_of(reduced, time_step / refine)
         self._sizes = reduced.n_modes, reduced.n_pairs, reduced.n_parts
@@ -576,7 +560,7 @@ class Periods:
 
         Args:
             start: state, shape (n_state,).
-            drive: of the period; see `drive`.
+            drive: the drive of the period; see `drive`.
 
         Raises:
             ArithmeticError: no contact forces were found.
@@ -607,7 +591,7 @@ class Periods:
     def _run(self, start: FloatArray, drive: Drive, trace: Trace) -> FloatArray:
         memory = self._memory
         memory.q[:], memory.v[:], memory.s[:] = self.split(np.asarray(start, dtype=np.float64))
-        memory.again.was_active[:] = 0
+        memory.again.was_idle[:] = 0
         ending = run_period(self._problem, self._coarse, self._fine, memory, drive, trace)
         if ending == UNSOLVED:
             raise ArithmeticError("modes: no contact forces were found in a step")
@@ -619,8 +603,8 @@ class ModalStepper:
     """The state of a problem of modes, and what a recorder reads of it.
 
     Attributes:
-        operators: of the structure.
-        periods: computes the periods.
+        operators: the operators of the structure.
+        periods: the object that computes the periods.
         at: (q, q', s of each part), shape (n_state,).
         base_state: (q_b, q_b', q_b'') at this instant, shape (3,).
         dissipated: energy lost to damping so far, that of the creep included [J].
@@ -643,7 +627,7 @@ class ModalStepper:
     def seen(
         self, q: FloatArray, v: FloatArray, s: FloatArray, base_states: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return what is seen of u and of v, each of shape (k, n); v is without that of the creep.
+        """Return the observed rows of u and of v, each of shape (k, n); v is without the creep.
 
         Args:
             q: amplitudes, shape (k, m).
@@ -684,9 +668,9 @@ class ModalStepper:
         return np.concatenate([u, reduced.velocity(v[None], rate[None]), a])
 
     def restore(self, motion: FloatArray, internal: FloatArray | None) -> None:
-        """Take over `internal` if it belongs to a motion (u, v, a), or the modes of the motion.
+        """Take over `internal` if it belongs to a motion (u, v, a), otherwise the motion's modes.
 
-        Of a motion alone nothing is known of late contact forces; they are then 0.
+        A motion alone does not tell the late contact forces; they are then 0.
         """
         reduced, M = self.periods.reduced, self.operators.mass
         if internal is not None and internal.shape == self.at.shape:
@@ -698,9 +682,6 @@ class ModalStepper:
         self.at = np.zeros(reduced.n_state)
         for place, of_dofs, of_base in zip((0, m), motion, moved, strict=False):
             self.at[place : place + m] = M @ of_dofs @ reduced.shapes - of_base * pull
-
-    def renew_acceleration(self) -> None:
-        """Do nothing: the acceleration follows from the state."""
 
 
 class ModalEngine:
@@ -719,10 +700,10 @@ class ModalEngine:
     def __init__(
         self, operators: Operators, modes: int, time_step: float, refine: int, *, is_open: bool
     ) -> None:
-        """Reduce the problem.
+        """Reduce the problem to modes; the state is at rest.
 
         Args:
-            operators: of the structure.
+            operators: the operators of the structure.
             modes: number of modes of each part.
             time_step: Δt [s].
             refine: number of fine steps in a step near contact.
@@ -747,13 +728,14 @@ class ModalEngine:
         self.stepper.dissipated, _ = state.losses
         self.stepper.restore(state.motion, state.internal)
 
+    def renew_acceleration(self) -> None:
+        """Do nothing: the acceleration follows from the state."""
+
     def whole(self, share: FloatArray) -> FloatArray:
         """Return the values themselves: one process has all dofs."""
         return share
 
-    def share(self, of_all: FloatArray) -> FloatArray:
-        """Return the values themselves; see `whole`."""
-        return of_all
+    share = whole
 
     def destroy(self) -> None:
         """Do nothing: there is nothing to free."""
@@ -783,7 +765,7 @@ class ModalEngine:
         reduced, base = stepper.periods.reduced, record.base_states
         record.u[:, :N_BASE] = 0.0
         record.u[:, N_BASE:], record.v[:] = stepper.seen(trace.q, trace.v, trace.s, base)
-        record.effort[[0, N_SIZES - 1]] = period.effort
+        record.effort[0], record.effort[N_SIZES - 1] = period.effort.tolist()
         u = reduced.displacement(trace.q[own], trace.s[own], base[own, 0])
         record.frames.extend(np.stack([u, reduced.velocity(trace.v[own], base[own, 1])], axis=1))
         touches = np.zeros((own.size, stepper.operators.n_pairs), np.int8)
@@ -805,7 +787,7 @@ class ModalEngine:
         """Return the energies of a period in the order of `recorder.LEDGER`.
 
         Args:
-            period: that has ended.
+            period: the period that has ended.
             stored: kinetic and strain energy at its start, seen from the base [J].
             carried: see `ModalStepper.carried`, at its start [J].
         """

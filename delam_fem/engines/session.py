@@ -1,13 +1,11 @@
 """Set up and run a computation: choose the engine, give it a problem, collect the solution.
 
-Choose the engine, the contact law and the scheme of a case by their names. An engine is imported
-only when it is chosen, so that a worker that needs one engine starts fast.
+This is the only place where a run is set up: its engine, contact law and scheme, its length, and
+the motion of its base period by period. `solve` needs no case: operators, a law, a scheme and a
+motion of the base are enough.
 
-Set a run up: its length, and the motion of its base period by period, with or without a case. This
-module imports neither dolfinx nor PETSc, so that the workers of a sweep start fast.
-
-This is the only place where a run is set up. `solve` needs no case: operators, a law, a scheme and
-a motion of the base are enough.
+An engine is imported only when it is chosen, and this module imports neither dolfinx nor PETSc, so
+that the workers of a sweep start fast.
 """
 
 from __future__ import annotations
@@ -17,14 +15,13 @@ import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Literal, Protocol, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from delam_fem.case.definition import PARTS, ROUND_OFF, Case
 from delam_fem.case.excitation import HarmonicMotion, drive
@@ -50,8 +47,6 @@ from delam_fem.system.errors import CaseError, require
 from delam_fem.system.mpi import require_options_used
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from delam_fem.system.mpi import MPI
 
 EngineName = Literal["petsc", "compiled", "modal"]
@@ -141,7 +136,7 @@ def engine_of(
 
 
 def modes_of(case: Case) -> int | None:
-    """Return the number of modes of each part that compute a case; None: all dofs do."""
+    """Return the number of modes of each part that a case is computed with; None: all dofs."""
     return case.n_modes if case.is_massless else None
 
 
@@ -253,19 +248,17 @@ class ImpactTable:
 
 @dataclass(frozen=True)
 class Solution:
-    """The result of a run without a case; times count from the start of the window.
+    """The result of a run of operators; times count from the start of the window.
 
     Attributes:
         outcome: "completed", "diverged" or "interrupted".
         recorder: recorder of the run.
         state: state at the end; another run may start from it.
-        names: of the probes; empty: they have numbers only.
     """
 
     outcome: Outcome
     recorder: Recorder
     state: State
-    names: tuple[str, ...] = ()
 
     @property
     def records(self) -> list[PeriodRecord]:
@@ -313,41 +306,6 @@ class Solution:
         time_, pair, impulse, rate_pre = np.concatenate(rows, axis=1)
         return ImpactTable(time_, pair.astype(np.int64), impulse, rate_pre)
 
-    @cached_property
-    def history(self) -> xr.Dataset:
-        """What the run recorded, with units: probes, impacts, strobes and energies."""
-        import xarray as xr
-
-        def of(
-            dims: tuple[str, ...], values: npt.NDArray[Any], unit: str, meaning: str
-        ) -> xr.Variable:
-            return xr.Variable(dims, values, {"units": unit, "long_name": meaning})
-
-        n, impacts, at = self.recorder.n_closed, self.impacts, ("event",)
-        energies = {
-            f"energy_{name}": of(("period",), column, "J", f"energy: {name.replace('_', ' ')}")
-            for name, column in self.energy.items()
-        }
-        return xr.Dataset(
-            {
-                "displacement": of(("probe", "time"), self.displacement.T, "m", "probes of u"),
-                "velocity": of(("probe", "time"), self.velocity.T, "m/s", "probes of v"),
-                "strobe_displacement": of(
-                    ("probe", "period"), self.recorder.strobe[:n, 0].T, "m", "at ends of periods"
-                ),
-                "event_time": of(at, impacts.time, "s", "end of the step of an impulse"),
-                "event_pair": of(at, impacts.pair, "1", "contact pair, from 0"),
-                "event_impulse": of(at, impacts.impulse, "N s", "impulse on the pair"),
-                "event_velocity_before": of(at, impacts.rate_pre, "m/s", "gap rate before it"),
-                **energies,
-            },
-            {
-                "time": of(("time",), self.time, "s", "time since the start of the window"),
-                **({"probe": list(self.names)} if self.names else {}),
-            },
-            {"outcome": self.outcome, "energy_residual": self.recorder.energy_residual()},
-        )
-
     @property
     def energy(self) -> dict[str, FloatArray]:
         """Columns of the energy ledger by name, each of shape (n_periods,) [J]."""
@@ -393,9 +351,9 @@ class Session:
         """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.
 
         Args:
-            folder: of the checkpoints of a study; None: none are kept.
-            case: the case; a checkpoint of another is left alone.
-            name: of the engine, and what else tells this run from others.
+            folder: folder of the checkpoints of a study; None: none are kept.
+            case: the case; a checkpoint of another case is left alone.
+            name: name of the engine, with what else tells this run from others.
 
         Raises:
             CaseError: the checkpoint is damaged, or of another version.
@@ -465,7 +423,7 @@ def session(
         modes=modes,
     )  # fmt: skip
     if initial is None:
-        initial = _start(operators, motion(0)[0])
+        initial = start_of(operators, motion(0)[0])
     try:
         set_initial(computing, initial, motion(0)[0])
         recorder = Recorder(operators.base, span, operators.n_probes, operators.n_sensors)
@@ -477,7 +435,7 @@ def session(
     computing.destroy()
 
 
-def _start(operators: Operators | DistributedOperators, base_state: FloatArray) -> State | None:
+def start_of(operators: Operators | DistributedOperators, base_state: FloatArray) -> State | None:
     """Return the state with which a run begins that gets no other; None: all dofs at rest."""
     start, shift = getattr(operators, "start", None), operators.base.shift
     if start is None and shift is None:
@@ -495,18 +453,19 @@ def session_of(
     case: Case,
     operators: Operators,
     *,
+    law: ContactLaw | None = None,
     initial: State | None = None,
     engine: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
 ) -> Iterator[Session]:
-    """Set up the run of a case; see `session`.
+    """Set up the run of a case, with a law in place of its own if one is given; see `session`.
 
     Raises:
         CaseError: see `engine_of`.
     """
     with session(
         operators,
-        law_of(case),
+        law_of(case) if law is None else law,
         scheme_of(case),
         motion_of(case),
         span_of(case),
@@ -588,7 +547,7 @@ def solve(
         operators, law, scheme, states, span, initial=initial, engine=engine, comm=comm
     ) as opened:
         outcome = opened.run() if stop is None else opened.run(stop, every=1)
-        return replace(opened.solution(outcome), names=operators.names)
+        return opened.solution(outcome)
 
 
 def _length(

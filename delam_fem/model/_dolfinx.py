@@ -313,16 +313,16 @@ def assemble_matrix(form: Any) -> Any:
     return matrix
 
 
-def function(space: Any, fill: Callable[[FloatArray], None]) -> Any:
-    """Return a new function of `space`; `fill` writes its local values."""
+def function(space: Any, values: FloatArray) -> Any:
+    """Return a new function of `space` with given local values, ghosts included."""
     result = dolfinx.fem.Function(space)
-    fill(result.x.array)
+    result.x.array[:] = values
     result.x.scatter_forward()
     return result
 
 
 def assemble_own(form: Any) -> Any:
-    """Assemble a user's form, compiled as dolfinx does it, into a PETSc matrix; see above."""
+    """Assemble a user's form, compiled as dolfinx does it, into a PETSc matrix of the caller."""
     with _compiling_in_silence():
         matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form))
     matrix.assemble()
@@ -333,7 +333,7 @@ def held_by(conditions: Sequence[Any], like: Any) -> FloatArray:
     """Return the values of Dirichlet conditions at own dofs, NaN where there is none, (n_own,).
 
     Args:
-        conditions: of dolfinx.
+        conditions: Dirichlet conditions of dolfinx.
         like: matrix of PETSc whose rows are the dofs.
     """
     found = []
@@ -387,7 +387,7 @@ def cells_at(mesh: Any, points: FloatArray) -> IntArray:
 
 
 def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_matrix:
-    """Return the rows for along · u at points, own columns (collective), CSR (n, n_own).
+    """Return rows that evaluate along · u at points, own columns (collective), CSR (n, n_own).
 
     Args:
         space: of any element that dolfinx can evaluate, or a mixture of such.
@@ -407,6 +407,7 @@ def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_ma
         for k in np.flatnonzero(cells >= 0).tolist():
             bs = sub.dofmap.bs
             for dof in (bs * sub.dofmap.cell_dofs(cells[k])[:, None] + np.arange(bs)).ravel():
+                # the function with this dof alone is the dof's basis function, on any element
                 shape.x.array[dof] = 1.0
                 value = np.atleast_1d(shape.eval(at[k], cells[k : k + 1].astype(np.int32)))
                 shape.x.array[dof] = 0.0
@@ -414,6 +415,7 @@ def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_ma
                 entries.append((k, int(dof if of_parent is None else of_parent[dof]), weight))
                 size = value.size
         first += max([size, *comm.allgather(size)])
+    # a rank may have the cell of a point, but not all of its dofs: every rank keeps its own columns
     rows, dofs, weights = np.array(entries).reshape(-1, 3).T
     bs = dofmap.index_map_bs
     node, component = np.divmod(dofs.astype(np.int32), bs)

@@ -1,6 +1,6 @@
 """Choose the discretisation of a case: beams, solids, or modes.
 
-Each one is imported only when it is chosen: only some need dolfinx.
+Each of them is imported only when it is chosen, because only some need dolfinx.
 """
 
 from __future__ import annotations
@@ -49,14 +49,23 @@ KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
 """Kinds of model that a study takes, and why no others; a study that is not here follows all."""
 
 
-def require_plain(case: Case, study: str) -> None:
-    """Refuse bars, points, stops, impactors or inner supports, which a study does not know.
+def require_bending(case: Case, study: str) -> None:
+    """Refuse bars and points, which a study does not know.
 
     Raises:
         CaseError: the case has some.
     """
     if case.is_axial:
         raise CaseError(f"lamina: {study}: expected beams, given bars or points")
+
+
+def require_plain(case: Case, study: str) -> None:
+    """Refuse bars, points, stops, impactors or inner supports, which a study does not know.
+
+    Raises:
+        CaseError: the case has some.
+    """
+    require_bending(case, study)
     inside = {"stop": case.stop, "impactor": case.impactor, "support": case.support.inside}
     for key, count in ((key, len(found)) for key, found in inside.items()):
         if count:

@@ -3,9 +3,9 @@
 `Operators` contain only numbers. A layout says which dof belongs to which point of which part,
 between which points the contact pairs are, and which points the probes record at every step.
 
-Contact pairs: the gap operator, the weights of pairs, the rows of probes. A pair is at two opposite
-points, or inside two opposite cells, where the gap is that of the cubic Hermite interpolants of
-both parts.
+From a layout follow the gap operator, the lengths that belong to pairs, and the rows of probes. A
+pair is at two opposite points, or inside two opposite cells, where the gap is that of the cubic
+Hermite interpolants of both parts.
 """
 
 from __future__ import annotations
@@ -154,9 +154,9 @@ class StopPairs:
     """Pairs of a part with a stop or an impactor, on one of its sides.
 
     Attributes:
-        number: of the stop in the case, from 0; impactors count on behind all stops.
+        number: number of the stop in the case, from 0; impactors count on behind all stops.
         part: number of the part.
-        places: of the pairs on the part as numbers of points, shape (n_pairs,).
+        places: places of the pairs on the part as numbers of points, shape (n_pairs,).
         side: 1: the stop is above the part; -1: below.
         first_pair: row of the first of these pairs in the gap operator.
         on_base: whether the stop moves with the base.
@@ -498,12 +498,7 @@ def interpolation_rows(
         n_dofs: number of dofs of the structure.
         component: DISPLACEMENT for u, SLOPE for u'.
     """
-    cells, weights = interpolation(part, places, component)
-    dofs = np.concatenate([part.dofs[cells], part.dofs[cells + 1]], axis=1)  # (k, 4)
-    rows = np.repeat(np.arange(len(places))[:, None], 4, axis=1)
-    there = (dofs >= 0) & (weights != 0.0)
-    entries = weights[there], (rows[there], dofs[there])
-    return sp.csr_matrix(entries, shape=(len(places), n_dofs))
+    return columns_of(part, places, n_dofs, component)[:, :n_dofs]
 
 
 def interpolation(
@@ -512,10 +507,10 @@ def interpolation(
     component: int = DISPLACEMENT,
     cells: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray]:
-    """Return the cell of each place, and the weights of (u₀, φ₀, u₁, φ₁) of this cell.
+    """Return the cell of each place, and the interpolant's weights of its (u₀, φ₀, u₁, φ₁).
 
     Args:
-        part: gives the points.
+        part: the part.
         places: numbers of points; 2.25 lies a quarter of the cell behind point 2, shape (k,).
         component: DISPLACEMENT for u, SLOPE for u', CURVATURE for u''.
         cells: the cells, for places between two; None: those that end there, shape (k,).
@@ -553,31 +548,36 @@ def place_of(part: Part, x: float) -> float:
 
 
 def cells_at(part: Part, place: float) -> tuple[int, ...]:
-    """Return the cells in which or at whose ends a place is: one, or two at an inner point."""
+    """Return the cells that contain a place, ends included: one, or two at an inner point."""
     first = max(int(np.ceil(place)) - 1, 0)
     is_between = place == round(place) and 0 < place < part.n_elements
     return (first, first + 1) if is_between else (first,)
 
 
 def columns_of(
-    part: Part, place: float, n_dofs: int, component: int = DISPLACEMENT, cell: int | None = None
+    part: Part,
+    places: FloatArray | float,
+    n_dofs: int,
+    component: int = DISPLACEMENT,
+    cell: int | None = None,
 ) -> sp.csr_matrix:
-    """Return a row that evaluates the interpolant of a part from free dofs and base, (1, n + 1).
+    """Return rows that evaluate the interpolant of a part from free dofs and base, (k, n + 1).
 
     Args:
         part: the part.
-        place: number of a point; see `interpolation_rows`.
+        places: numbers of points; see `interpolation_rows`, shape (k,), or one.
         n_dofs: n, number of dofs of the structure; column n is the base.
         component: DISPLACEMENT, SLOPE or CURVATURE.
         cell: the cell, for a place between two; None: the one that ends there.
     """
-    given = None if cell is None else np.array([cell])
-    cells, weights = interpolation(part, np.array([place]), component, given)
-    row = np.zeros(n_dofs + 1)
-    for dof, weight in zip(part.dofs[cells[0] : cells[0] + 2].ravel(), weights[0], strict=True):
-        if dof >= 0 or dof == BASE:
-            row[dof if dof >= 0 else n_dofs] += weight
-    return sp.csr_matrix(row)
+    given, at = None if cell is None else np.array([cell]), np.atleast_1d(places)
+    cells, weights = interpolation(part, at, component, given)
+    dofs = np.concatenate([part.dofs[cells], part.dofs[cells + 1]], axis=1)  # (k, 4)
+    columns = np.where(dofs == BASE, n_dofs, dofs)
+    rows = np.repeat(np.arange(at.size)[:, None], 4, axis=1)
+    there = (columns >= 0) & (weights != 0.0)
+    entries = weights[there], (rows[there], columns[there])
+    return sp.csr_matrix(entries, shape=(at.size, n_dofs + 1))
 
 
 def gap_matrix(
@@ -605,18 +605,17 @@ def tributary_lengths(parts: Sequence[Part], interface: Interface) -> FloatArray
     """
     lower, own = parts[interface.parts[0]], interface.places(0)
     places = np.unique(np.concatenate([np.arange(lower.x.size, dtype=np.float64), own]))
-    h = np.diff(lower.positions(places))
-    lengths = np.zeros(h.size + 1)
-    lengths[:-1] += 0.5 * h
-    lengths[1:] += 0.5 * h
-    return np.asarray(lengths[np.searchsorted(places, own)])
+    return half_ways(lower.positions(places))[np.searchsorted(places, own)]
+
+
+def half_ways(places: FloatArray) -> FloatArray:
+    """Return half of the distances to the neighbours on both sides of increasing places, (n,)."""
+    steps = np.pad(np.diff(places), 1)
+    return np.asarray(0.5 * steps[:-1] + 0.5 * steps[1:])
 
 
 def probe_rows(layout: Layout, n_dofs: int) -> sp.csr_matrix:
-    """Return the rows of the probes of a layout; they record displacements of free points.
-
-    Shape (n_probes, n_dofs).
-    """
+    """Return the rows that read the displacements of the probes, shape (n_probes, n_dofs)."""
     dofs = [layout.parts[p.part].dofs[p.point, DISPLACEMENT] for p in layout.probes]
     return layout.of_dofs(selection(dofs, layout.n_numbered(n_dofs)))
 
@@ -653,7 +652,7 @@ def at_stations(layout: Layout, u: FloatArray, phi: FloatArray) -> tuple[FloatAr
     """Return displacements and slopes at the stations: those of the Hermite interpolants.
 
     Args:
-        layout: gives the stations.
+        layout: layout whose parts share their points.
         u: displacements at the points, shape (n_parts, k, n_points) [m].
         phi: slopes at the points, shape (n_parts, k, n_points) [-].
 
@@ -678,7 +677,7 @@ def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray
     has one cell only.
 
     Args:
-        layout: gives the points and E I of the cells.
+        layout: layout with the points and E I of the cells.
         u: displacements, shape (n_parts, k, n_points) [m].
         phi: slopes, shape (n_parts, k, n_points) [-].
 

@@ -58,6 +58,14 @@ def lowest(
     return omega / (2.0 * np.pi), vectors
 
 
+def normalised(vectors: FloatArray, M: sp.spmatrix) -> FloatArray:
+    """Return modes with φᵀ M φ = 1 and a positive largest entry: similar modes have one sign."""
+    masses = np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
+    largest = np.abs(vectors).argmax(axis=0)
+    signs = np.sign(vectors[largest, np.arange(vectors.shape[1])])
+    return np.asarray(vectors / (masses * signs))
+
+
 def elastic(
     K: sp.csr_matrix, M: sp.csr_matrix, n: int, n_rigid: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -132,7 +140,7 @@ def response(
 
     Args:
         operators: the semi-discrete problem.
-        frequency: of the drive [Hz].
+        frequency: frequency of the drive [Hz].
         S: the motions that are left, u = S w (`keeping_closed`), shape (n, m); None: all.
     """
     o, omega = operators, 2.0 * math.pi * frequency
@@ -173,13 +181,13 @@ def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
 
 
 def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
-    """Return the matrix S of u = S u_closed, with equal motion on both sides of every pair.
+    """Return S of u = S u_closed for beams, with equal motion on both sides of every pair.
 
     The laminae share deflection and slope at each pair, and so everywhere between; they slide on
     one another without friction.
 
     Args:
-        layout: gives the dofs of the points of each pair.
+        layout: layout with the dofs of the points of each pair.
         n_dofs: number of free dofs.
 
     Returns:
@@ -201,10 +209,13 @@ def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
 
 
 def keeping_closed(structure: Structure) -> sp.csr_matrix:
-    """Return the matrix S of u = S u_closed, with equal motion on both sides of every pair.
+    """Return S of u = S u_closed for any structure, with equal motion on both sides of every pair.
 
-    Of beams see `kept_closed`. Of others S spans H u = 0; of many dofs, each row gives one dof
-    through the others, so that S stays sparse.
+    For beams see `kept_closed`. For others S spans the solutions of H u = 0; if there are many
+    dofs, each row of H gives one dof through the others, so that S stays sparse.
+
+    Raises:
+        ValueError: there are more pairs than dofs that they can tie.
     """
     layout, H = structure.layout, structure.operators.gap_matrix
     n = structure.operators.n_dofs
@@ -234,7 +245,7 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
 
 
 def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
-    """Return a rough square of an elastic angular frequency, above those of rigid motions."""
+    """Return a shift for floating bodies, about the square of an elastic frequency [1/s2]."""
     few = min(K.shape[0], 7)
     return float(eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few].max()) or 1.0
 
@@ -248,12 +259,12 @@ def largest_stable_time_step(
 ) -> float:
     """Return Δt = Ω/ω_max of M and K, with every contact spring closed in K [s].
 
-    Ω is `Scheme.courant`, 2 of the central difference. The step is infinite for masses without any
+    Ω is `Scheme.courant`, 2 for the central difference. The step is infinite for masses without any
     stiffness.
     """
-    o = operators
-    H = o.gap_matrix
-    K, M = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ H)), sp.csc_matrix(o.mass)
+    o, H = operators, operators.gap_matrix
+    weighted = H if o.pair_weights is None else sp.diags(o.pair_weights) @ H
+    K, M = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ weighted)), sp.csc_matrix(o.mass)
     if not K.count_nonzero():
         return math.inf
     if o.n_dofs <= DENSE:

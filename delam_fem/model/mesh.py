@@ -68,10 +68,10 @@ def edges(case: Case) -> FloatArray:
 
 
 def require_edges(case: Case, x: FloatArray, source: str) -> None:
-    """Check that nodes are at every edge of a delamination.
+    """Check that a node is at every edge of a delamination and at every support that holds one.
 
     Raises:
-        CaseError: an edge lies between two nodes.
+        CaseError: an edge or a support lies between two nodes.
     """
     for edge in edges(case):
         nearest = float(x[np.argmin(np.abs(x - edge))])
@@ -118,7 +118,11 @@ def placed(case: Case, n: int) -> FloatArray:
 
 
 def read_file(path: Path) -> Any:
-    """Read a file with meshio; turn any failure into one message."""
+    """Read a mesh file with meshio.
+
+    Raises:
+        CaseError: the file is missing, too large, of another format, or damaged.
+    """
     import meshio
 
     if not path.is_file():

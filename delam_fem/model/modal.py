@@ -1,18 +1,19 @@
 """Structures in modes: a few modes of each body, and the flexibility of those that are left out.
 
-The bodies of a structure: groups of dofs that M, C and K do not couple, and their modes. A body is
-factorised once. The factors give its lowest modes by inverse iteration in a Krylov space (ARPACK),
-and the static shapes of its loads.
+The bodies of a structure are groups of dofs that M, C and K do not couple. A body is factorised
+once. The factors give its lowest modes by inverse iteration in a Krylov space (ARPACK), and the
+static shapes of its loads.
 
-A body that is not held has a singular stiffness. All is then solved with K + s M: the modes are the
-same, and static shapes follow by iteration, see `Body.static`.
+A body that is not held has a singular stiffness. Everything is then solved with K + s M: the modes
+are the same, and static shapes follow by iteration, see `Body.static`.
 
-Modes and residual flexibility as one basis V, in which M is the identity and K diagonal. Of each
+Modes and residual flexibility form one basis V, in which M is the identity and K diagonal. Of each
 body the basis has
 
 - the lowest normal modes Φ,
-- what the omitted modes give statically way to by a force at each contact pair, by the motion of
-  the base or the force that drives the structure, and by the inertia of that motion:
+- residual shapes: the static displacements in the omitted modes due to a force at each contact
+  pair, stop or impactor, to the motion of the base or the force that drives the structure, and to
+  the inertia of that motion:
 
     X = R [h, k_b, M ι + m_b],   R = K⁻¹ - Φ ω⁻² Φᵀ,   ι = -K⁻¹ k_b                           (B1)
 
@@ -28,7 +29,7 @@ Source: R. H. MacNeal, "A hybrid method of component mode synthesis", Comput. St
 S. Rubin, "Improved component-mode representation for structural dynamic analysis", AIAA J. 13
 (1975).
 
-The operators and the layout of a reduced structure.
+The equations of a reduced structure are
 
     u = V q:   I q'' + Vᵀ C V q' + Ω² q = -Vᵀ (m_b q_b'' + c_b q_b' + k_b q_b) + (H V)ᵀ λ
 
@@ -43,34 +44,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag, eigh
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from delam_fem.model.layout import Layout, Reading, Structure
-from delam_fem.model.linear import DENSE_DOFS, lowest
+from delam_fem.model.linear import DENSE_DOFS, lowest, normalised
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 Solve = Callable[[FloatArray], FloatArray]
-"""Function right sides, shape (n,) or (n, k) -> solutions, same shape."""
+"""Function of right-hand sides, shape (n,) or (n, k), that returns solutions of the same shape."""
 
 PETSC_DOFS = 20_000
 """From here on PETSc's Cholesky factors are used: SuperLU takes several times their memory."""
 NOT_HELD = "reduction: a body is not held; support each body"
 UNSOLVED = 0.5
-"""Difference of strain energy and work, relative to the work, that tells a singular matrix; that
-of a thin sheet of solids is up to 1e-2, by round-off."""
+"""Difference of strain energy and work, relative to the work, that shows a singular matrix. For a
+thin sheet of solids it is up to 1e-2, by round-off."""
 NOT_RAYLEIGH = 1e-12
 """Largest entry of C - α M - β K relative to the diagonal of C that is round-off."""
 FITS = 4
-"""Fits of α and β in turn; each gains some digits."""
+"""Number of fits of α and β in turn; each gains some digits."""
 CORRECTIONS = 3
 """Iterations for static shapes of a floating body; each gains the factor s/ω² of omitted modes."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """One body, with the factors of K + s M.
+    """A group of dofs that nothing couples to the others, with the factors of its K + s M.
 
     Attributes:
         dofs: its dofs, shape (n,).
@@ -110,16 +110,15 @@ class Body:
             )
             order = np.argsort(squares)
             squares, vectors = np.maximum(squares[order], 0.0), vectors[:, order]
-        masses = np.sqrt(np.einsum("ij,ij->j", vectors, self.mass @ vectors))
-        return squares, vectors / (masses * _signs(vectors))
+        return squares, normalised(vectors, self.mass)
 
     def static(self, loads: sp.csc_matrix, modes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the flexibility of all modes to loads, and the shapes of those left out.
 
             X = R f,   R = Σ φ φᵀ / ω²   over the omitted modes
 
-        X are orthogonal to the kept modes with M and with K. With a shift the sums have ω² + s in
-        place of ω²; X ← X_s + s (K + s M)⁻¹ M X, from X = X_s, corrects that.
+        The columns of X are orthogonal to the kept modes with M and with K. With a shift the sums
+        have ω² + s in place of ω²; X ← X_s + s (K + s M)⁻¹ M X, from X = X_s, corrects that.
 
         Args:
             loads: f, CSC (n_dofs, k).
@@ -139,10 +138,10 @@ class Body:
         return flexibility, shapes
 
     def damping_of(self, squares: FloatArray, shapes: FloatArray) -> FloatArray:
-        """Return VᵀCV, shape (m, m).
+        """Return the damping VᵀCV of some shapes, shape (m, m).
 
-        If C = α M + β K, it is the diagonal matrix α + β ω²: the product itself has the round-off
-        of the largest stiffness, which hides the damping of the lowest modes.
+        If C = α M + β K, the result is the diagonal matrix α + β ω²: the product itself has the
+        round-off of the largest stiffness, which hides the damping of the lowest modes.
 
         Args:
             squares: ω² of the shapes, shape (m,) [1/s2].
@@ -171,7 +170,7 @@ class Body:
         return alpha, beta
 
     def _remove(self, modes: FloatArray, shapes: FloatArray) -> None:
-        """Take the share of the modes out of shapes, in place; twice, because of round-off."""
+        """Make shapes orthogonal to the modes with M, in place; twice, because of round-off."""
         dual = self.mass @ modes
         for _ in range(2):
             shapes -= modes @ (dual.T @ shapes)
@@ -182,17 +181,14 @@ def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
 
     Args:
         o: the semi-discrete problem.
-        shift: s [1/s2], about the square of the lowest elastic angular frequency, if bodies can
-            move as rigid bodies; 0: all are held.
+        shift: s [1/s2], about the square of the lowest elastic angular frequency, if bodies have
+            rigid motions; 0: all are held.
 
     Raises:
         ValueError: a body is not held and there is no shift.
     """
-    count, label = connected_components(abs(o.mass) + abs(o.stiffness) + abs(o.damping), False)
     found = []
-    for number in range(count):
-        dofs = np.flatnonzero(label == number)
-        M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
+    for dofs, M, C, K in o.bodies():
         A = (K + shift * M).tocsc() if shift else K
         given = None if o.rayleigh is None else [float(values[dofs[0]]) for values in o.rayleigh]
         rayleigh = None if given is None else (given[0], given[1])
@@ -253,12 +249,6 @@ def _by_petsc(A: sp.csc_matrix) -> Solve | None:
     return solve
 
 
-def _signs(vectors: FloatArray) -> FloatArray:
-    """Return the signs of the largest entries, so that neighbouring cases have like modes."""
-    largest = np.abs(vectors).argmax(axis=0)
-    return np.asarray(np.sign(vectors[largest, np.arange(vectors.shape[1])]))
-
-
 DEPENDENT = 1e-11
 """Eigenvalue of the scaled Gram matrix, relative to the largest, below which shapes are dependent.
 With it the flexibility at the pairs is right to 1e-9 (80 elements of a beam) and 2e-7 (640)."""
@@ -280,8 +270,8 @@ class Basis:
         body: number of the body of each coordinate, shape (m,).
         body_of_dof: number of the body of each dof, shape (n_dofs,).
         dropped: number of shapes left out as dependent on others, or beyond the largest number.
-        compliance_error: largest error of the flexibility that the omitted modes give a load, in
-            parts of it [-].
+        compliance_error: largest relative error of the flexibility of the omitted modes to a load
+            [-].
         lowest: ω² of the lowest modes of the full structure, increasing, shape (k,) [1/s2].
     """
 
@@ -304,12 +294,12 @@ class _Piece:
         body: the body.
         squares: ω² of its normal modes, shape (m,) [1/s2].
         modes: Φ, shape (n, m).
-        loads: loads of B1 that omitted modes give way to, CSC (n, k).
+        loads: loads of B1 to which the omitted modes respond, CSC (n, k).
         compliance: XᵀK X of these loads, shape (k,) [m/N].
         shapes: residual shapes, orthonormal with K, the most flexible first, shape (n, r).
         weights: eigenvalues of the scaled Gram matrix, decreasing, shape (r,).
         dropped: number of dependent shapes.
-        lowest: ω² of its lowest modes, also of those that are left out [1/s2].
+        lowest: ω² of its lowest modes, kept or left out [1/s2].
     """
 
     body: Body
@@ -323,20 +313,29 @@ class _Piece:
     lowest: FloatArray
 
 
-def basis_of(o: Operators, modes: int, *, shift: float = 0.0, most: int | None = None) -> Basis:
+def basis_of(
+    o: Operators,
+    modes: int,
+    *,
+    shift: float = 0.0,
+    most: int | None = None,
+    loads: sp.csr_matrix | None = None,
+) -> Basis:
     """Return the basis of a reduced structure.
 
     Args:
         o: the semi-discrete problem.
         modes: number of normal modes of each body.
-        shift: see `bodies.bodies`.
+        shift: see `bodies`.
         most: largest number of coordinates; the least flexible residual shapes are left out.
+        loads: further loads to which the omitted modes respond, as rows, shape (k, n); None: none.
 
     Raises:
         ValueError: a body is not held and there is no shift, or there are more normal modes than
             `most` coordinates.
     """
-    pieces = [_piece(o, body, modes) for body in bodies(o, shift)]
+    rows = o.gap_matrix if loads is None else sp.vstack([o.gap_matrix, loads], format="csr")
+    pieces = [_piece(o, rows, body, modes) for body in bodies(o, shift)]
     kept = _kept(pieces, most)
     columns, squares, damping, is_mode, numbers = [], [], [], [], []
     body_of_dof, error = np.empty(o.n_dofs, dtype=np.int64), 0.0
@@ -384,11 +383,11 @@ def _kept(pieces: list[_Piece], most: int | None) -> list[int]:
     return [int((piece.weights >= least).sum()) for piece in pieces]
 
 
-def _piece(o: Operators, body: Body, modes: int) -> _Piece:
-    """Return a body with its modes and residual shapes."""
+def _piece(o: Operators, rows: sp.csr_matrix, body: Body, modes: int) -> _Piece:
+    """Return a body with its modes and residual shapes for loads at the rows of pairs."""
     lowest, found = body.modes(max(modes, COMPARED))
     squares, vectors = lowest[:modes], found[:, :modes]
-    loads = _loads(o, body)
+    loads = _loads(o, rows, body)
     flexibility, shapes = body.static(loads, vectors)
     energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
     there = energy > NOTHING * flexibility
@@ -421,9 +420,9 @@ def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray
     return result, weights
 
 
-def _loads(o: Operators, body: Body) -> sp.csc_matrix:
+def _loads(o: Operators, rows: sp.csr_matrix, body: Body) -> sp.csc_matrix:
     """Return the loads of B1 that act on a body, CSC (n, k)."""
-    H = o.gap_matrix[:, body.dofs]
+    H = rows[:, body.dofs]
     stiff, inertia = o.base.stiffness[body.dofs], o.base.mass[body.dofs]
     columns = [stiff]
     if not o.base.is_force:
@@ -450,19 +449,14 @@ def _gram(left: FloatArray, right: FloatArray) -> FloatArray:
 def projected(structure: Structure, basis: Basis) -> Structure:
     """Return a structure in the coordinates of a basis.
 
-    There is no lumped mass: impulses act through M = I. Sensors are left out, see
-    `sensors.with_sensors`.
+    Deflections and slopes are readings of the coordinates. There is no lumped mass: impulses act
+    through M = I. Sensors are left out, see `sensors.with_sensors`.
 
     Args:
         structure: the full structure.
         basis: of its operators.
     """
-    return Structure(operators_in(structure.operators, basis), layout_in(structure.layout, basis))
-
-
-def operators_in(o: Operators, basis: Basis) -> Operators:
-    """Return operators in the coordinates of a basis, without sensors."""
-    V, n = basis.vectors, basis.squares.size
+    o, V, n = structure.operators, basis.vectors, basis.squares.size
     base = BaseCoupling(
         V.T @ o.base.mass,
         V.T @ o.base.damping,
@@ -470,7 +464,7 @@ def operators_in(o: Operators, basis: Basis) -> Operators:
         o.base.corner,
         o.base.is_force,
     )
-    return Operators(
+    operators = Operators(
         mass=sp.identity(n, format="csr"),
         damping=sp.csr_matrix(basis.damping),
         stiffness=sp.diags(basis.squares, format="csr"),
@@ -480,20 +474,10 @@ def operators_in(o: Operators, basis: Basis) -> Operators:
         pair_weights=o.pair_weights,
         probes=sp.csr_matrix(o.probes @ V),
     )
-
-
-def layout_in(layout: Layout, basis: Basis) -> Layout:
-    """Return a layout whose deflections and slopes are readings of the coordinates.
-
-    Args:
-        layout: of the full structure.
-        basis: of its operators.
-    """
-    V = basis.vectors
-    given = layout.reading
-    rows, base = (V, np.zeros(len(V))) if given is None else (given.matrix @ V, given.base)
-    reading = Reading(sp.csr_matrix(rows), base, _parts(layout, basis))
-    return replace(layout, reading=reading, sensors=(), gap_row=None)
+    layout, given = structure.layout, structure.layout.reading
+    rows, moved = (V, np.zeros(len(V))) if given is None else (given.matrix @ V, given.base)
+    reading = Reading(sp.csr_matrix(rows), moved, _parts(layout, basis))
+    return Structure(operators, replace(layout, reading=reading, sensors=(), gap_row=None))
 
 
 def _parts(layout: Layout, basis: Basis) -> IntArray:

@@ -17,15 +17,16 @@ ranks contribute; loads of contact forces need no communication.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError, require
 
 if TYPE_CHECKING:
@@ -53,97 +54,8 @@ class Gap:
     opposite: Any = None
 
 
-def from_forms(
-    mass: Any,
-    stiffness: Any,
-    damping: Any,
-    base: Sequence[Any],
-    gap: Gap | tuple[Any, Any],
-    probes: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None,
-) -> Operators | DistributedOperators:
-    """Assemble bilinear UFL forms on one space; see `Operators.from_forms`."""
-    from delam_fem.model import _dolfinx
-
-    space = mass.arguments()[0].ufl_function_space()
-    M, K = (_dolfinx.assemble_own(form) for form in (mass, stiffness))
-    C = damping if isinstance(damping, tuple) else _dolfinx.assemble_own(damping)
-    if isinstance(gap, Gap):
-        points, opposite = np.atleast_2d(gap.points), gap.opposite
-        rows = _dolfinx.rows_at(space, points, gap.along)
-        if opposite is not None:
-            rows = rows - _dolfinx.rows_at(space, np.atleast_2d(opposite), gap.along)
-        gap = rows, np.broadcast_to(np.asarray(gap.at_rest, dtype=float), len(points)).copy()
-    seen = {
-        name: _dolfinx.rows_at(space, np.atleast_2d(point), along)
-        for name, (point, along) in (probes or {}).items()
-    }
-    result = from_petsc(M, C, K, gap, _dolfinx.held_by(base, M), seen)
-    for matrix in (M, K, *([] if isinstance(C, tuple) else [C])):
-        matrix.destroy()
-    return result
-
-
-def from_petsc(
-    mass: PETSc.Mat,
-    damping: Any,
-    stiffness: PETSc.Mat,
-    gap: tuple[Any, Any],
-    base: FloatArray | None,
-    probes: Mapping[str, Any] | None,
-) -> Operators | DistributedOperators:
-    """Take assembled matrices over; see `Operators.from_petsc`."""
-    from petsc4py import PETSc
-
-    comm, (n, _) = mass.comm.tompi4py(), mass.getSizes()[0]
-    follows = np.full(n, np.nan) if base is None else np.asarray(base, dtype=float)
-    require(follows.shape == (n,), "base", f"one number for each own dof, ({n},)", follows.shape)
-    free = np.flatnonzero(np.isnan(follows))
-    H, at_rest = sp.csr_matrix(gap[0]), np.asarray(gap[1], dtype=float)
-    carried = np.abs(H @ np.nan_to_num(follows)).max(initial=0.0)
-    carried = carried if comm.size == 1 else max(comm.allgather(carried))
-    require(carried == 0.0, "gap", "points that the base does not carry", float(carried))
-    if isinstance(damping, tuple):
-        C = mass.copy()
-        C.scale(damping[0])
-        C.axpy(damping[1], stiffness)
-    else:
-        C = damping
-    first, _ = mass.getOwnershipRange()
-    where = PETSc.IS().createGeneral((first + free).astype(PETSc.IntType), comm=mass.comm)
-    g, image = mass.createVecs()
-    g.array[:] = np.nan_to_num(follows)
-    parts, columns, corners = [], [], []
-    for matrix in (mass, C, stiffness):
-        matrix.mult(g, image)
-        parts.append(matrix.createSubMatrix(where, where))
-        columns.append(np.array(image.array[free]))
-        corners.append(float(g.dot(image)))
-    for own in (where, g, image, *([C] if isinstance(damping, tuple) else [])):
-        own.destroy()
-    shapes = stiffness.getNearNullSpace()
-    near = np.array([v.array_r[free] for v in shapes.getVecs()]).T if shapes else None
-    rows = [sp.csr_matrix((0, n)), *(sp.csr_matrix(row) for row in (probes or {}).values())]
-    further: dict[str, Any] = {
-        "base": BaseCoupling(
-            columns[0], columns[1], columns[2], (corners[0], corners[1], corners[2])
-        ),
-        "gap_matrix": H[:, free],
-        "gap0": at_rest,
-        "probes": sp.vstack(rows, format="csr")[:, free],
-        "names": tuple(probes or ()),
-    }
-    if isinstance(damping, tuple):
-        further["rayleigh"] = np.full(free.size, damping[0]), np.full(free.size, damping[1])
-    if comm.size > 1:
-        if near is not None:
-            with_near_null(parts[2], near)
-        return DistributedOperators(comm, *parts, **further)
-    arrays = [sp.csr_matrix(part.getValuesCSR()[::-1], shape=part.getSize()) for part in parts]
-    return Operators(arrays[0], arrays[1], arrays[2], near_null=near, **further)
-
-
 DEPENDENT = 1e-6
-"""Part of a shape that others do not have, below which it is one of them."""
+"""Share of a shape outside the span of the others, below which the shape adds nothing."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +98,7 @@ class BaseCoupling:
 
 
 class Recorded:
-    """What operators have whatever holds their matrices: numbers of pairs, probes and sensors."""
+    """What all operators share, whatever holds their matrices: counts of pairs, probes, sensors."""
 
     base: BaseCoupling
     gap0: FloatArray
@@ -236,9 +148,10 @@ class Recorded:
 
     @property
     def probe_shift(self) -> FloatArray:
-        """What the base adds to probes and sensors: probes r, shape (n_observed,); see `shift`.
+        """What a unit of q adds to the readings of probes and sensors, shape (n_observed,) [-].
 
-        Sensors know it themselves.
+        It is `probes @ r` with r of `BaseCoupling.shift`. For sensors it is 0, because their own
+        weights of the base contain it.
         """
         result = np.zeros(self.n_probes + self.n_sensors)
         if self.base.shift is not None:
@@ -269,9 +182,11 @@ class Recorded:
         return self.lumped_mass
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Operators(Recorded):
     """Matrices of one semi-discrete contact problem, in SI units and float64; never changed.
+
+    Two problems are equal if they are one object, so that what follows from one can be kept.
 
     Attributes:
         mass: M, the mass matrix of the time integration, CSR (n, n).
@@ -334,6 +249,15 @@ class Operators(Recorded):
         square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n)}
         self._complete(n, square, "operators: {name} has shape {given}, expected {expected}")
 
+    def bodies(self) -> Iterator[tuple[IntArray, sp.csc_matrix, sp.csc_matrix, sp.csc_matrix]]:
+        """Yield the dofs that M, C and K do not couple to others, with M, C and K of these."""
+        matrices = self.mass, self.damping, self.stiffness
+        count, label = connected_components(sum(map(abs, matrices)), False)
+        for number in range(count):
+            dofs = np.flatnonzero(label == number)
+            M, C, K = (A[dofs][:, dofs].tocsc() for A in matrices)
+            yield dofs, M, C, K
+
     def without_contact(self) -> Operators:
         """Return the same operators without pairs."""
         H = sp.csr_matrix((0, self.n_dofs))
@@ -367,7 +291,26 @@ class Operators(Recorded):
         Raises:
             CaseError: a point is outside the mesh, or the base carries a point of the gap.
         """
-        return from_forms(mass, stiffness, damping, base, gap, probes)
+        from delam_fem.model import _dolfinx
+
+        space = mass.arguments()[0].ufl_function_space()
+        M, K = (_dolfinx.assemble_own(form) for form in (mass, stiffness))
+        C = damping if isinstance(damping, tuple) else _dolfinx.assemble_own(damping)
+        if isinstance(gap, Gap):
+            points, opposite = np.atleast_2d(gap.points), gap.opposite
+            rows = _dolfinx.rows_at(space, points, gap.along)
+            if opposite is not None:
+                rows = rows - _dolfinx.rows_at(space, np.atleast_2d(opposite), gap.along)
+            gap = rows, np.broadcast_to(np.asarray(gap.at_rest, dtype=float), len(points)).copy()
+        seen = {
+            name: _dolfinx.rows_at(space, np.atleast_2d(point), along)
+            for name, (point, along) in (probes or {}).items()
+        }
+        held = _dolfinx.held_by(base, M)
+        result = Operators.from_petsc(M, C, K, gap=gap, base=held, probes=seen)
+        for matrix in (M, K, *([] if isinstance(C, tuple) else [C])):
+            matrix.destroy()
+        return result
 
     @staticmethod
     def from_petsc(
@@ -396,7 +339,56 @@ class Operators(Recorded):
         Raises:
             CaseError: the base carries a point of the gap.
         """
-        return from_petsc(mass, damping, stiffness, gap, base, probes)
+        from petsc4py import PETSc
+
+        comm, (n, _) = mass.comm.tompi4py(), mass.getSizes()[0]
+        follows = np.full(n, np.nan) if base is None else np.asarray(base, dtype=float)
+        require(
+            follows.shape == (n,), "base", f"one number for each own dof, ({n},)", follows.shape
+        )
+        free = np.flatnonzero(np.isnan(follows))
+        H, at_rest = sp.csr_matrix(gap[0]), np.asarray(gap[1], dtype=float)
+        carried = np.abs(H @ np.nan_to_num(follows)).max(initial=0.0)
+        carried = carried if comm.size == 1 else max(comm.allgather(carried))
+        require(carried == 0.0, "gap", "points that the base does not carry", float(carried))
+        if isinstance(damping, tuple):
+            C = mass.copy()
+            C.scale(damping[0])
+            C.axpy(damping[1], stiffness)
+        else:
+            C = damping
+        first, _ = mass.getOwnershipRange()
+        where = PETSc.IS().createGeneral((first + free).astype(PETSc.IntType), comm=mass.comm)
+        g, image = mass.createVecs()
+        g.array[:] = np.nan_to_num(follows)
+        parts, columns, corners = [], [], []
+        for matrix in (mass, C, stiffness):
+            matrix.mult(g, image)
+            parts.append(matrix.createSubMatrix(where, where))
+            columns.append(np.array(image.array[free]))
+            corners.append(float(g.dot(image)))
+        for own in (where, g, image, *([C] if isinstance(damping, tuple) else [])):
+            own.destroy()
+        shapes = stiffness.getNearNullSpace()
+        near = np.array([v.array_r[free] for v in shapes.getVecs()]).T if shapes else None
+        rows = [sp.csr_matrix((0, n)), *(sp.csr_matrix(row) for row in (probes or {}).values())]
+        further: dict[str, Any] = {
+            "base": BaseCoupling(
+                columns[0], columns[1], columns[2], (corners[0], corners[1], corners[2])
+            ),
+            "gap_matrix": H[:, free],
+            "gap0": at_rest,
+            "probes": sp.vstack(rows, format="csr")[:, free],
+            "names": tuple(probes or ()),
+        }
+        if isinstance(damping, tuple):
+            further["rayleigh"] = np.full(free.size, damping[0]), np.full(free.size, damping[1])
+        if comm.size > 1:
+            if near is not None:
+                with_near_null(parts[2], near)
+            return DistributedOperators(comm, *parts, **further)
+        arrays = [sp.csr_matrix(part.getValuesCSR()[::-1], shape=part.getSize()) for part in parts]
+        return Operators(arrays[0], arrays[1], arrays[2], near_null=near, **further)
 
     @property
     def n_dofs(self) -> int:
@@ -525,9 +517,9 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
 
 
 def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
-    """Return a PETSc matrix from the rows of each rank (collective); on several it is square.
+    """Return a PETSc matrix from the rows of each rank (collective); on several ranks a square one.
 
-    On one rank the matrix is in the memory of the rows, so that nobody may write to it.
+    On one rank the matrix is in the memory of the rows, so that nobody may write to them.
 
     Args:
         rows: the own rows with all columns, CSR (n_own, n).
@@ -554,11 +546,13 @@ def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
 
 
 def with_near_null(stiffness: PETSc.Mat, shapes: FloatArray) -> PETSc.Mat:
-    """Tell a matrix which motions strain least; return it (collective).
+    """Give a stiffness matrix its near-null space, the motions that strain least; return it.
+
+    The call is collective.
 
     Args:
         stiffness: the matrix.
-        shapes: their values at the own dofs, shape (n_own, k); they need not be orthogonal.
+        shapes: values of these motions at the own dofs, shape (n_own, k), orthogonal or not.
     """
     from petsc4py import PETSc
 

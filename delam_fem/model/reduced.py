@@ -14,8 +14,8 @@ deflection ι = -K⁻¹ k_b: u - ι q_b is the motion seen from the base, and
 
     f = -(m_b + M ι) q_b'' - (c_b + C ι) q_b'                                                  (R4)
 
-Or the drive is a force, and ι = -R k_b is the static deflection of the omitted modes, f = -k_b q_b.
-R2 neglects α, the inertia of omitted modes, and what f does to them: (ω/ω_omitted)² of all.
+If the drive is a force, ι = -R k_b is the static deflection of the omitted modes, f = -k_b q_b. R2
+neglects α, the inertia of omitted modes, and what f does to them, each of order (ω/ω_omitted)².
 
 W is positive definite as long as enough modes are left out. Contact forces are then bounded, and
 rigid contact, 0 <= λ ⊥ gap >= 0, needs no coefficient of restitution.
@@ -26,14 +26,14 @@ for elastodynamic contact problems", Comput. Struct. 260 (2022); MacNeal, Comput
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from delam_fem.model.linear import lowest
+from delam_fem.model.linear import lowest, normalised
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -50,7 +50,7 @@ TOO_RIGID = 1e-11
 
 @dataclass(frozen=True)
 class Reduced:
-    """A reduced problem; m modes, n pairs, c parts, p probes.
+    """A reduced problem with m modes, n pairs, c parts and p probes.
 
     Attributes:
         squares: ω², part by part and increasing within each, shape (m,) [1/s2].
@@ -121,7 +121,12 @@ class Reduced:
         return np.asarray(q @ self.shapes.T + late + drive[:, None] * self.drive)
 
     def velocity(self, v: FloatArray, drive_rate: FloatArray) -> FloatArray:
-        """Return the velocities of all dofs without those of the creep, shape (k, n_dofs)."""
+        """Return the velocities of all dofs without that of u_r, shape (k, n_dofs).
+
+        Args:
+            v: rates of the amplitudes of the modes, shape (k, m).
+            drive_rate: q_b', shape (k,).
+        """
         return np.asarray(v @ self.shapes.T + drive_rate[:, None] * self.drive)
 
 
@@ -154,8 +159,8 @@ def reduce(operators: Operators, modes: int) -> Reduced:
     if modes < 1:
         raise CaseError(f"model.modes: expected at least 1, given {modes}")
     o = operators
-    count, label = connected_components(abs(o.mass) + abs(o.stiffness) + abs(o.damping), False)
-    pieces = [_piece(o, np.flatnonzero(label == part), modes) for part in range(count)]
+    pieces = [_piece(o, dofs, matrices, modes) for dofs, *matrices in o.bodies()]
+    count = len(pieces)
     H, k_b = o.gap_matrix, o.base.stiffness
     W = np.stack([H @ piece.at_gaps for piece in pieces])
     W = 0.5 * (W + W.transpose(0, 2, 1))
@@ -189,14 +194,13 @@ def reduce(operators: Operators, modes: int) -> Reduced:
     )
 
 
-def _piece(o: Operators, dofs: IntArray, modes: int) -> _Piece:
-    """Return the modes of the part with some dofs, and what its omitted modes give."""
-    M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
+def _piece(o: Operators, dofs: IntArray, matrices: Sequence[sp.csc_matrix], modes: int) -> _Piece:
+    """Return the modes of the part that has some dofs, and the flexibility of its omitted modes."""
+    M, C, K = matrices
     if modes >= dofs.size:
         modes = _rank(M)
     frequencies, vectors = lowest(K, M, min(max(modes, 2), dofs.size))
-    masses = np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
-    vectors = vectors / (masses * _signs(vectors))
+    vectors = normalised(vectors, M)
     squares = (2.0 * np.pi * frequencies) ** 2
     alpha, beta = _rayleigh(M, C, K, squares, vectors)
     squares, vectors = squares[:modes], vectors[:, :modes]
@@ -224,12 +228,6 @@ def _rank(M: sp.csc_matrix) -> int:
     return int(np.linalg.matrix_rank((scale @ M @ scale).toarray(), MASSLESS, hermitian=True))
 
 
-def _signs(vectors: FloatArray) -> FloatArray:
-    """Return the signs of the largest entries, so that neighbouring cases have like modes."""
-    largest = np.abs(vectors).argmax(axis=0)
-    return np.asarray(np.sign(vectors[largest, np.arange(vectors.shape[1])]))
-
-
 def _rayleigh(
     M: sp.csc_matrix, C: sp.csc_matrix, K: sp.csc_matrix, squares: FloatArray, vectors: FloatArray
 ) -> tuple[float, float]:
@@ -249,15 +247,15 @@ def _rayleigh(
 
 
 def _require_flexible(W: FloatArray, of_modes: FloatArray, modes: int) -> None:
-    """Check that what has no mass gives way at every pair.
+    """Check that the omitted modes give way at every pair.
 
     Args:
-        W: its flexibility at the pairs, shape (n, n) [m/N].
+        W: flexibility of the omitted modes at the pairs, shape (n, n) [m/N].
         of_modes: flexibility of the modes at each pair, shape (n,) [m/N].
         modes: number of modes of each part.
 
     Raises:
-        CaseError: it does not.
+        CaseError: they do not give way at some pairs.
     """
     own = W.diagonal()
     scale = 1.0 / np.sqrt(np.where(own > ROUND_OFF * of_modes, own, 1e300))

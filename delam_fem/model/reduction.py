@@ -1,9 +1,10 @@
 """Reduce a case to modes, and keep the reduced structure in a file.
 
-The file of a reduced structure: written by `delam-fem reduce`, read for `kind = "modes"`. It is
-an archive of NumPy (.npz) with the operators, the layout and the case that was reduced. Each array
-has a checksum. A case that is computed with it must agree with that case in everything that was
-assembled; gaps at rest are computed again, and sensors are set up again from the readings.
+`delam-fem reduce` writes the file, and `kind = "modes"` reads it. The file is an archive of NumPy
+(.npz) with the operators, the layout and the case that was reduced, behind one checksum. A case
+that is computed with the file must agree with the reduced case in everything that was assembled.
+Gaps at rest are computed again, and stops, impactors and sensors are set up again from the
+readings. The basis has residual shapes for their places, and the initial state is in its span.
 """
 
 from __future__ import annotations
@@ -24,12 +25,13 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
 from delam_fem.contact.laws import combination
-from delam_fem.model.beams.network import gap_at_rest
-from delam_fem.model.discretise import assemble, require_mass, require_plain
+from delam_fem.model.beams.network import completed, gap_at_rest
+from delam_fem.model.discretise import assemble, require_bending, require_mass
 from delam_fem.model.layout import Interface, Layout, Part, Probe, Reading, Structure, Support
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.sensors import StrainRows, with_sensors
+from delam_fem.model.sensors import StrainRows
+from delam_fem.model.stops import striking_rows, with_start
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import read_arrays, write_arrays
@@ -46,10 +48,13 @@ _COMPARED: Mapping[str, set[str] | None] = {
     "contact": {"points_per_element"},
     "time": {"mass"},
     "point_mass": None,
+    "stop": {"lamina", "position", "start", "end"},
+    "impactor": {"lamina", "position"},
+    "initial": None,
 }
 """Sections whose keys were assembled; None: all of their keys."""
 _SAME_PLACE = 1e-9
-"""Difference of two places, relative to the length, that are one."""
+"""Difference relative to the length below which two places are one."""
 
 
 def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> None:
@@ -89,6 +94,8 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
         "reading_part": layout.reading.part,
         "strains": strains,
     }
+    if o.start is not None:
+        content["start"] = o.start
     write_arrays(path, content | arrays)
 
 
@@ -114,7 +121,7 @@ def load(case: Case) -> Structure:
         )
     is_beam = origin.model.kind == "beam" and origin.is_apart
     found = None if is_beam else _strain_rows(structure.layout, origin, strains)
-    return with_sensors(structure, case, found)
+    return completed(structure, case, found)
 
 
 @lru_cache(maxsize=4)
@@ -123,11 +130,11 @@ def _read(path: Path, changed: int, size: int) -> tuple[Case, str, Structure, Fl
 
     Args:
         path: the file.
-        changed: when it was changed: a file that was changed is read again.
+        changed: time of its last change, by which a changed file is read again.
         size: its size.
 
     Raises:
-        CaseError: the file is damaged, or it is none of a reduced structure.
+        CaseError: the file is damaged, or it has no reduced structure.
     """
     try:
         data = read_arrays(path)
@@ -176,6 +183,7 @@ def _structure(data: Mapping[str, Any]) -> Structure:
         gap0=data["gap0"],
         pair_weights=weights if weights.size else None,
         probes=sp.csr_matrix(data["probes"]),
+        start=data.get("start"),
     )
     reading = Reading(sp.csr_matrix(data["readings"]), data["reading_base"], data["reading_part"])
     if reading.matrix.shape != (reading.base.size, n) or reading.part.shape != (n,):
@@ -313,9 +321,9 @@ class Reduction:
 
     Attributes:
         case: the case that was reduced.
-        full: its structure.
+        full: its structure without stops, impactors and an initial state.
         basis: the modes and residual shapes.
-        structure: the reduced structure, without sensors.
+        structure: the reduced structure, without stops, impactors and sensors.
         seconds: time of the assembly, and of the reduction [s].
     """
 
@@ -358,11 +366,12 @@ class Reduction:
         return [path, save_case(self.case.model_copy(update={"model": model}), directory)]
 
     def _strains(self) -> FloatArray:
-        """Return what the strain sensors of the case read; see `file.write`."""
+        """Return what the strain sensors of the case read, as `write` takes it."""
         sensors, V = self.full.operators.sensors, self.basis.vectors
+        of_case = self.case.without_strikes.sensor
         rows = [
             np.append(sensors[own.of_u].toarray()[0] @ V, own.of_base[0])
-            for own, given in zip(self.full.layout.sensors, self.case.sensor, strict=True)
+            for own, given in zip(self.full.layout.sensors, of_case, strict=True)
             if given.quantity == "strain" and own.of_u is not None
         ]
         return np.array(rows).reshape(len(rows), self.basis.squares.size + 1)
@@ -377,30 +386,39 @@ def reduced_case(
         case: the case.
         modes: number of normal modes of each body.
         coordinates: largest number of coordinates; None: all shapes that are independent.
-        full: the discretised case; None: it is assembled.
+        full: the discretised case; None, or beside stops, impactors and initial states: it is
+            assembled.
 
     Raises:
-        CaseError: the case is of a reduced model already, acts on a lumped mass, or cannot be
-            reduced so.
+        CaseError: the case has a reduced model already, its impulses act on a lumped mass, or it
+            cannot be reduced with these numbers.
     """
     if case.model.kind == "modes":
         raise CaseError('model.kind: expected a model that is not reduced yet, given "modes"')
-    require_plain(case, "reduce")
+    require_bending(case, "reduce")
     require_mass(case, "reduce", "the case computes its motion in modes already")
     if modes < 1:
         raise CaseError(f"modes: expected at least 1, given {modes}")
     require_coupled(case)
     slowest = min(float(own.angular_frequencies(1)[0]) for own in case.lamina)
     begin = time.perf_counter()
-    full = assemble(case) if full is None else full
+    if full is None or case.stop or case.impactor or case.initial:
+        full = assemble(case.without_strikes)
+    start = with_start(full, case).operators.start
     assembled = time.perf_counter()
+    o, loads = full.operators, striking_rows(full, case)
+    if start is not None:
+        loads = sp.vstack([loads, sp.csr_matrix(start @ o.stiffness)], format="csr")
     try:
         basis = basis_of(
-            full.operators, modes, shift=slowest**2 if case.n_rigid else 0.0, most=coordinates
+            o, modes, shift=slowest**2 if case.n_rigid else 0.0, most=coordinates, loads=loads
         )
     except ValueError as error:
         raise CaseError(str(error)) from None
     structure = projected(full, basis)
+    if start is not None:
+        projection = start @ (o.mass @ basis.vectors)
+        structure = replace(structure, operators=replace(structure.operators, start=projection))
     return Reduction(
         case, full, basis, structure, (assembled - begin, time.perf_counter() - assembled)
     )

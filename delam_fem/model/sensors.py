@@ -46,10 +46,10 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
     """Return the structure with the sensors of its case.
 
     Args:
-        structure: of the case, with its drive.
+        structure: the structure of the case, with its drive.
         case: the case.
         strain: strains of surfaces; None: those of laminae that are apart, -s h/2 w'' with s = 1
-            at the top. At a point between two cells it is the mean of both.
+            at the top, at a point between two cells the mean of both.
     """
     o, layout = structure.operators, structure.layout
     if not (case.sensor or layout.n_impactors):
@@ -86,7 +86,14 @@ def _sensor(
         for interface in layout.interfaces:
             if tuple(layout.names[part] for part in interface.parts) == own.between:
                 of_pairs[interface.pairs] = 1.0
-        return _of_forces(own.name, of_pairs)
+        return SensorRows(
+            own.name,
+            None,
+            None,
+            of_forces=of_pairs,
+            of_impulses=of_pairs,
+            of_lumped_impulses=of_pairs,
+        )
     assert own.lamina is not None and own.position is not None  # all but contact forces
     number = layout.names.index(own.lamina)
     part = layout.parts[number]
@@ -104,22 +111,10 @@ def _sensor(
     return SensorRows(own.name, len(rows) - 1, None, (of_base, 0.0, 0.0))
 
 
-def _of_forces(name: str, of_pairs: FloatArray) -> SensorRows:
-    """Return what a contact force reads."""
-    return SensorRows(
-        name,
-        None,
-        None,
-        of_forces=of_pairs,
-        of_impulses=of_pairs,
-        of_lumped_impulses=of_pairs,
-    )
-
-
 def _acceleration(
     name: str, o: Operators, row: FloatArray, of_base: float, rows: list[FloatArray]
 ) -> SensorRows:
-    """Return what an acceleration reads (A1), with y = M⁻¹ rᵀ."""
+    """Return what a sensor of an acceleration reads (A1), with y = M⁻¹ rᵀ."""
     y = splu(sp.csc_matrix(o.mass)).solve(row)
     rows += [-(o.stiffness.T @ y), -(o.damping.T @ y)]
     base = (-o.base.stiffness @ y, -o.base.damping @ y, of_base - o.base.mass @ y)

@@ -1,6 +1,6 @@
-"""What a case adds to beams: stops, and the initial state.
+"""Add to beams and their modes what a case has besides: stops, impactors, and the initial state.
 
-Stops and impactors that laminae strike: rows of the gap operator.
+A stop or an impactor that a lamina strikes adds rows to the gap operator:
 
     U = g ± (s - u(x)),   + above, - below;   s = q of the base, 0 on the ground, or the
                                               displacement of an impactor, a dof behind all others
@@ -12,7 +12,8 @@ stops on the ground (S1). M, C and K stay, and the base couples by
     m_b + M r,   c_b + C r,   k_b + K r;   corners m_aa + 2 r·m_b + rᵀ M r, …                   (S2)
 
 This is exact: the ledger counts what the base does through stops, and no law and no scheme knows of
-it. `BaseCoupling.shift` and the layout's reading give u back.
+the change. `BaseCoupling.shift` and the layout's reading give u back. In modes r begins as
+-K⁻¹ k_b, the static shape in which the structure follows the base.
 
 Hertz's contact of a ball of radius R, F = k δ^(3/2) with k = 4/3 E √R / (1 - ν²), is the sum of
 springs at increasing gaps, whose force is the chord through that curve at
@@ -37,11 +38,12 @@ from delam_fem.case.gap import opening_at_rest
 from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Stop
 from delam_fem.model.layout import (
     DISPLACEMENT,
-    Part,
+    Layout,
     Reading,
     StopPairs,
     Structure,
     columns_of,
+    half_ways,
     interpolation_rows,
     place_of,
 )
@@ -53,13 +55,43 @@ from delam_fem.system.errors import CaseError
 _SIDES = {"above": (1,), "below": (-1,), "both": (1, -1)}
 _ROUND_OFF = 1e-9
 _Added = tuple[StopPairs, sp.csr_matrix, FloatArray, "FloatArray | float"]
-"""Pairs of a stop: where they are, rows, gaps at rest, weights."""
+"""The pairs of a stop: where they are, their rows, gaps at rest and weights."""
 N_HERTZ = 16
 """n of S3: an error of 7e-4 of the largest force."""
 
 
+def struck(structure: Structure, case: Case) -> Structure:
+    """Return a structure with the stops, the initial state and the impactors of its case.
+
+    Args:
+        structure: beams or their modes, with the drive of the case.
+        case: the case.
+
+    Raises:
+        CaseError: one of them is at a place where it cannot be.
+    """
+    return in_moving_frame(with_impactors(with_start(with_stops(structure, case), case), case))
+
+
+def striking_rows(structure: Structure, case: Case) -> sp.csr_matrix:
+    """Return rows that read the deflections at all stops and impactors, shape (k, n)."""
+    layout, n = structure.layout, structure.operators.n_dofs
+    rows = [sp.csr_matrix((0, n))]
+    for section in ("stop", "impactor"):
+        for number, own in enumerate(getattr(case, section), start=1):
+            which, places, _ = _places(own, structure, f"{section}.{number}", case)
+            rows.append(_deflections(layout, which, places, n))
+    return sp.vstack(rows, format="csr")
+
+
+def _deflections(layout: Layout, part: int, places: FloatArray, n: int) -> sp.csr_matrix:
+    """Return rows that read the deflections of a part from n free dofs, shape (k, n)."""
+    numbered = layout.n_numbered(n)
+    return layout.of_dofs(interpolation_rows(layout.parts[part], places, numbered))
+
+
 def with_stops(structure: Structure, case: Case) -> Structure:
-    """Return beams with the stops of their case, whose pairs follow those of the interfaces.
+    """Return a structure with the stops of its case, whose pairs follow those of the interfaces.
 
     Raises:
         CaseError: a stop is where its lamina is held, or between nodes although impulses are
@@ -71,9 +103,8 @@ def with_stops(structure: Structure, case: Case) -> Structure:
     for number, own in enumerate(case.stop):
         which, places, shares = _places(own, structure, f"stop.{number + 1}", case)
         factor = 1.0 if own.stiffness is None else own.stiffness / case.spring[0] * shares
-        N = interpolation_rows(structure.layout.parts[which], places, structure.operators.n_dofs)
-        x = structure.layout.parts[which].x
-        at = np.interp(places, np.arange(x.size), x)
+        N = _deflections(structure.layout, which, places, structure.operators.n_dofs)
+        at = structure.layout.parts[which].positions(places)
         gap = own.gap + opening_at_rest(own, at, case.length)
         for side in _SIDES[own.side]:
             stop = StopPairs(number, which, places, side, 0, own.on == "base")
@@ -82,7 +113,7 @@ def with_stops(structure: Structure, case: Case) -> Structure:
 
 
 def with_impactors(structure: Structure, case: Case) -> Structure:
-    """Return beams with the impactors of their case, each a dof and pairs behind all others.
+    """Return a structure with the impactors of its case, each a dof and pairs behind all others.
 
     Raises:
         CaseError: see `with_stops`, or an impactor begins inside its lamina.
@@ -96,7 +127,7 @@ def with_impactors(structure: Structure, case: Case) -> Structure:
     for k, own in enumerate(case.impactor):
         which, places, _ = _places(own, structure, f"impactor.{k + 1}", case)
         side = _SIDES[own.side][0]
-        N = interpolation_rows(structure.layout.parts[which], places, o.n_dofs)
+        N = _deflections(structure.layout, which, places, o.n_dofs)
         inside = side * float((N @ start[0])[0]) - own.gap
         if inside > _ROUND_OFF * own.gap:
             raise CaseError(
@@ -135,7 +166,7 @@ def _with_pairs(structure: Structure, added: Sequence[_Added]) -> Structure:
 
 
 def _with_dofs(structure: Structure, case: Case) -> Structure:
-    """Return beams with a dof for each impactor, and its motion at t = 0."""
+    """Return a structure with a dof for each impactor, behind all others, and its start."""
     o, base, count = structure.operators, structure.operators.base, len(case.impactor)
     m, k, c, on_base = np.array(
         [[i.mass, i.spring, i.spring_damping, i.on == "base"] for i in case.impactor], dtype=float
@@ -168,11 +199,20 @@ def _with_dofs(structure: Structure, case: Case) -> Structure:
         sensors=None,
         start=start,
     )
-    return Structure(operators, replace(structure.layout, n_impactors=count), structure.body)
+    layout = replace(structure.layout, n_impactors=count)
+    if reading := layout.reading:
+        belongs = np.append(reading.part, np.full(count, -1))
+        layout = replace(
+            layout, reading=replace(reading, matrix=wider(reading.matrix), part=belongs)
+        )
+    return Structure(operators, layout, structure.body)
 
 
 def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float | None, FloatArray]:
-    """Return stiffnesses [N/m] of the springs of a contact (None: rigid) and their depths [m]."""
+    """Return stiffnesses [N/m] of the springs of an impactor's contact, and their depths [m].
+
+    The stiffness of a rigid contact is None.
+    """
     if own.radius is None:
         return own.stiffness, np.zeros(1)
     E = case.lamina[which].young_modulus / (1.0 - case.model.poisson**2)
@@ -193,20 +233,7 @@ def _places(
     """
     layout = structure.layout
     which = layout.names.index(own.lamina)
-    places, shares = _points(own, layout.parts[which], key, case)
-    N = interpolation_rows(layout.parts[which], places, structure.operators.n_dofs)
-    if np.any(np.diff(N.indptr) == 0):
-        raise CaseError(
-            f"{key}: expected places where the lamina can move, given one where {own.lamina} is "
-            "held"
-        )
-    return which, places, shares
-
-
-def _points(
-    own: Stop | Impactor, part: Part, key: str, case: Case
-) -> tuple[FloatArray, FloatArray]:
-    """Return the places of the points on a part, and their shares of its stiffness."""
+    part, shares = layout.parts[which], np.ones(1)
     if isinstance(own, Impactor) or own.start is None or own.end is None:
         place = place_of(part, case.length if own.position is None else own.position)
         is_rigid = case.contact.law != "penalty"
@@ -215,44 +242,55 @@ def _points(
                 f"{key}.position: expected a node of the mesh with contact.impulse = "
                 f'"lumped", given {own.position} m; use contact.impulse = "consistent"'
             )
-        return np.array([place]), np.ones(1)
-    margin = EDGE_TOLERANCE * case.length
-    inside = (part.x >= own.start - margin) & (part.x <= own.end + margin)
-    inside &= part.dofs[:, DISPLACEMENT] >= 0
-    nodes = np.flatnonzero(inside)
-    if not nodes.size:
+        places = np.array([place])
+    else:
+        margin = EDGE_TOLERANCE * case.length
+        inside = (part.x >= own.start - margin) & (part.x <= own.end + margin)
+        inside &= part.dofs[:, DISPLACEMENT] >= 0
+        nodes = np.flatnonzero(inside)
+        if not nodes.size:
+            raise CaseError(
+                f"{key}: expected nodes of the mesh from start to end, given none from "
+                f"{own.start:g} to {own.end:g} m; use more elements, or position"
+            )
+        lengths = half_ways(part.x)[nodes]
+        places, shares = nodes.astype(np.float64), lengths / lengths.sum()
+    N = _deflections(layout, which, places, structure.operators.n_dofs)
+    if np.any(np.diff(N.indptr) == 0):
         raise CaseError(
-            f"{key}: expected nodes of the mesh from start to end, given none from "
-            f"{own.start:g} to {own.end:g} m; use more elements, or position"
+            f"{key}: expected places where the lamina can move, given one where {own.lamina} is "
+            "held"
         )
-    h = np.concatenate([[0.0], np.diff(part.x), [0.0]])
-    lengths = 0.5 * (h[:-1] + h[1:])[nodes]
-    return nodes.astype(np.float64), lengths / lengths.sum()
+    return which, places, shares
 
 
 def in_moving_frame(structure: Structure) -> Structure:
-    """Return beams in the dofs w of S1, if stops are on a base that moves, or beside it.
+    """Return a structure in dofs relative to its base (w of S1), if it has stops and a moving base.
 
     Raises:
-        CaseError: no r does, because a stop on the ground and one on the base are at one place.
+        CaseError: there is no r, because a stop on the ground and one on the base are at one place.
     """
     o, layout = structure.operators, structure.layout
     if not layout.stops or o.base.is_force:
         return structure
-    n, base = o.n_dofs, o.base
+    n, base, numbered = o.n_dofs, o.base, layout.n_numbered(o.n_dofs)
     r, needed = np.zeros(n), np.zeros(o.n_pairs)  # H r = needed: then no gap depends on q
     for stop in layout.stops:
         part = layout.parts[stop.part]
-        held = np.array([columns_of(part, place, n)[0, n] for place in stop.places])
+        held = layout.of_dofs(columns_of(part, stop.places, numbered))[:, n].toarray().ravel()
         needed[stop.pairs] = -stop.side * (float(stop.on_base) - held)
     if any(stop.on_base for stop in layout.stops):
-        for part in layout.parts:
+        stiffness = o.stiffness.diagonal()
+        if layout.reading is not None:
+            np.divide(-base.stiffness, stiffness, out=r, where=stiffness > 0.0)
+        for part in layout.parts if layout.reading is None else ():
             dofs = part.dofs[:, DISPLACEMENT]
             r[dofs[dofs >= 0]] = 1.0
         r[n - layout.n_impactors :] = 1.0
     lacking = needed - o.gap_matrix @ r
     if np.abs(lacking).max() > _ROUND_OFF:
         r += np.linalg.lstsq(o.gap_matrix.toarray(), lacking, rcond=None)[0]
+        # least squares always give an r; it serves only if it fulfils all rows
         if np.abs(needed - o.gap_matrix @ r).max() > _ROUND_OFF:
             raise CaseError(
                 "stop: expected stops on the base and on the ground at different places, as the "
@@ -269,11 +307,14 @@ def in_moving_frame(structure: Structure) -> Structure:
             strict=True,
         )
     )
-    part_of = np.full(n, -1, dtype=np.int64)
-    for number, part in enumerate(layout.parts):
-        part_of[part.own_dofs] = number
     shifted = BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa), shift=r)
-    reading = Reading(sp.identity(n, format="csr"), r, part_of)
+    reading = layout.reading
+    if reading is None:
+        part_of = np.full(n, -1, dtype=np.int64)
+        for number, part in enumerate(layout.parts):
+            part_of[part.own_dofs] = number
+        reading = Reading(sp.identity(n, format="csr"), np.zeros(n), part_of)
+    reading = replace(reading, base=reading.base + reading.matrix @ r)
     return replace(
         structure,
         operators=replace(o, base=shifted),
@@ -284,10 +325,12 @@ def in_moving_frame(structure: Structure) -> Structure:
 def with_start(structure: Structure, case: Case) -> Structure:
     """Return beams with the initial state of their case, before their dofs are shifted.
 
+    Modes have an initial state already, from the beams that were reduced.
+
     Raises:
-        CaseError: there is no such shape.
+        CaseError: a shape of the initial state does not exist.
     """
-    if not case.initial:
+    if not case.initial or structure.operators.start is not None:
         return structure
     start = np.zeros((2, structure.operators.n_dofs))
     for number, own in enumerate(case.initial, start=1):
@@ -297,7 +340,7 @@ def with_start(structure: Structure, case: Case) -> Structure:
 
 
 def _shape(structure: Structure, own: Initial, key: str) -> FloatArray:
-    """Return a shape whose largest deflection at a node is 1, shape (n,)."""
+    """Return the shape of an initial state, whose largest deflection at a node is 1, shape (n,)."""
     o, layout = structure.operators, structure.layout
     parts = [part for part in layout.parts if own.lamina in (None, part.name)]
     dofs = np.unique(np.concatenate([part.own_dofs for part in parts]))

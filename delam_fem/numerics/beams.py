@@ -219,16 +219,16 @@ class StruckBeam:
     ) -> FloatArray:
         """Return the speed of wave groups with shear and rotary inertia [m/s].
 
-        With r² = h²/12, s² = EI/κGA = 2 (1 + ν) r²/κ and a = EI/ρA, the bending waves have
+        With r² = h²/12, s² = EI/(k_s G A) = 2 (1 + ν) r²/k_s and a = EI/ρA, the bending waves have
 
             2 a k² = (s² + r²) ω² + sqrt((s² - r²)² ω⁴ + 4 a ω²)
 
-        and c_g = dω/dk. For low frequencies this is `group_speed`, for high ones sqrt(κG/ρ). The
+        and c_g = dω/dk. For low frequencies this is `group_speed`, for high ones sqrt(k_s G/ρ). The
         other formulas of this class leave shear and rotary inertia out.
 
         Args:
             frequency: frequencies of the waves, any shape, above 0 [Hz].
-            shear_factor: κ of a rectangular section [-].
+            shear_factor: k_s of a rectangular section [-].
             poisson: ν of an isotropic material [-].
 
         Source: S. Timoshenko, Phil. Mag. 41 (1921) 744–746.

@@ -11,7 +11,8 @@ With λ = ω₀ (-D + i √(1 - D²)) and ω_d = ω₀ √(1 - D²), w = 2 Re y 
 
     y' = λ y - z''/(2 i ω_d)                                                                  (O2)
 
-(O2) is solved exactly but for the integral of z'' over a step, which two points of Gauss take.
+A step solves (O2) exactly, except for the integral of z'', which Gauss quadrature with two points
+approximates.
 
 With Rayleigh damping C = alpha M + beta K, mode k has the damping ratio D_k = (alpha / omega_k +
 beta omega_k) / 2.
@@ -130,17 +131,19 @@ def distortion_factor(amplitudes: FloatArray) -> FloatArray:
 
 
 def pole(natural: float, damping_ratio: float) -> complex:
-    """Return λ of (O2) [1/s], for ω₀ [rad/s] and D, above 0 and below 1 [-]."""
+    """Return the pole λ of an oscillator (O2) [1/s], for ω₀ [rad/s] and D, above 0, below 1 [-]."""
     return natural * complex(-damping_ratio, np.sqrt(1.0 - damping_ratio**2))
 
 
 def driven(
     time: FloatArray, acceleration: Callable[[FloatArray], FloatArray], root: complex
 ) -> ComplexArray:
-    """Return y of (O2), which starts at 0; a free vibration adds a multiple of e^{λt}.
+    """Return the response y of an oscillator to a motion of its base (O2), from y = 0.
+
+    A free vibration adds a multiple of e^{λt}.
 
     Args:
-        time: of the steps, equidistant, shape (k,) [s]; 40 in a period of the base give 1e-6.
+        time: equidistant times, shape (k,) [s]; 40 in a period of the base give errors of 1e-6.
         acceleration: z'' at given times [m/s2].
         root: λ [1/s].
 

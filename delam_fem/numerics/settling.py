@@ -1,7 +1,6 @@
 """What a motion does: whether it is settled, its period, its kind and its attractor.
 
-The strobes z_k of a motion
-that tends to one of P periods are modelled as
+The strobes z_k of a motion that tends to one of P periods are modelled as
 
     z_k = a_p + b_p e^(d (n - k)) + r_k,    p = k mod P,
 
@@ -216,7 +215,7 @@ def _memory(rest: FloatArray) -> FloatArray:
 
 
 def _decaying(rest: FloatArray, decay: float) -> FloatArray:
-    """Return t if all of the rest is a transient that decays as slowly as it can, (n_probes,)."""
+    """Return t of the rest as if all of it were the slowest transient, shape (n_probes,)."""
     power = (rest**2).sum(axis=0)
     grown = _growth(2.0 * decay, power.shape[-1])
     found: FloatArray = np.sqrt(power.mean(axis=-1) / grown.mean())

@@ -1,6 +1,6 @@
 """Limits, intervals and posteriors of numbers that are known from few values.
 
-Compute observed orders of convergence and extrapolate a refined sequence to its limit. If a value
+Limits: `limit` extrapolates a refined sequence by its observed orders of convergence. If a value
 depends on a size h as f(h) = f* + C h^p, three members of the sequence give p and f*:
 
     (f_1 - f_2) / (f_2 - f_3) = (h_1^p - h_2^p) / (h_2^p - h_3^p)                      (X1)
@@ -11,14 +11,14 @@ therefore applied only if successive orders agree and the differences exceed the
 
 Source: Roache, "Verification and Validation in Computational Science and Engineering", ch. 5.
 
-Mean and confidence interval of a number that fluctuates, from the means of blocks. Successive
-values of a motion depend on one another, so that their scatter says too little about the error of
-their mean. Means over blocks that are longer than this memory are nearly independent and nearly
-normal; Student's t gives the interval (batch means; Law & Kelton, Simulation Modeling and Analysis,
-chapter 9).
+Intervals: `interval` gives the confidence interval of a fluctuating number from means of blocks.
+Successive values of a motion depend on one another, so that their scatter says too little about the
+error of their mean. Means over blocks that are longer than this memory are nearly independent and
+nearly normal; Student's t gives the interval (batch means; Law & Kelton, Simulation Modeling and
+Analysis, chapter 9).
 
-Infer parameters from simulations alone: approximate Bayesian computation by regression. A table of
-simulations with parameters from the prior serves every observation:
+Posteriors: `Table` infers parameters from simulations alone, by approximate Bayesian computation
+with regression. A table of simulations with parameters from the prior serves every observation:
 
 1. A ridge regression of the parameters on the statistics and their products predicts as many
    summary statistics as there are parameters (semi-automatic statistics: Fearnhead and Prangle,
@@ -230,9 +230,9 @@ clapping rig covered the truth in 85 to 91 of 100 cases, with 8 % in 89 to 91.""
 FEWEST = 100
 """Smallest number of simulations that are accepted."""
 UNLIKE = 1e-3
-"""An observation is unlike the simulations if so few of them are as far from their like."""
+"""Smallest probability by `Table.misfit` with which an observation still fits the simulations."""
 EDGE = 1e-6
-"""Parameters keep so far from their bounds, relative to the range."""
+"""Smallest distance of parameters from their bounds, relative to the range, in the logits."""
 
 
 @dataclass(frozen=True)
@@ -299,16 +299,17 @@ class Table:
         return self._accepted(self._logit(), summaries, predict(observed), accepted)
 
     def misfit(self, observed: FloatArray) -> tuple[float, int]:
-        """Return how likely simulations are farther from their like than an observation is.
+        """Return the probability that a simulation fits its neighbours worse than an observation.
 
-        Among the accepted simulations the statistics are regressed on the summaries. What is left
-        of the observation is compared with what is left of them (Hotelling's T² of a new sample).
+        Among the simulations nearest to the observation, the statistics are regressed on the
+        summaries. The residual of the observation is compared with the residuals of these
+        simulations (Hotelling's T² of a new sample).
 
         Args:
             observed: its statistics, shape (n_statistics,).
 
         Returns:
-            The probability, and the number of the statistic that is farthest off.
+            The probability, and the index of the statistic with the largest residual.
         """
         size = self.statistics.std(axis=0)
         varies = np.flatnonzero(size > 0.0)
@@ -339,7 +340,7 @@ class Table:
 
         Args:
             indices: numbers of the simulations that serve as observations.
-            level: of the intervals.
+            level: probability of the intervals.
             accepted: share of the simulations that are accepted.
 
         Returns:
@@ -406,8 +407,9 @@ def _summaries(
 ) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
     """Return the targets that ridge regressions predict for simulations and for an observation.
 
-    Each tenth of the simulations is predicted by a regression on the others. Otherwise the
-    simulations would seem to be known better than the observation, which gets the mean.
+    Each of `FOLDS` parts of the simulations is predicted by a regression on the others. Otherwise
+    the simulations would seem to be known better than the observation, which the mean of these
+    regressions predicts.
 
     Returns:
         Shape (n, p), and a function of statistics that returns shape (p,).
@@ -439,7 +441,7 @@ def _summaries(
 def _penalty(
     columns: FloatArray, targets: FloatArray, normal: FloatArray, right: FloatArray
 ) -> float:
-    """Return the penalty of the ridge regression with the smallest errors if one row is left out.
+    """Return the penalty of the ridge regression with the smallest leave-one-out errors.
 
     Args:
         columns: regressors X, shape (n, m).
@@ -465,7 +467,7 @@ def _products(values: FloatArray) -> FloatArray:
 
 
 def _moved(logits: FloatArray, offsets: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return accepted parameters moved to the observation: mean and scatter by regression."""
+    """Return accepted parameters moved to the observation, by regressions of mean and scatter."""
     columns = np.column_stack([np.ones(len(offsets)), offsets])
     roots = np.sqrt(weights)[:, None]
     slopes = np.linalg.lstsq(roots * columns, roots * logits, rcond=None)[0]

@@ -16,6 +16,7 @@ Numbers stand by their names, so that a test can check a verdict with any number
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,7 @@ allow a verdict."""
 
 HEADING = ("figure", "the paper says", "where", "what came out", "margin", "verdict")
 YES_OR_NO = "yes or no"
+RELATIONS = {"<": operator.lt, ">": operator.gt, "=": operator.eq}
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,9 @@ class Criterion:
     """A number that must keep a bound.
 
     Attributes:
-        name: what the number is.
+        name: name of the number.
         value: the number; NaN: there is none, and the criterion fails.
-        relation: how the number must lie to the bound.
+        relation: relation of the number to the bound that must hold.
         bound: the bound.
         unit: unit of both; "%": both are shares and are shown times 100; `YES_OR_NO`: 1 is yes.
         within: smallest and largest value that the uncertainty of the number allows; None: its
@@ -69,15 +71,11 @@ class Criterion:
         """Whether the number keeps the bound."""
         if math.isnan(self.value):
             return "does not hold"
-        found = {self._keeps(value) for value in (self.value, *(self.within or ()))}
+        keeps = RELATIONS[self.relation]
+        found = {keeps(value, self.bound) for value in (self.value, *(self.within or ()))}
         if len(found) > 1:
             return "undecided"
         return "holds" if found == {True} else "does not hold"
-
-    def _keeps(self, value: float) -> bool:
-        if self.relation == "=":
-            return value == self.bound
-        return value < self.bound if self.relation == "<" else value > self.bound
 
     def __str__(self) -> str:
         """Return number, uncertainty and bound in words."""
@@ -86,11 +84,8 @@ class Criterion:
         found = "none" if math.isnan(self.value) else self._shown(self.value)
         if self.within is not None:
             found += " ({} … {})".format(*map(self._shown, self.within))
-        return f"{self.name} {found}, needs {self.relation} {self._shown(self.bound)}{self._unit}"
-
-    @property
-    def _unit(self) -> str:
-        return f" {self.unit}" if self.unit else ""
+        needed = f"{self.relation} {self._shown(self.bound)} {self.unit}".rstrip()
+        return f"{self.name} {found}, needs {needed}"
 
     def _shown(self, value: float) -> str:
         if self.unit == "Hz":
@@ -100,7 +95,7 @@ class Criterion:
 
 
 def yes(name: str, is_so: bool) -> Criterion:
-    """Return the criterion that something which is either so or not is so."""
+    """Return the criterion that the answer to a question of yes or no is yes."""
     return Criterion(name, float(is_so), "=", 1.0, YES_OR_NO)
 
 
@@ -157,11 +152,11 @@ class Numbers(SimpleNamespace):
     """The numbers of a figure as attributes."""
 
     def __init__(self, kept: Mapping[str, Any] = MappingProxyType({}), **drawn: Any) -> None:
-        """Name the numbers.
+        """Store numbers under their names.
 
         Args:
             kept: the numbers of figNN.json by name.
-            drawn: what only the picture and the claims need, often whole results.
+            drawn: other values that the picture and the claims need, often whole results.
         """
         super().__init__(**{**kept, **drawn, "kept": kept})
 
@@ -193,7 +188,7 @@ class Piece:
         caption: explanation of the comparison; {0.name} stands for a number.
         measure: function that computes everything the figure needs and returns its numbers.
         draw: function that returns the picture of the numbers.
-        statements: what the numbers decide.
+        statements: statements of the paper that the numbers decide.
         film: function that writes a GIF of the numbers to a path; None: there is no film.
     """
 
@@ -218,7 +213,7 @@ SMOOTH_HARMONICS = 20
 FREE_GAP = 1e-3
 """Tips farther apart than this are in free flight [m]."""
 CLEARLY = 0.8
-"""A roughness below this fraction of the other one counts as a distinct improvement."""
+"""Ratio of two roughnesses below which the smaller one counts as a distinct improvement."""
 SERIES_STEP = 4
 """Distance in steps between the samples that are kept in the numbers of a figure."""
 
@@ -311,11 +306,11 @@ def motion_numbers(result: Result) -> Numbers:
     """Return the numbers that characterise a motion, and the positions of the tips at its end.
 
     Returns:
-        The same numbers as in the summary of a run, and: kind, the motion in words;
-        is_as_described, whether the motion is as the paper describes it for its frequency;
-        strike_velocities, mean velocities of thick and thin tip before a strike [m/s]; near_share,
-        the share of the time in which the tips are less than `FREE_GAP` apart [-]; t_over_T and
-        position_mm, time and tip positions, every `SERIES_STEP` steps, shapes (n,) and (2, n).
+        Numbers of the summary of the run, and: kind, the motion in words; is_as_described, whether
+        the motion is as the paper describes it for its frequency; strike_velocities, mean
+        velocities of thick and thin tip before a strike [m/s]; near_share, the share of the time in
+        which the tips are less than `FREE_GAP` apart [-]; t_over_T and position_mm, time and tip
+        positions, every `SERIES_STEP` steps, shapes (n,) and (2, n).
     """
     t, y = tip_positions(result, HISTORY_PERIODS)
     names = (
@@ -337,7 +332,7 @@ def motion_numbers(result: Result) -> Numbers:
 
 
 def has_period(motion: Numbers, periodicity: int) -> list[Criterion]:
-    """Return what must be so for a motion to repeat after this number of periods, not earlier.
+    """Return the criteria that a motion repeats after this number of periods and not earlier.
 
     The scatter of cycles counts as uncertain by the factor `diagnostics.PERIODIC_MARGIN`.
     """
@@ -356,5 +351,5 @@ def has_period(motion: Numbers, periodicity: int) -> list[Criterion]:
 
 
 def described(motion: Numbers, periodicity: int) -> list[Criterion]:
-    """Return what must be so for a motion of a period to be as the paper describes it."""
+    """Return the criteria that a motion has a period and is as the paper describes it."""
     return [yes("as described", motion.is_as_described), *has_period(motion, periodicity)]

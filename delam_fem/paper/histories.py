@@ -1,4 +1,4 @@
-"""Histories of the paper, and the restitution that they show.
+"""Histories of the paper (Figs. 3, 8, 10 and 13), and the restitution that they show.
 
 The coefficient of restitution is identified from two velocity signals. Velocities are smooth
 between strikes and jump at a strike. Straight lines are fitted to the samples on both sides of a
@@ -7,12 +7,10 @@ jump and extended to its middle; there they give the velocities before and after
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.claims import (
@@ -39,7 +37,7 @@ from delam_fem.paper.lab import (
     motion_case,
     strikes,
 )
-from delam_fem.results import diagnostics
+from delam_fem.paper.panels import four_by_two, line, portrait, show
 from delam_fem.results.figures.style import (
     BLACK,
     GAP_COLOUR,
@@ -63,184 +61,89 @@ SMALLEST_JUMP = 0.2
 noise."""
 
 
-@dataclass(frozen=True)
-class Strike:
-    """One strike with the velocities before and after it.
+class Jumps(NamedTuple):
+    """The strikes in two velocity signals, in the order of time.
 
     Attributes:
-        time: middle of the jump [s].
-        before: velocities of bodies 1 and 2 just before the strike, shape (2,) [m/s].
-        after: velocities of bodies 1 and 2 just after the strike, shape (2,) [m/s].
-        mass_ratio: m1/m2 [-].
+        time: middles of the jumps, shape (n,) [s].
+        before: velocities of bodies 1 and 2 just before a strike, shape (n, 2) [m/s].
+        after: velocities of bodies 1 and 2 just after it, shape (n, 2) [m/s].
     """
 
-    time: float
+    time: FloatArray
     before: FloatArray
     after: FloatArray
-    mass_ratio: float
 
     @property
-    def approach(self) -> float:
-        """Gap rate before the strike; negative [m/s]."""
-        return float(self.before[1] - self.before[0])
+    def restitution(self) -> FloatArray:
+        """Coefficients e = -(v2 - v1)⁺ / (v2 - v1)⁻, shape (n,) [-]. Source: paper eq. 3."""
+        rate_before, rate_after = (np.diff(v, axis=1)[:, 0] for v in (self.before, self.after))
+        return np.asarray(-rate_after / rate_before)
+
+    def restitution_by_body(self, mass_ratio: float) -> FloatArray:
+        """Return e from the jump of body 1 alone and from that of body 2 alone, shape (n, 2).
+
+            v1⁺ = v1⁻ + (1 + e) m2/(m1 + m2) (v2 - v1)⁻
+            v2⁺ = v2⁻ - (1 + e) m1/(m1 + m2) (v2 - v1)⁻
+
+        Both values agree if momentum is conserved and the mass ratio is that of the masses that
+        take part in the strike.
+
+        Args:
+            mass_ratio: m1/m2 [-].
+
+        Source: I. Müller, eq. 4 with both signs corrected. As printed, the gap rate after it is
+        2 + e times that before it instead of -e times.
+        """
+        share = np.array([1.0, -mass_ratio]) / (1.0 + mass_ratio)
+        e = (self.after - self.before) / (share * np.diff(self.before, axis=1)) - 1.0
+        return np.asarray(e)
 
     @property
-    def restitution(self) -> float:
-        """Coefficient e = -(gap rate after)/(gap rate before) [-]. Source: paper eq. 3."""
-        return restitution(self.before, self.after)
-
-    @property
-    def restitution_by_body(self) -> tuple[float, float]:
-        """Coefficient e from the jump of each body alone [-]; see `restitution_by_body`."""
-        return restitution_by_body(self.before, self.after, self.mass_ratio)
-
-    @property
-    def apparent_mass_ratio(self) -> float:
-        """Ratio m1/m2 that follows from the two jumps by conservation of momentum [-]."""
+    def apparent_mass_ratio(self) -> FloatArray:
+        """Ratios m1/m2 that follow from both jumps by conservation of momentum, shape (n,) [-]."""
         jump = self.after - self.before
-        return float(-jump[1] / jump[0])
-
-
-def restitution(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
-    """Return the coefficient of restitution e = -(v2 - v1)⁺ / (v2 - v1)⁻.
-
-    Args:
-        before: velocities of bodies 1 and 2 before the strike, shape (2,) [m/s].
-        after: velocities of bodies 1 and 2 after the strike, shape (2,) [m/s].
-
-    Raises:
-        ValueError: the bodies do not approach one another.
-
-    Source: I. Müller, eq. 3.
-    """
-    (v1, v2), (w1, w2) = (np.asarray(v, dtype=np.float64) for v in (before, after))
-    _require_approach(float(v2 - v1))
-    return float(-(w2 - w1) / (v2 - v1))
-
-
-def restitution_by_body(
-    before: npt.ArrayLike, after: npt.ArrayLike, mass_ratio: float
-) -> tuple[float, float]:
-    """Return e from the jump of body 1 alone and from the jump of body 2 alone.
-
-        v1⁺ = v1⁻ + (1 + e) m2/(m1 + m2) (v2 - v1)⁻
-        v2⁺ = v2⁻ - (1 + e) m1/(m1 + m2) (v2 - v1)⁻
-
-    Both values agree if momentum is conserved and the mass ratio is that of the masses that take
-    part in the strike.
-
-    Args:
-        before: velocities of bodies 1 and 2 before the strike, shape (2,) [m/s].
-        after: velocities of bodies 1 and 2 after the strike, shape (2,) [m/s].
-        mass_ratio: m1/m2 [-].
-
-    Raises:
-        ValueError: the bodies do not approach one another, or the mass ratio is not positive.
-
-    Source: I. Müller, eq. 4 with both signs corrected (as printed, it gives (2 + e) instead of -e).
-    """
-    if not mass_ratio > 0.0:
-        raise ValueError(f"mass ratio m1/m2: expected a number above 0, given {mass_ratio!r}")
-    (v1, v2), (w1, w2) = (np.asarray(v, dtype=np.float64) for v in (before, after))
-    approach = float(v2 - v1)
-    _require_approach(approach)
-    share_1, share_2 = 1.0 / (1.0 + mass_ratio), mass_ratio / (1.0 + mass_ratio)
-    return float((w1 - v1) / (share_1 * approach)) - 1.0, float(
-        (v2 - w2) / (share_2 * approach) - 1.0
-    )
+        return np.asarray(-jump[:, 1] / jump[:, 0])
 
 
 def identify(
-    time: npt.ArrayLike,
-    velocities: npt.ArrayLike,
-    mass_ratio: float,
+    t: FloatArray,
+    v: FloatArray,
     *,
-    jump_samples: int = 1,
     fit_samples: int = 3,
     apart: float = 0.0,
     smallest_jump: float = SMALLEST_JUMP,
-) -> tuple[Strike, ...]:
+) -> Jumps:
     """Find the strikes in two velocity signals.
 
-    A strike is a local maximum of the rise of the gap rate over `jump_samples` intervals, if the
+    A strike is a local maximum of the rise of the gap rate from one sample to the next, if the
     bodies approach one another before it. Of several rises within `apart` only the largest counts.
 
     Args:
-        time: equidistant instants, shape (n,) [s].
-        velocities: velocities of bodies 1 and 2 along an axis on which body 2 is ahead of body 1,
-            shape (2, n) [m/s].
-        mass_ratio: m1/m2 [-].
-        jump_samples: number of intervals over which a jump is spread; 1 in computed signals.
+        t: equidistant instants, shape (n,) [s].
+        v: velocities of bodies 1 and 2 along an axis on which body 2 is ahead of body 1, shape
+            (2, n) [m/s].
         fit_samples: number of samples on each side for the fitted line; 1 takes the sample itself.
-        apart: shortest time between two strikes [s].
+        apart: shortest time between two strikes [s]; at least 1 + `fit_samples` intervals.
         smallest_jump: smallest jump that counts, as a share of the largest [-].
-
-    Returns:
-        The strikes in the order of time.
-
-    Raises:
-        ValueError: the signals are too short, of different lengths, or not equidistant.
     """
-    t, v = np.asarray(time, dtype=np.float64), np.asarray(velocities, dtype=np.float64)
-    _check(t, v, jump_samples, fit_samples)
     rate = v[1] - v[0]
-    rise = rate[jump_samples:] - rate[:-jump_samples]
-    candidates = np.flatnonzero((rise >= smallest_jump * rise.max()) & (rate[:-jump_samples] < 0.0))
-    inside = (candidates >= fit_samples - 1) & (
-        candidates < t.size - jump_samples - fit_samples + 1
-    )
-    wait = max(apart, (jump_samples + fit_samples) * (t[1] - t[0]))
+    rise = np.diff(rate)
+    candidates = np.flatnonzero((rise >= smallest_jump * rise.max()) & (rate[:-1] < 0.0))
+    inside = (candidates >= fit_samples - 1) & (candidates < t.size - fit_samples)
+    wait = max(apart, (1 + fit_samples) * (t[1] - t[0]))
     chosen: list[int] = []
     for k in candidates[inside][np.argsort(-rise[candidates[inside]], kind="stable")].tolist():
         if all(abs(t[k] - t[other]) >= wait for other in chosen):
             chosen.append(k)
-    strikes = (_strike(t, v, k, (jump_samples, fit_samples), mass_ratio) for k in sorted(chosen))
-    return tuple(strike for strike in strikes if strike.approach < 0.0)
-
-
-def _strike(
-    t: FloatArray, v: FloatArray, k: int, samples: tuple[int, int], mass_ratio: float
-) -> Strike:
-    """Return the strike whose jump begins after sample k."""
-    jump, fit = samples
-    middle = 0.5 * (t[k] + t[k + jump])
-    before = _extrapolated(t[k - fit + 1 : k + 1], v[:, k - fit + 1 : k + 1], middle)
-    after = _extrapolated(t[k + jump : k + jump + fit], v[:, k + jump : k + jump + fit], middle)
-    return Strike(float(middle), before, after, mass_ratio)
-
-
-def _extrapolated(t: FloatArray, v: FloatArray, at: float) -> FloatArray:
-    """Return the values at an instant of the least-squares lines through (t, v), shape (2,)."""
-    mean: FloatArray = v.mean(axis=1)
-    if t.size == 1:
-        return mean
-    about = t - t.mean()
-    slope = (v @ about) / (about @ about)
-    value: FloatArray = mean + slope * (at - t.mean())
-    return value
-
-
-def _require_approach(approach: float) -> None:
-    if not approach < 0.0:
-        raise ValueError(
-            f"restitution: expected bodies that approach one another (v2 - v1 < 0), given "
-            f"{approach!r} m/s; if body 1 is ahead, swap the two bodies"
-        )
-
-
-def _check(t: FloatArray, v: FloatArray, jump: int, fit: int) -> None:
-    if v.shape != (2, t.size):
-        raise ValueError(
-            f"velocities: expected two signals of the {t.size} samples of time, shape (2, "
-            f"{t.size}), given shape {v.shape}"
-        )
-    if min(jump, fit) < 1:
-        raise ValueError(f"samples of jump and fit: expected at least 1, given {jump} and {fit}")
-    if t.size < jump + 2 * fit:
-        raise ValueError(f"time: expected at least {jump + 2 * fit} samples, given {t.size}")
-    steps = np.diff(t)
-    if not np.all(np.abs(steps - steps.mean()) <= 1e-6 * abs(steps.mean())) or steps[0] <= 0.0:
-        raise ValueError("time: expected increasing equidistant instants; resample the signals")
+    first, near = np.sort(np.array(chosen, dtype=np.int64)), np.arange(fit_samples)
+    about = near - near.mean()
+    # of the line through the samples, the nearest one first, half an interval before the nearest
+    weights = 1.0 / fit_samples - 0.5 * fit_samples * about / ((about @ about) or 1.0)
+    before = (v[:, first[:, None] - near] @ weights).T
+    after = (v[:, first[:, None] + 1 + near] @ weights).T
+    found = Jumps(0.5 * (t[first] + t[first + 1]), before, after)
+    return Jumps._make(column[before[:, 1] < before[:, 0]] for column in found)
 
 
 # -- Fig. 3: the four motions -----------------------------------------------------------------
@@ -256,8 +159,8 @@ def measure_histories(lab: Laboratory) -> Numbers:
         motions: numbers of each motion, and results: the results themselves, both by frequency [Hz]
         and method; approach: mean speed of approach before strikes by method 3.2, by frequency
         [m/s]; weakness: largest impulse at 1.25 Hz over that at 3.25 Hz by method 3.2 [-]; reach:
-        largest distance of an impact from the clamp at 1.25 Hz by method 3.2 [m]; length: of the
-        laminae [m].
+        largest distance of an impact from the clamp at 1.25 Hz by method 3.2 [m]; length: length of
+        the laminae [m].
     """
     found = both_methods(lab)
     low, thick = found[FREQUENCIES[0], "3.2"], found[RESONANT, "3.2"]
@@ -288,42 +191,8 @@ def _draw_history(panel: Axes, result: Result) -> None:
     """Draw the positions of both tips and the gap between them."""
     t, y = tip_positions(result, HISTORY_PERIODS)
     panel.fill_between(t, y[0], y[1], where=y[1] >= y[0], color=GAP_COLOUR)
-    for i in range(2):
-        panel.plot(t, y[i], color=LAMINA_COLOURS[i], label=f"$y_{i + 1}$")
-    panel.margins(x=0.0)
-
-
-def four_by_two(
-    height: float,
-    results: Mapping[tuple[float, PaperMethod], Result],
-    draw: Callable[[Axes, Result], None],
-    x: str,
-    y: str,
-    **shared: Any,
-) -> tuple[Figure, Any]:
-    """Draw the four motions in rows, and both methods in columns.
-
-    Args:
-        height: height of the figure [in].
-        results: motions by frequency and method.
-        draw: draws one motion.
-        x: label of the horizontal axes.
-        y: label of the vertical axes.
-        shared: which panels share their axes.
-
-    Returns:
-        The figure and its panels, shape (4, 2).
-    """
-    figure = canvas(height)
-    panels = figure.subplots(4, 2, **shared)
-    for (frequency, method), result in results.items():
-        row = FREQUENCIES.index(frequency)
-        panel = panels[row, int(method == "3.2")]
-        draw(panel, result)
-        panel.set_title(f"[{'abcd'[row]}] {frequency:.2f} Hz, method {method}")
-        panels[row, 0].set_ylabel(y)
-    label_x(panels.flat, x)
-    return figure, panels
+    tips = (line(t, y[i], color=LAMINA_COLOURS[i], label=f"$y_{i + 1}$") for i in range(2))
+    show(panel, *tips, xmargin=0.0)
 
 
 HISTORIES = Piece(
@@ -434,39 +303,32 @@ def measure_velocities(lab: Laboratory) -> Numbers:
         mass_ratio: m1/m2 of the laminae [-]; result: the result.
     """
     (result,) = lab.motions([motion_case(RESONANT, lab.plan)])
-    found = tip_strikes(result)
+    found, (thick, thin) = tip_strikes(result), result.case.lamina
+    mass_ratio = thick.mass_per_length / thin.mass_per_length
     return Numbers(
         {
-            "strike_time_s": np.array([s.time for s in found]),
-            "before": np.array([s.before for s in found]).reshape(-1, 2),
-            "after": np.array([s.after for s in found]).reshape(-1, 2),
-            "restitution": np.array([s.restitution for s in found]),
+            "strike_time_s": found.time,
+            "before": found.before,
+            "after": found.after,
+            "restitution": found.restitution,
             "restitution_by_samples": {
-                n: float(np.mean([s.restitution for s in tip_strikes(result, n)])) for n in SAMPLES
+                n: float(tip_strikes(result, n).restitution.mean()) for n in SAMPLES
             },
-            "restitution_by_lamina": np.array([s.restitution_by_body for s in found]).reshape(
-                -1, 2
-            ),
-            "apparent_mass_ratio": np.array([s.apparent_mass_ratio for s in found]),
-            "mass_ratio": mass_ratio(result),
+            "restitution_by_lamina": found.restitution_by_body(mass_ratio),
+            "apparent_mass_ratio": found.apparent_mass_ratio,
+            "mass_ratio": mass_ratio,
         },
         result=result,
     )
 
 
-def mass_ratio(result: Result) -> float:
-    """Return m1/m2 of a result's laminae [-]."""
-    thick, thin = result.case.lamina
-    return thick.mass_per_length / thin.mass_per_length
-
-
-def tip_strikes(result: Result, fit_samples: int = 1) -> tuple[Strike, ...]:
+def tip_strikes(result: Result, fit_samples: int = 1) -> Jumps:
     """Find strikes from the tip velocities alone, as the experiment does; at most one per period.
 
     `lab.strikes` finds strikes from the gap, which the experiment does not measure.
 
     Args:
-        result: of a run with strikes.
+        result: result of a run with strikes.
         fit_samples: number of samples on each side of a jump to which a line is fitted; waves that
             arrive at the tip distort the line, so that e depends on this number.
     """
@@ -474,43 +336,19 @@ def tip_strikes(result: Result, fit_samples: int = 1) -> tuple[Strike, ...]:
     return identify(
         history["time"].to_numpy(),
         history["tip_velocity"].to_numpy(),
-        mass_ratio(result),
         fit_samples=fit_samples,
         apart=0.5 * result.case.period,
         smallest_jump=0.5,
     )
 
 
-def printed_ratio(before: FloatArray, e: float, mass_ratio: float) -> float:
-    """Return the ratio of gap rates after and before by eq. 4 with the signs as printed [-].
-
-    Args:
-        before: velocities of laminae 1 and 2 before the strike, shape (2,) [m/s].
-        e: coefficient of restitution [-].
-        mass_ratio: m1/m2 [-].
-    """
-    rate = before[1] - before[0]
-    thick = before[0] - (1.0 + e) / (1.0 + mass_ratio) * rate
-    thin = before[1] + (1.0 + e) * mass_ratio / (1.0 + mass_ratio) * rate
-    return float((thin - thick) / rate)
-
-
-def _printed(numbers: Numbers) -> float:
-    """Return the mean of `printed_ratio` over the strikes with the mean e [-]."""
-    e = numbers.restitution_by_samples[1]
-    return float(np.mean([printed_ratio(v, e, numbers.mass_ratio) for v in numbers.before]))
-
-
 def draw_velocities(numbers: Numbers) -> Figure:
     """Draw the tip velocities over two periods with the jumps from which e follows."""
     figure = canvas(7.0)
-    above, below = figure.subplots(2, 2, width_ratios=[3, 1])
-    whole = above[0].get_gridspec()
-    for panel in above:
-        panel.remove()
-    _draw_velocities(figure.add_subplot(whole[0, :]), numbers)
-    _draw_restitution(below[0], numbers)
-    _draw_samples(below[1], numbers)
+    panels = figure.subplot_mosaic([["whole"] * 2, ["strikes", "samples"]], width_ratios=[3, 1])
+    _draw_velocities(panels["whole"], numbers)
+    _draw_restitution(panels["strikes"], numbers)
+    _draw_samples(panels["samples"], numbers)
     return figure
 
 
@@ -520,41 +358,48 @@ def _draw_velocities(panel: Axes, numbers: Numbers) -> None:
     time, T = history["time"].to_numpy(), case.period
     shown = time > time[-1] - SHOWN_PERIODS * T
     start, v = time[shown][0], history["tip_velocity"].to_numpy()[:, shown]
-    for i, colour in enumerate(lamina_colours(2)):
-        label = f"{case.lamina[i].name}  $\\dot y_{i + 1}$"
-        panel.plot((time[shown] - start) / T, v[i], color=colour, label=label)
-    for k, strike in enumerate(np.flatnonzero(numbers.strike_time_s >= start)):
-        at = np.full(4, (numbers.strike_time_s[strike] - start) / T)
-        ends = np.concatenate([numbers.before[strike], numbers.after[strike]])
-        name = "before and after the strike" if k == 0 else None
-        panel.plot(at, ends, "o", color=BLACK, markersize=4, label=name)
-    panel.set(xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]")
-    panel.margins(x=0.0)
-    legend_above(panel)
+    struck = np.flatnonzero(numbers.strike_time_s >= start)
+    at = (numbers.strike_time_s[struck] - start) / T
+    ends = np.concatenate([numbers.before[struck], numbers.after[struck]], axis=1)
+    show(
+        panel,
+        *(
+            line((time[shown] - start) / T, v[i], color=colour,
+                 label=f"{case.lamina[i].name}  $\\dot y_{i + 1}$")
+            for i, colour in enumerate(lamina_colours(2))
+        ),
+        line(np.repeat(at, 4), ends.ravel(), "o", color=BLACK, markersize=4,
+             label="before and after the strike"),
+        xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]", xmargin=0.0, legend="above",
+    )  # fmt: skip
 
 
 def _draw_restitution(panel: Axes, numbers: Numbers) -> None:
     """Draw e of each strike, with the paper's range and the given value."""
     e, given = numbers.restitution, numbers.result.case.contact.restitution
-    number = np.arange(1, e.size + 1)
-    panel.plot(number, e, "o", color=BLACK, label="eq. 3")
-    for i, (marker, colour) in enumerate(zip("^v", lamina_colours(2), strict=True)):
-        by_lamina = numbers.restitution_by_lamina[:, i]
-        panel.plot(number, by_lamina, marker, color=colour, label=f"eq. 4, lamina {i + 1}")
+    number, by_lamina = np.arange(1, e.size + 1), numbers.restitution_by_lamina
+    show(
+        panel,
+        line(number, e, "o", color=BLACK, label="eq. 3"),
+        *(
+            line(number, by_lamina[:, i], marker, color=colour, label=f"eq. 4, lamina {i + 1}")
+            for i, (marker, colour) in enumerate(zip("^v", lamina_colours(2), strict=True))
+        ),
+        xlabel="number of the strike", ylabel="coefficient of restitution e [–]",
+    )  # fmt: skip
     panel.axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
     panel.axhline(given, color=BLACK, linewidth=0.8, label="given e")
-    panel.set(xlabel="number of the strike", ylabel="coefficient of restitution e [–]")
     legend_above(panel)
 
 
 def _draw_samples(panel: Axes, numbers: Numbers) -> None:
-    """Draw how the mean of e depends on the samples that it is read from."""
-    by_samples = numbers.restitution_by_samples
-    panel.semilogx(list(by_samples), list(by_samples.values()), "o-", color=BLACK)
+    """Draw how the mean of e depends on the number of samples from which e is read."""
+    samples, e = zip(*numbers.restitution_by_samples.items(), strict=True)
+    panel.semilogx(samples, e, "o-", color=BLACK)
     panel.axhspan(*MEASURED, color="#e9e9e9")
-    panel.set_xticks(list(by_samples), [str(n) for n in by_samples])
-    panel.minorticks_off()
     panel.set(xlabel="samples on each side", ylabel="mean e by eq. 3 [–]")
+    panel.set_xticks(samples, [str(n) for n in samples])
+    panel.minorticks_off()
 
 
 def _range(by_samples: Mapping[int, float]) -> tuple[float, float]:
@@ -594,14 +439,14 @@ VELOCITIES = Piece(
         ),
         Statement(
             "eq. 4 as printed", "sec. 2.3",
-            lambda n: "from the velocities before these strikes it gives with e = "
-            f"{n.restitution_by_samples[1]:.2f} a gap rate "
-            f"after of {_printed(n):+.2f} times that before, the laminae gain speed through one "
-            f"another; computed {-n.restitution_by_samples[1]:+.2f} times; with both signs changed "
-            "it is eq. 14",
+            lambda n: "from the velocities before these strikes it gives with e = {:.2f} a gap "
+            "rate after of {:+.2f} times that before, the laminae gain speed through one another; "
+            "computed {:+.2f} times; with both signs changed it is eq. 14".format(
+                *(a * n.restitution_by_samples[1] + b for a, b in ((1, 0), (1, 2), (-1, 0)))
+            ),
             lambda n: [
                 Criterion(
-                    "printed less computed", abs(_printed(n) + n.restitution_by_samples[1]),
+                    "printed less computed", abs(2.0 + 2.0 * n.restitution_by_samples[1]),
                     "<", MARGIN,
                 )
             ],
@@ -616,11 +461,11 @@ DETAIL = (0.10, 0.25)
 
 
 def measure_contact(lab: Laboratory) -> Numbers:
-    """Compute the motion at 3.25 Hz by both methods.
+    """Compute the motion at 3.25 Hz and its roughness during contact by both methods.
 
     Returns:
         roughness_near: roughness of both tips while they are near, by method [-]; ratio: roughness
-        by method 3.2 over that by method 3.1, shape (2,) [-]; results: by method.
+        by method 3.2 over that by method 3.1, shape (2,) [-]; results: results by method.
     """
     found = {m: lab.motions([motion_case(RESONANT, lab.plan, m)])[0] for m in LAWS}
     rough = {m: roughness(r, free=False) for m, r in found.items()}
@@ -630,11 +475,12 @@ def measure_contact(lab: Laboratory) -> Numbers:
 
 
 def measure_impacts(lab: Laboratory) -> Numbers:
-    """Compute the motion at 3.25 Hz by both methods.
+    """Compute the motion at 3.25 Hz by both methods, and count its impacts.
 
     Returns:
         roughness_velocity, roughness_displacement: roughness of both tips while they are near, by
-        method 3.1 [-]; impacts_per_period: by method 3.1 and by method 3.2; results: by method.
+        method 3.1 [-]; impacts_per_period: impacts by method 3.1 and by method 3.2; results:
+        results by method.
     """
     found = measure_contact(lab).results
     kept = {
@@ -656,21 +502,25 @@ def _draw_strikes(numbers: Numbers, *methods: PaperMethod) -> Figure:
         result = numbers.results[method]
         N = result.case.time.steps_per_period
         t, y = tip_positions(result, PORTRAIT_PERIODS)
-        v = diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS)[:, 1]
+        v = portrait(result)[:, 1]
         steps = strikes(result).step
         at = int(steps[steps + DETAIL[1] * N < t.size][-1])
         part = slice(max(at - int(DETAIL[0] * N), 0), at + int(DETAIL[1] * N))
-        for i, lamina in enumerate(result.case.lamina):
-            style = {
-                "color": LAMINA_COLOURS[i], "label": lamina.name,
-                "linewidth": 0.7, "marker": ".", "markersize": 2.5,
-            }  # fmt: skip
-            row[0].plot(y[i, part], v[i, part], **style)
-            row[1].plot(t[part] - t[at], y[i, part], **style)
-        row[0].set(title=f"[a] phase portrait, method {method}", ylabel="velocity of the tip [m/s]")
-        row[1].set(
-            title="[b] history", ylabel="position of the tip [mm]", xticks=np.arange(-1, 3) / 10.0
-        )
+        looks = [
+            {"color": colour, "label": lamina.name, "linewidth": 0.7, "markersize": 2.5}
+            for lamina, colour in zip(result.case.lamina, lamina_colours(2), strict=True)
+        ]
+        show(
+            row[0],
+            *(line(y[i, part], v[i, part], ".-", **look) for i, look in enumerate(looks)),
+            title=f"[a] phase portrait, method {method}", ylabel="velocity of the tip [m/s]",
+        )  # fmt: skip
+        show(
+            row[1],
+            *(line(t[part] - t[at], y[i, part], ".-", **look) for i, look in enumerate(looks)),
+            title="[b] history", ylabel="position of the tip [mm]",
+            xticks=np.arange(-1, 3) / 10.0,
+        )  # fmt: skip
     label_x(panels[:, 0], "position of the tip [mm]")
     label_x(panels[:, 1], "time since the strike  t/T [–]")
     legend_above(panels[0][1])

@@ -27,7 +27,7 @@ from delam_fem.numerics.types import FloatArray
 from delam_fem.results.diagnostics import Strikes, of_interface
 from delam_fem.results.folder import Result
 from delam_fem.studies import executors
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import require
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,7 +68,7 @@ class Motion:
 
 
 def contacts(result: Result) -> float:
-    """Return the tip contacts per period; 0 if the case has no contact law."""
+    """Return the number of tip contacts per period; 0 if the case has no contact law."""
     return float(result.summary["tip_contacts_per_period"] or 0.0)
 
 
@@ -111,7 +111,7 @@ BAND = (0.5, 4.0)
 """Lowest and highest frequency of the experiment [Hz]."""
 SWEEP_SECONDS = 1800.0
 TRANSIENT_LEFT = 0.01
-"""The envelope of a swept sine begins when so much of the transient of its start is left [-]."""
+"""Share of the transient of its start that is left when the envelope of a swept sine begins [-]."""
 
 
 def swept_case(spacing: str, ends: tuple[float, float], law: str, steps: int) -> Case:
@@ -202,7 +202,7 @@ class Plan:
         response_periods: periods at each frequency of a stepped sine; 260 last 65 s at 4 Hz, in
             which a free vibration of the thin lamina decays to 1 %.
         thresholds: number of values of γ.
-        gap_exponents: exponents p of the gap g0 ~ (x/L)^p; the paper does not give the shape.
+        gap_exponents: exponents p of the gap g0 ∝ (x/L)^p; the paper does not give the shape.
         has_long_ladders: whether the strip on the ground is computed on all meshes and with all
             time steps.
     """
@@ -300,8 +300,7 @@ def laboratory(
     Raises:
         CaseError: the number of workers is below 1.
     """
-    if workers is not None and workers < 1:
-        raise CaseError(f"workers: expected at least 1, given {workers}")
+    require(workers is None or workers >= 1, "workers", "at least 1", workers)
     with executors.pool("serial" if workers == 1 else "process", workers) as opened:
         yield Laboratory(plan, opened.executor, engine)
 

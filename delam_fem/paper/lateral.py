@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.model.beams import closed_form
+from delam_fem.paper import ground
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.lab import Laboratory
+from delam_fem.paper.panels import line, show
 from delam_fem.paper.strip import (
     LIFT,
     LONG,
+    PEAK_DURATION,
     Rolling,
     RollingStudy,
     TipBlock,
@@ -39,7 +42,7 @@ if TYPE_CHECKING:
 # -- Fig. 6: a strip that falls on the ground on which it lies ----------------------------------
 
 MAIN = "newton@moreau-jean"
-"""The law of the thin strip that the statements are about."""
+"""The law of the thin strip by which the statements are judged."""
 NEARLY_ALL = 0.9
 """A share of the energy above this counts as nearly all."""
 FROM_CLAMP = 0.5
@@ -60,7 +63,9 @@ GAUGE_COLOURS = (BLUE, VERMILLION)
 
 
 def measure_rolling(lab: Laboratory) -> Numbers:
-    """Compute the first experiment and its variations; compute the second at the same time.
+    """Compute the fall of a strip on the ground with its variations, and the one on a block.
+
+    Both experiments of the paper are computed at the same time.
 
     Returns:
         by_law, stiff, by_height_mm, ladder: from `RollingStudy.numbers`; study: all results of the
@@ -72,17 +77,17 @@ def measure_rolling(lab: Laboratory) -> Numbers:
 
 
 def rolling_numbers(study: RollingStudy, block: TipBlock) -> Numbers:
-    """Return the numbers of a study."""
+    """Return the numbers of a study of the falling strip, with the block for the set-up."""
     return Numbers(study.numbers(), study=study, block=block)
 
 
 def struck_block(lab: Laboratory) -> TipBlock:
-    """Compute the second experiment once; other computations may run at the same time."""
+    """Compute a strip with its tip on a block, once; other computations may run meanwhile."""
     return lab.begin("tip block", tip_block).result()
 
 
 def draw_rolling(numbers: Numbers) -> Figure:
-    """Draw the set-up of the second experiment and the results of the first."""
+    """Draw the results of the strip on the ground, and the set-up of the strip on a block."""
     figure, study = canvas(12.6), numbers.study
     rows = figure.subfigures(4, 1, height_ratios=(1.0, 1.35, 1.35, 1.35))
     _draw_setup(rows[0].subplots(), numbers.block)
@@ -103,9 +108,9 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
     from matplotlib.patches import Rectangle
 
     strip, n = block.lamina, 100
-    x = 1e3 * np.concatenate([[0.0], closed_form.nodes(strip, n)])
+    x = 1e3 * np.concatenate([[0.0], ground.nodes(strip, n)])
     length, t = 1e3 * strip.length, 1e3 * strip.thickness
-    up = 1e3 * np.concatenate([[0.0], closed_form.lifted(strip, n, LIFT, "tip force")[::2]])
+    up = 1e3 * np.concatenate([[0.0], ground.lifted(strip, n, LIFT, "tip force")[::2]])
     axes.fill_between(x, 0.0, t, color=BASE_COLOUR, linewidth=0.0)
     axes.plot(x, up + 0.5 * t, color=BLACK, linestyle="--", label="lifted, before the release")
     axes.add_patch(Rectangle((-22.0, -16.0), 22.0, 35.0, facecolor="#c8c8c8", hatch="///"))
@@ -144,22 +149,22 @@ def _draw_contact_line(axes: Axes, run: Rolling) -> None:
     time, pair = pushes.time[is_shown], pushes.pair[is_shown]
     apart = np.ptp(shown) / 400.0  # more dots than that cannot be distinguished
     _, seen = np.unique(np.stack([np.floor(time / apart), pair]), axis=1, return_index=True)
-    axes.plot(
-        1e3 * time[seen], x[pair[seen]], ".", color=SKY, markersize=2.5, label="node is pushed"
-    )
-    look: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "label": "for the first time"}
-    axes.plot(1e3 * run.contact_line, x, ".", **look)
     direction, speed = run.front()
     words = "clamp → tip" if direction > 0.0 else "tip → clamp"
     size = f"{1e3 * run.lamina.thickness:g} mm × {1e3 * run.lamina.length:.0f} mm"
-    sag = 1e3 * closed_form.sag(run.lamina, run.gravity)
-    axes.set(
+    sag = 1e3 * ground.sag(run.lamina, run.gravity)
+    show(
+        axes,
+        line(1e3 * time[seen], x[pair[seen]], ".", color=SKY, markersize=2.5,
+             label="node is pushed"),
+        line(1e3 * run.contact_line, x, ".", color=BLACK, markersize=4.5,
+             label="for the first time"),
         title=f"{size}, sag {sag:.0f} mm, lifted {1e3 * run.tip[0]:.0f} mm\n"
         f"{words}, {speed:.0f} m/s",
         xlabel="time after the release  t  [ms]", xlim=1e3 * shown,
         ylabel="place  x  [mm]", ylim=(0.0, 1.03e3 * run.lamina.length),
+        legend="upper left" if direction > 0.0 else "center right",
     )  # fmt: skip
-    axes.legend(loc="upper left" if direction > 0.0 else "center right")
 
 
 def _draw_energy(axes: Axes, run: Rolling) -> None:
@@ -182,26 +187,29 @@ def _draw_ladder(axes: Axes, study: RollingStudy) -> None:
     from matplotlib.ticker import NullLocator
 
     damping_ratio = max(rung["damping_ratio"] for rung in study.ladder)
-    for law, colour in LAW_COLOURS.items():
-        for n, (marker, _) in MARKERS.items():
-            rungs = completed(study, law, damping_ratio, n)
-            steps = [rung["steps_per_period"] for rung in rungs]
-            # a law's name stands once in the legend
-            name = law if n == max(MARKERS) else "_nolegend_"
-            drawn = axes.plot(steps, [rung["impacts"] for rung in rungs], label=name)
-            drawn += axes.plot(steps, [1.0 - rung["left"] for rung in rungs], linestyle="--")
-            for line in drawn:
-                line.set(color=colour, marker=marker, markersize=4.5, linewidth=0.9)
+    lines = []
+    for (law, colour), (n, (marker, _)) in product(LAW_COLOURS.items(), MARKERS.items()):
+        rungs = completed(study, law, damping_ratio, n)
+        steps = [rung["steps_per_period"] for rung in rungs]
+        # a law's name stands once in the legend
+        name = law if n == max(MARKERS) else "_nolegend_"
+        look: dict[str, Any] = {
+            "color": colour,
+            "marker": marker,
+            "markersize": 4.5,
+            "linewidth": 0.9,
+        }
+        lines.append(line(steps, [rung["impacts"] for rung in rungs], label=name, **look))
+        lines.append(line(steps, [1.0 - rung["left"] for rung in rungs], "--", **look))
     ticks = sorted({rung["steps_per_period"] for rung in study.ladder})
     meshes = ", ".join(f"{n} {sign}" for n, (_, sign) in MARKERS.items())
-    axes.set(
-        title=f"dashed: all, solid: at impacts\nelements: {meshes}",
+    show(
+        axes, *lines, title=f"dashed: all, solid: at impacts\nelements: {meshes}",
         xlabel="time steps per lowest period  [–]", xscale="log",
-        ylabel="share lost in half a period  [–]", ylim=(0.0, 1.05),
+        ylabel="share lost in half a period  [–]", ylim=(0.0, 1.05), legend="lower left",
     )  # fmt: skip
     axes.set_xticks(ticks, [f"{n}" for n in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.legend(loc="lower left")
 
 
 def completed(
@@ -219,33 +227,34 @@ def completed(
 
 def _draw_tips(axes: Axes, study: RollingStudy) -> None:
     """Draw the height of the tip over time for each law."""
-    for name, run in study.by_law.items():
-        axes.plot(1e3 * run.time, 1e3 * run.tip, color=LAW_COLOURS[name], label=name)
-    axes.set(
-        title="tip of the thin strip", xlabel="time after the release  [ms]",
-        ylabel="height of the tip  [mm]", ylim=(-1.0, 1.02e3 * LIFT),
+    show(
+        axes,
+        *(
+            line(1e3 * run.time, 1e3 * run.tip, color=LAW_COLOURS[name], label=name)
+            for name, run in study.by_law.items()
+        ),
+        title="tip of the thin strip", xlabel="time after the release  [ms]", xmargin=0.0,
+        ylabel="height of the tip  [mm]", ylim=(-1.0, 1.02e3 * LIFT), legend="upper right",
     )  # fmt: skip
-    axes.margins(x=0.0)
-    axes.legend(loc="upper right")
 
 
 def _draw_heights(axes: Axes, study: RollingStudy) -> None:
     """Draw the direction of the contact line over the height of the tip, in sags of the strip."""
     runs = [*study.by_height.values(), study.stiff]
-    ratio = [run.tip[0] / closed_form.sag(run.lamina, run.gravity) for run in runs]
+    ratio = [run.tip[0] / ground.sag(run.lamina, run.gravity) for run in runs]
     direction = [run.front()[0] for run in runs]
-    axes.plot(ratio[:-1], direction[:-1], "o-", color=BLUE, label="thin strip")
-    axes.plot(ratio[-1:], direction[-1:], "s", color=VERMILLION, label="stiff strip")
-    axes.set(
+    show(
+        axes,
+        line(ratio[:-1], direction[:-1], "o-", color=BLUE, label="thin strip"),
+        line(ratio[-1:], direction[-1:], "s", color=VERMILLION, label="stiff strip"),
         title="1: clamp → tip\n−1: tip → clamp",
         xlabel="height of the tip / sag  [–]", xscale="log",
-        ylabel="rank correlation, place and time  [–]", ylim=(-1.15, 1.15),
+        ylabel="rank correlation, place and time  [–]", ylim=(-1.15, 1.15), legend="center left",
     )  # fmt: skip
-    axes.legend(loc="center left")
 
 
 def _line(numbers: Numbers) -> str:
-    """Return how the thin and the stiff strip land in words."""
+    """Return in words how the thin and the stiff strip land."""
     main, stiff = numbers.by_law[MAIN], numbers.stiff
     rolled = [
         run["height_mm"] / main["sag_mm"]
@@ -264,7 +273,7 @@ def _line(numbers: Numbers) -> str:
 
 
 def _dissipation(numbers: Numbers) -> str:
-    """Return where the energy goes at the landing in words."""
+    """Return in words where the energy goes at the landing."""
     shares = numbers.by_law[MAIN]["shares_after_landing"]
     taken = [
         rung["impacts"]
@@ -281,7 +290,7 @@ def _dissipation(numbers: Numbers) -> str:
 
 
 def _highest(numbers: Numbers, name: str) -> float:
-    """Return the largest one of a number of the runs with each law."""
+    """Return the largest value of a number over the runs with each law."""
     return max(float(run[name]) for run in numbers.by_law.values())
 
 
@@ -335,8 +344,6 @@ ROLLING_STRIP = Piece(
 MUCH_SMALLER = 0.5
 STRONGLY = 0.5
 """The contact dissipates strongly if it takes more than this share of the energy."""
-PEAK_US = 30.0
-"""Duration of the force peak in the paper [µs]."""
 EXTREMELY_SHORT = 0.01
 """A time below this share of the lowest period counts as extremely short."""
 SHOWN_WAVE = 350.0
@@ -344,7 +351,7 @@ SHOWN_WAVE = 350.0
 
 
 def measure_struck(lab: Laboratory) -> Numbers:
-    """Compute the second experiment.
+    """Compute the second experiment, the fall of a strip with its tip on a block.
 
     Returns:
         The numbers of `TipBlock.numbers`; block: the computed signals.
@@ -359,12 +366,12 @@ def draw_struck(numbers: Numbers) -> Figure:
     axes = figure.subplots(3, 2)
     for k in (0, 1):
         _draw_strain(axes[k, 0], block, k)
-    axes[2, 0].plot(1e3 * block.spring.time, 1e-3 * block.force, color=BLACK, linewidth=0.9)
-    axes[2, 0].set(
-        title="[3]  block of finite stiffness",
+    show(
+        axes[2, 0],
+        line(1e3 * block.spring.time, 1e-3 * block.force, color=BLACK, linewidth=0.9),
+        title="[3]  block of finite stiffness", xmargin=0.0,
         xlabel="time after the touch  [ms]", ylabel="force  [kN]",
     )  # fmt: skip
-    axes[2, 0].margins(x=0.0)
     _draw_waves(axes[0, 1], block)
     _draw_dispersion(axes[1, 1], block)
     _draw_peak(axes[2, 1], block)
@@ -373,57 +380,57 @@ def draw_struck(numbers: Numbers) -> Figure:
 
 def _draw_strain(axes: Axes, block: TipBlock, gauge: int) -> None:
     """Draw the strain at a gauge over the impact."""
-    motion = block.spring
-    axes.plot(1e3 * motion.time, 1e6 * motion.strain[gauge], color=GAUGE_COLOURS[gauge])
-    free = block.free.strain[gauge]
-    axes.plot(
-        1e3 * block.free.time, 1e6 * free, color=BASE_COLOUR, linestyle="--", label="no block"
+    spring, free = (
+        (1e3 * motion.time, 1e6 * motion.strain[gauge]) for motion in (block.spring, block.free)
     )
     before, place = 1e6 * block.static_strain[gauge], 1e3 * block.gauges[gauge]
-    axes.set(
-        title=f"[{gauge + 1}]  x = {place:.0f} mm, held up: ε = {before:.0f}·10⁻⁶",
-        xlabel="time after the touch  [ms]", ylabel="strain  ε  [10⁻⁶]",
+    show(
+        axes,
+        line(*spring, color=GAUGE_COLOURS[gauge]),
+        line(*free, "--", color=BASE_COLOUR, label="no block"),
+        title=f"[{gauge + 1}]  x = {place:.0f} mm, held up: ε = {before:.0f}·10⁻⁶", xmargin=0.0,
+        xlabel="time after the touch  [ms]", ylabel="strain  ε  [10⁻⁶]", legend="best",
     )  # fmt: skip
-    axes.margins(x=0.0)
-    axes.legend(loc="best")
 
 
 def _draw_waves(axes: Axes, block: TipBlock) -> None:
     """Draw the strain that the block causes, with that of the exact beam without a clamp."""
     time = 1e6 * block.spring.time
     wave, exact = 1e6 * block.wave(block.spring), 1e6 * block.exact_wave()
-    for k, colour in enumerate(GAUGE_COLOURS):
-        distance = 1e3 * (block.lamina.length - block.gauges[k])
-        axes.plot(time, wave[k], color=colour, label=f"[{k + 1}]  {distance:.0f} mm from the tip")
-    axes.plot(time, exact[1], color=BLACK, linestyle=":", label="[2] exact, no clamp")
     shown = (time > 0.0) & (time < SHOWN_WAVE)
     largest = 1.1 * float(np.abs(wave[:, shown]).max())
-    axes.set(
+    distances = 1e3 * (block.lamina.length - block.gauges)
+    show(
+        axes,
+        *(
+            line(time, wave[k], color=GAUGE_COLOURS[k], label=f"[{k + 1}]  {x:.0f} mm from the tip")
+            for k, x in enumerate(distances)
+        ),
+        line(time, exact[1], ":", color=BLACK, label="[2] exact, no clamp"),
         xlabel="time after the touch  [µs]", xlim=(0.0, SHOWN_WAVE),
-        ylabel="strain by the block  [10⁻⁶]", ylim=(-largest, 1.9 * largest),
+        ylabel="strain by the block  [10⁻⁶]", ylim=(-largest, 1.9 * largest), legend="upper left",
     )  # fmt: skip
-    axes.legend(loc="upper left")
 
 
 def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
     """Draw frequency over arrival time at the second gauge, with the dispersion relation."""
-    middle, frequency = block.half_waves()
+    beam, (middle, frequency) = exact_beam(block.lamina), block.half_waves()
     distance = float(block.lamina.length - block.gauges[1])
     shown = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
-    arrival = distance / exact_beam(block.lamina).group_speed(shown)
-    slower = distance / exact_beam(block.lamina).timoshenko_group_speed(shown)
-    rod = distance / float(np.sqrt(block.lamina.young_modulus / block.lamina.density))
-    axes.plot(1e6 * arrival, 1e-3 * shown, color=BLACK, label="distance / $c_g$ (bending)")
-    axes.plot(1e6 * slower, 1e-3 * shown, ":", color=BLACK, label="with shear (Timoshenko)")
-    axes.axvline(1e6 * rod, color=PURPLE, linestyle="--", label="distance / $c_0$ (longitudinal)")
-    axes.plot(
-        1e6 * middle, 1e-3 * frequency, "o", color=GAUGE_COLOURS[1], label="half waves at [2]"
-    )
-    axes.set(
-        xlabel="arrival after the largest force  [µs]", xlim=(0.0, 1e6 * float(arrival.max())),
-        ylabel="frequency  [kHz]", ylim=(0.0, 2e-3 * float(shown.max())),
+    arrival = 1e6 * distance / beam.group_speed(shown)
+    slower = 1e6 * distance / beam.timoshenko_group_speed(shown)
+    rod = 1e6 * distance / float(np.sqrt(block.lamina.young_modulus / block.lamina.density))
+    top = 2e-3 * float(shown.max())
+    show(
+        axes,
+        line(arrival, 1e-3 * shown, color=BLACK, label="distance / $c_g$ (bending)"),
+        line(slower, 1e-3 * shown, ":", color=BLACK, label="with shear (Timoshenko)"),
+        line([rod, rod], [0.0, top], "--", color=PURPLE, label="distance / $c_0$ (longitudinal)"),
+        line(1e6 * middle, 1e-3 * frequency, "o", color=GAUGE_COLOURS[1],
+             label="half waves at [2]"),
+        xlabel="arrival after the largest force  [µs]", xlim=(0.0, float(arrival.max())),
+        ylabel="frequency  [kHz]", ylim=(0.0, top), legend="upper right",
     )  # fmt: skip
-    axes.legend(loc="upper right")
 
 
 def _draw_peak(axes: Axes, block: TipBlock) -> None:
@@ -432,27 +439,26 @@ def _draw_peak(axes: Axes, block: TipBlock) -> None:
     exact_time = np.linspace(0.0, 1e-4, 300)
     beam = exact_beam(block.lamina)
     exact = beam.spring_force(exact_time, block.speed, block.stiffness)
-    axes.plot(time, 1e-3 * block.force, color=BLACK, label="force")
-    axes.plot(1e6 * exact_time, 1e-3 * exact, color=ORANGE, linestyle="--", label="exact")
     _, end = block.peak()
-    axes.set(
+    show(
+        axes,
+        line(time, 1e-3 * block.force, color=BLACK, label="force"),
+        line(1e6 * exact_time, 1e-3 * exact, "--", color=ORANGE, label="exact"),
         title=f"[3]  peak of {1e6 * end:.0f} µs", ylabel="force  [kN]",
         xlabel="time after the touch  [µs]", xlim=(-10.0, 100.0),
     )  # fmt: skip
-    right = axes.twinx()
-    right.plot(
-        1e6 * block.rigid.time, block.rigid.impulse, color=GREEN, label="impulse, rigid block"
-    )
-    impulse = beam.rigid_impulse(exact_time, block.speed)
-    right.plot(1e6 * exact_time, impulse, color=ORANGE, linestyle="--")
-    right.set(ylim=(0.0, 0.15))
+    right, impulse = axes.twinx(), beam.rigid_impulse(exact_time, block.speed)
+    show(
+        right,
+        line(1e6 * block.rigid.time, block.rigid.impulse, color=GREEN,
+             label="impulse, rigid block"),
+        line(1e6 * exact_time, impulse, "--", color=ORANGE),
+        ylim=(0.0, 0.15),
+    )  # fmt: skip
     right.set_ylabel("impulse  [N s]", color=GREEN)
     right.grid(visible=False)
     axes.axvspan(0.0, 1e6 * end, color="#eeeeee", zorder=0)
-    handles = [a.get_legend_handles_labels() for a in (axes, right)]
-    axes.legend(
-        *(first + second for first, second in zip(*handles, strict=True)), loc="upper right"
-    )
+    axes.legend(handles=[*axes.lines, right.lines[0]], loc="upper right")
 
 
 def _peak(numbers: Numbers) -> str:
@@ -491,9 +497,9 @@ STRUCK_TIP = Piece(
             _peak,
             lambda n: [
                 Criterion("shortest", min(n.duration_of_block_us.values()),
-                          "<", PEAK_US, "µs"),
+                          "<", 1e6 * PEAK_DURATION, "µs"),
                 Criterion("longest", max(n.duration_of_block_us.values()),
-                          ">", PEAK_US, "µs"),
+                          ">", 1e6 * PEAK_DURATION, "µs"),
                 Criterion(
                     "longest over period",
                     max(n.duration_of_block_us.values())

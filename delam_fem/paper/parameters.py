@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.model import linear
-from delam_fem.model.beams import closed_form
+from delam_fem.model.discretise import assemble
 from delam_fem.numerics import settling
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
+from delam_fem.paper.panels import line, show
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
@@ -39,14 +40,21 @@ if TYPE_CHECKING:
 
 # -- Fig. 15: the plane (e, k_con) at 3.25 Hz, compared with that of the penalty law ------------
 
-RESTITUTIONS = (0.0, 0.5)
-STIFFNESSES = (10.0, 1000.0)
-"""Ranges of e and k_con [N/m]; k_con goes a decade to both sides of 100. The paper's axes are not
-known."""
-PENALTY_STIFFNESSES = (100.0, 10000.0)
-PENALTY_DAMPINGS = (0.01, 10.0)
-"""Ranges of k [N/m] and c [N s/m] of the classical law. Softer springs let the laminae pass through
-one another. A pair of nodes is critically damped at c = 2 sqrt(k m1 m2/(m1 + m2)) = 1 … 10."""
+PLANE_AXES = {
+    "newton-penalty": (
+        ("contact.restitution", (0.0, 0.5), "linear", "restitution e [–]"),
+        ("contact.penalty_stiffness", (10.0, 1000.0), "logarithmic", "$k_{con}$ [N/m]"),
+    ),
+    "penalty": (
+        ("contact.penalty_damping", (0.01, 10.0), "logarithmic", "damping c [N s/m]"),
+        ("contact.penalty_stiffness", (100.0, 10000.0), "logarithmic", "stiffness k [N/m]"),
+    ),
+}
+"""Keys, ranges, spacings and labels of both axes of a plane, by the law.
+
+The paper's axes are not known; k_con goes a decade to both sides of 100. Softer springs of the law
+"penalty" let the laminae pass through one another. A pair of nodes is critically damped at
+c = 2 sqrt(k m1 m2/(m1 + m2)) = 1 … 10."""
 SWEPT_STROBES = 128
 """Number of last strobes, of 200 periods, that decide the kind of motion."""
 FEW = 0.1
@@ -83,8 +91,8 @@ def one_period_scatter(strobes: FloatArray, half_range: FloatArray) -> FloatArra
     return np.asarray((np.sqrt((change**2).mean(axis=-1)) / half_range).max(axis=-1))
 
 
-def plane_of(data: xr.Dataset) -> Numbers:
-    """Return the motions over a plane of two parameters with m and n values.
+def plane_of(data: xr.Dataset, law: str) -> Numbers:
+    """Return the motions of a law over a plane of two parameters with m and n values.
 
     Returns:
         Both parameters by their own names, first damping or restitution, then stiffness; kind: kind
@@ -96,10 +104,9 @@ def plane_of(data: xr.Dataset) -> Numbers:
         the points with one tip contact per period [-]; amplitude_spread: standard deviation over
         mean of the amplitudes, shape (2,) [-]; amplitude_by_first, amplitude_by_second: share of
         the amplitudes' variance that the first and the second parameter explain, shape (2,) [-];
-        axes: names of both parameters.
+        axes: names of both parameters; law: name of the law.
     """
-    first = "restitution" if "restitution" in data.dims else "penalty_damping"
-    axes = (first, "penalty_stiffness")
+    axes = [key.partition(".")[2] for key, *_ in PLANE_AXES[law]]
     data = data.transpose(*axes, "lamina", "strobe", ...)
     strobes, amplitude = data["strobe_displacement"].to_numpy(), data["tip_amplitude"].to_numpy()
     kind = settling.kinds_of_motion(
@@ -133,6 +140,7 @@ def plane_of(data: xr.Dataset) -> Numbers:
             "amplitude_by_second": main_effect(amplitude, 1),
         },
         axes=axes,
+        law=law,
     )
 
 
@@ -183,14 +191,14 @@ def main_effect(values: FloatArray, axis: int) -> FloatArray:
 
 
 def measure_planes(lab: Laboratory) -> Numbers:
-    """Compute the planes of both laws.
+    """Compute the planes of motions of both laws, method 3.2 and the penalty law.
 
     Returns:
         impact: plane of method 3.2, newton-penalty; classical: plane of the classical penalty law;
-        best_decade: best decade of the penalty law's damping; points: per axis; periods: of each
-        point.
+        best_decade: best decade of the penalty law's damping; points: number of points per axis;
+        periods: number of periods of each point.
     """
-    impact, penalty = (plane_of(_sweep(lab, law)) for law in ("newton-penalty", "penalty"))
+    impact, penalty = (plane_of(_sweep(lab, law), law) for law in PLANE_AXES)
     best = best_decade(penalty.penalty_damping, penalty.kind, penalty.tip_amplitude_m)
     return Numbers(
         {"newton-penalty": impact.kept, "penalty": {**penalty.kept, "best_decade": best.kept}},
@@ -204,21 +212,17 @@ def measure_planes(lab: Laboratory) -> Numbers:
 
 def _sweep(lab: Laboratory, law: str) -> xr.Dataset:
     """Compute the parameter plane of a law."""
-    n = lab.plan.plane_points
-    x: dict[str, Any] = {"key": "contact.restitution", "start": RESTITUTIONS[0]}
-    x |= {"stop": RESTITUTIONS[1], "count": n}
-    ends = STIFFNESSES
-    if law == "penalty":
-        x = {"key": "contact.penalty_damping", "start": PENALTY_DAMPINGS[0]}
-        x |= {"stop": PENALTY_DAMPINGS[1], "count": n, "spacing": "logarithmic"}
-        ends = PENALTY_STIFFNESSES
-    y = {"key": "contact.penalty_stiffness", "start": ends[0], "stop": ends[1], "count": n}
+    n, periods = lab.plan.plane_points, lab.plan.plane_periods
+    axes = [
+        {"key": key, "start": start, "stop": stop, "count": n, "spacing": spacing}
+        for key, (start, stop), spacing, _ in PLANE_AXES[law]
+    ]
     return lab.sweep(
         {
             "name": f"plane {law}",
-            "set": {"contact": {"law": law}, "time": {"periods": lab.plan.plane_periods}},
-            "axis": [x, y | {"spacing": "logarithmic"}],
-            "record": {"strobes": min(SWEPT_STROBES, lab.plan.plane_periods)},
+            "set": {"contact": {"law": law}, "time": {"periods": periods}},
+            "axis": axes,
+            "record": {"strobes": min(SWEPT_STROBES, periods)},
         }
     )
 
@@ -251,18 +255,19 @@ def draw_planes(numbers: Numbers) -> Figure:
 
 def _shares(panel: Axes, planes: tuple[Numbers, ...], titles: tuple[str, ...]) -> None:
     """Draw how the share of one-periodic points depends on the threshold of the scatter."""
-    for plane, title, line in zip(planes, titles, ("o-", "s--"), strict=True):
-        thresholds = list(plane.one_periodic_by_threshold)
-        share = 100.0 * np.array(list(plane.one_periodic_by_threshold.values()))
-        panel.semilogx(thresholds, share, line, color=BLACK, label=title)
     at, margin = 100.0 * PERIODIC_SCATTER, PERIODIC_MARGIN
-    panel.axvline(at, color=VERMILLION, linewidth=2.0)
-    look: dict[str, Any] = {"color": KIND_COLOURS[settling.UNDECIDED], "zorder": 0}
-    panel.axvspan(at / margin, at * margin, label="undecided", **look)
-    panel.set(
-        xlabel="threshold of the scatter one period apart [%]",
+    shares = [plane.one_periodic_by_threshold for plane in planes]
+    lines = [
+        line([*share], [100.0 * own for own in share.values()], style, color=BLACK, label=title)
+        for share, title, style in zip(shares, titles, ("o-", "s--"), strict=True)
+    ]
+    show(
+        panel, *lines, xscale="log", xlabel="threshold of the scatter one period apart [%]",
         ylabel="points below it [%]", ylim=(0.0, 105.0),
     )  # fmt: skip
+    panel.axvline(at, color=VERMILLION, linewidth=2.0)
+    undecided = KIND_COLOURS[settling.UNDECIDED]
+    panel.axvspan(at / margin, at * margin, label="undecided", color=undecided, zorder=0)
     panel.set_xticks(SHOWN_THRESHOLDS, [f"{t:g}" for t in SHOWN_THRESHOLDS])
     panel.minorticks_off()
     legend_above(panel)
@@ -273,29 +278,27 @@ def _map(panel: Axes, plane: Numbers, values: FloatArray | IntArray, **look: Any
     panel.grid(False)
     first, second = (plane.kept[name] for name in plane.axes)
     mesh = panel.pcolormesh(first, second, values.T, shading="nearest", **look)
-    panel.set_yscale("log")
-    if plane.axes[0] == "restitution":
-        panel.set(xlabel="restitution e [–]", ylabel="$k_{con}$ [N/m]")
+    (*_, spacing, first_label), (*_, second_label) = PLANE_AXES[plane.law]
+    panel.set(xlabel=first_label, ylabel=second_label, yscale="log")
+    if spacing == "logarithmic":
+        panel.set_xscale("log")
+    if plane.law == "newton-penalty":
         panel.plot([0.1], [100.0], "o", markersize=10, markerfacecolor="none",
                    markeredgecolor=VERMILLION, markeredgewidth=2.0)  # fmt: skip
-    else:
-        panel.set_xscale("log")
-        panel.set(xlabel="damping c [N s/m]", ylabel="stiffness k [N/m]")
     return mesh
 
 
 def _spread(plane: Numbers) -> str:
-    """Return by how much the amplitudes vary over a plane in words."""
+    """Return in words by how much the amplitudes vary over a plane."""
     return "{:.0f} / {:.0f} %".format(*100 * plane.amplitude_spread)
 
 
 def _sensitive(numbers: Numbers) -> Iterable[Criterion]:
-    """Return the criteria on the penalty law in its best decade of damping against method 3.2."""
+    """Return the criteria that compare the penalty law in its best decade with method 3.2."""
     best = numbers.best_decade
-    share, with_undecided = one_periodic_within(numbers.impact)
+    share, with_undecided = (own or math.nan for own in one_periodic_within(numbers.impact))
     yield Criterion(
-        "one-periodic in the best decade over method 3.2",
-        best.one_periodic / share if share else math.nan, "<", 1.0, "",
+        "one-periodic in the best decade over method 3.2", best.one_periodic / share, "<", 1.0, "",
         (best.one_periodic / with_undecided, best.one_periodic_within[1] / share),
     )  # fmt: skip
     ratio = float(np.min(best.amplitude_spread / numbers.impact.amplitude_spread))
@@ -390,7 +393,7 @@ def measure_threshold(lab: Laboratory) -> Numbers:
         of the impacts that are followed by permanent contact [-]; amplitude_mm: half peak-to-peak
         of both tips, each of shape (2,); periodicity: class of the motion in words; contacts: tip
         contacts per period; impacts_per_period: impacts per period on all pairs.
-        largest_tip_gap_rate_m_s: at 3.25 Hz with the paper's γ;
+        largest_tip_gap_rate_m_s: largest gap rate of the tips at 3.25 Hz with the paper's γ;
         central_difference_steps_per_period: smallest number of steps per period at which the
         central difference is stable.
     """
@@ -402,7 +405,7 @@ def measure_threshold(lab: Laboratory) -> Numbers:
     }
     (printed,) = lab.motions([motion_case(RESONANT, lab.plan)])
     rate, case = printed.history["tip_velocity"].to_numpy(), printed.case
-    limit = linear.largest_stable_time_step(closed_form.assemble(case).operators, 100.0)
+    limit = linear.largest_stable_time_step(assemble(case, needs_dolfinx=False).operators, 100.0)
 
     def over_gamma(name: str) -> dict[str, list[Any]]:
         return {f: [r.summary[name] for r in results] for f, results in found.items()}

@@ -1,9 +1,9 @@
-"""Phase portraits and spectra of the paper."""
+"""Phase portraits and spectra of the paper (Figs. 5, 9, 12 and 14)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,8 +30,8 @@ from delam_fem.paper.claims import (
     roughness,
     settling,
 )
-from delam_fem.paper.histories import four_by_two
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, both_methods, motion_case
+from delam_fem.paper.panels import four_by_two, line, portrait, show, two_portraits
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
@@ -40,8 +40,6 @@ from delam_fem.results.figures.style import (
     LAMINA_COLOURS,
     PORTRAIT_PERIODS,
     canvas,
-    label_x,
-    legend_above,
     legend_outside,
 )
 
@@ -50,11 +48,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from delam_fem.results.folder import Result
-
-
-def _portrait(result: Result) -> FloatArray:
-    """Return displacement [m] and velocity [m/s] of both tips, shape (2 laminae, 2, n)."""
-    return diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS)
 
 
 # -- Fig. 9: method 3.1 -----------------------------------------------------------------------
@@ -88,34 +81,6 @@ def _settling(result: Result, scatters: float) -> int:
     half = 0.5 * np.ptp(result.history["tip_displacement"].to_numpy(), axis=1)
     scatter = result.summary["strobe_scatter"] or diagnostics.PERIODIC_SCATTER
     return settling(strobe, half, result.summary["periodicity"] or 1, scatters * scatter)
-
-
-def two_portraits(
-    results: Sequence[Result], titles: Sequence[str], n_below: int = 0
-) -> tuple[Figure, list[Axes]]:
-    """Draw the portraits of the thick and the thin tip in two columns, with one row per motion.
-
-    Args:
-        results: at least one motion.
-        titles: titles of the rows.
-        n_below: number of rows of axes to leave below the portraits.
-
-    Returns:
-        The figure, and the axes of the rows below.
-    """
-    rows = len(results)
-    figure = canvas(0.6 + 3.9 * rows + 2.8 * n_below)
-    grid = figure.add_gridspec(rows + n_below, 2, height_ratios=[3.9] * rows + [2.8] * n_below)
-    above = grid[:rows, :].subgridspec(rows, 2)
-    panels = above.subplots(squeeze=False, sharex="col", sharey=True)
-    for row, result, title in zip(panels, results, titles, strict=True):
-        for i, (q, v) in enumerate(_portrait(result)):
-            row[i].plot(1e3 * q, v, color=LAMINA_COLOURS[i], linewidth=0.6)
-            row[i].set_title(f"{result.case.lamina[i].name}, {title}")
-        row[0].set_ylabel("velocity of the tip [m/s]")
-    for i, column in enumerate(panels.T):
-        label_x(column, f"displacement of the tip $q_{i + 1}$ [mm]")
-    return figure, [figure.add_subplot(grid[rows, i]) for i in range(2 * n_below)]
 
 
 IMPACT_PORTRAITS = Piece(
@@ -190,16 +155,18 @@ def _draw_both_tips(panel: Axes, result: Result) -> None:
     """Draw the portraits of both tips into one panel, over the tips' positions."""
     N = result.case.time.steps_per_period
     gap = 1e3 * float(diagnostics.ProbeMotion.of(result.history).gap_at_rest[0])
-    for i, (q, v) in enumerate(_portrait(result)):
+    for i, (q, v) in enumerate(portrait(result)):
         y, name = 1e3 * q + i * gap, result.case.lamina[i].name
-        panel.plot(y, v, color=LAMINA_COLOURS[i], linewidth=0.6, label=name)
-        label = "ends of periods" if i == 0 else None
-        panel.plot(y[N - 1 :: N], v[N - 1 :: N], "o", color=BLACK, markersize=3, zorder=4,
-                   label=label)  # fmt: skip
+        show(
+            panel,
+            line(y, v, color=LAMINA_COLOURS[i], linewidth=0.6, label=name),
+            line(y[N - 1 :: N], v[N - 1 :: N], "o", color=BLACK, markersize=3, zorder=4,
+                 label=None if i else "ends of periods"),
+        )  # fmt: skip
 
 
 def _as_described(numbers: Numbers, method: str) -> int:
-    """Return how many of the four motions are as the paper describes them."""
+    """Return how many of the four motions of a method are as the paper describes them."""
     return sum(numbers.motions[f, method].is_as_described for f in FREQUENCIES)
 
 
@@ -356,14 +323,19 @@ def draw_finer_mesh(numbers: Numbers) -> Figure:
     figure, below = two_portraits(numbers.results, [f"{n} elements" for n in ELEMENTS], 1)
     ratios = numbers.ratio_by_gap_exponent
     for i, panel in enumerate(below):
-        for (name, by_gap), style in zip(ratios.items(), ("o-", "s--"), strict=True):
-            exponents, values = [float(p) for p in by_gap], [r[i] for r in by_gap.values()]
-            panel.plot(exponents, values, style, color=LAMINA_COLOURS[i], label=name)
+        show(
+            panel,
+            *(
+                line([float(p) for p in by_gap], [r[i] for r in by_gap.values()], style,
+                     color=LAMINA_COLOURS[i], label=name)
+                for (name, by_gap), style in zip(ratios.items(), ("o-", "s--"), strict=True)
+            ),
+            yscale="log", ylim=(0.5, 100.0), xticks=[float(p) for p in ratios["as printed"]],
+            xlabel="exponent p of the gap  [–]", ylabel="rough velocity, 50 over 20  [–]",
+            legend="above",
+        )  # fmt: skip
         panel.axhline(1.0, color=BLACK, linewidth=0.8)
-        panel.set(yscale="log", ylim=(0.5, 100.0), xticks=exponents)
         panel.yaxis.set_major_formatter(ScalarFormatter())
-        panel.set(xlabel="exponent p of the gap  [–]", ylabel="rough velocity, 50 over 20  [–]")
-        legend_above(panel)
     return figure
 
 
@@ -375,7 +347,7 @@ def _band(by_gap: Mapping[str, FloatArray]) -> str:
 
 
 def _finer(ratio: Mapping[str, FloatArray]) -> Iterable[Criterion]:
-    """Return the criteria on the ratio as printed; other schemes make it uncertain."""
+    """Return the criteria on the ratio of velocities as printed; other schemes show its range."""
     table = np.array(list(ratio.values()))
     for i, name in enumerate(("thick", "thin")):
         within = (float(table[:, i].min()), float(table[:, i].max()))
@@ -438,7 +410,7 @@ def measure(lab: Laboratory) -> Numbers:
         distortion of both laminae, by order, shape (2, n_nodes) [-]; d_by_gap_exponent: distortion
         of both tips, by the exponent of the gap's shape [-]; kind_by_gap_exponent: motion in words,
         by exponent; tip_min_by_gap_exponent, tip_max_by_gap_exponent: extremes of both tips, by
-        exponent [m]; names: of the laminae; x: positions of the nodes, shape (n_nodes,) [mm].
+        exponent [m]; names: names of the laminae; x: positions of the nodes, shape (n_nodes,) [mm].
     """
     exponents = lab.plan.gap_exponents
     cases = [motion_case(RESONANT, lab.plan, "3.2", {"gap.exponent": p}) for p in exponents]
@@ -471,12 +443,14 @@ def measure(lab: Laboratory) -> Numbers:
 
 
 def _harmonics(u: FloatArray, n_periods: int, result: Result) -> dict[str, FloatArray]:
-    """Return A_n, n ω A_n, (n ω)² A_n by order; those of derivatives only up to `COUNTED`.
+    """Return harmonics of displacement, velocity and acceleration: A_n, n ω A_n, (n ω)² A_n.
+
+    Those of the derivatives end at `COUNTED`.
 
     Args:
         u: displacements over whole periods, shape (..., n_samples) [m].
         n_periods: number of these periods.
-        result: gives ω.
+        result: the result whose excitation gives ω.
     """
     amplitudes = harmonic_amplitudes(u, n_periods)
     rotation = 2.0 * np.pi / result.case.period * np.arange(1, amplitudes.shape[-1] + 1)
@@ -516,31 +490,31 @@ def _spectrum(panel: Axes, numbers: Numbers, i: int) -> None:
 
 def _along_lamina(panel: Axes, numbers: Numbers, i: int) -> None:
     """Draw d along a lamina, with THD on the right axis."""
-    x = numbers.x
-    for order, line in zip(ORDERS, ("-", "--", ":"), strict=True):
-        d = 100.0 * numbers.d_at_nodes[order][i, 1:]
-        panel.semilogy(x[1:], d, line, marker=".", color=LAMINA_COLOURS[i], label=order)
+    x, name = numbers.x, numbers.names[i]
+    show(
+        panel,
+        *(
+            line(x[1:], 100.0 * numbers.d_at_nodes[order][i, 1:], style, marker=".",
+                 color=LAMINA_COLOURS[i], label=order)
+            for order, style in zip(ORDERS, ("-", "--", ":"), strict=True)
+        ),
+        xlabel="x [mm]", xlim=(0.0, 1.02 * x[-1]), ylabel=f"d of {name} [%]", yscale="log",
+        legend="above",
+    )  # fmt: skip
     panel.secondary_yaxis("right", functions=(_thd_of, _d_of)).set_ylabel("THD [%]")
-    panel.set(xlabel="x [mm]", xlim=(0.0, 1.02 * x[-1]), ylabel=f"d of {numbers.names[i]} [%]")
-    legend_above(panel)
 
 
 def _over_exponent(panel: Axes, numbers: Numbers, i: int) -> None:
     """Draw d of a tip over the exponent of the gap's shape."""
     exponents = [float(p) for p in numbers.d_by_gap_exponent]
-    d = np.array([both[i] for both in numbers.d_by_gap_exponent.values()])
-    panel.plot(exponents, 100.0 * d, "o-", color=LAMINA_COLOURS[i], label="computed")
-    panel.axhline(
-        100.0 * PRINTED[i],
-        color=BASE_COLOUR,
-        linestyle="--",
-        label=f"paper, {100 * PRINTED[i]:.2f} %",
-    )
-    panel.set(
-        xlabel="exponent p of the gap",
-        ylabel=f"$d_{i + 1}$ of the tip [%]", ylim=(0.0, 115.0 * max(float(d.max()), PRINTED[i])),
+    d = 100.0 * np.array([both[i] for both in numbers.d_by_gap_exponent.values()])
+    printed = 100.0 * PRINTED[i]
+    panel.plot(exponents, d, "o-", color=LAMINA_COLOURS[i], label="computed")
+    panel.axhline(printed, color=BASE_COLOUR, linestyle="--", label=f"paper, {printed:.2f} %")
+    show(
+        panel, xlabel="exponent p of the gap", ylabel=f"$d_{i + 1}$ of the tip [%]",
+        ylim=(0.0, 1.15 * max(float(d.max()), printed)), legend="above",
     )  # fmt: skip
-    legend_above(panel)
 
 
 def _thd_of(d: npt.ArrayLike) -> FloatArray:
@@ -556,7 +530,7 @@ def _d_of(thd: npt.ArrayLike) -> FloatArray:
 
 
 def _printed(numbers: Numbers, i: int) -> str:
-    """Return d of a tip, and whether the printed value is in its range over the gaps, in words."""
+    """Return in words d of a tip, and whether the printed value is in its range over the gaps."""
     band = [both[i] for both in numbers.d_by_gap_exponent.values()]
     where = "inside" if min(band) <= PRINTED[i] <= max(band) else "outside"
     return (

@@ -18,11 +18,10 @@ from delam_fem.paper import histories, lateral, parameters, portraits, responses
 from delam_fem.paper.claims import HEADING, Claim, Piece
 from delam_fem.paper.lab import Laboratory
 from delam_fem.results.figures.style import styled
-from delam_fem.results.folder import json_ready
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Link, Paragraph, Section, Table
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic, write_text
+from delam_fem.system.files import atomic, json_ready, write_json, write_text
 
 PAPER = (
     'I. Müller, "Clapping in Delaminated Sandwich-beams due to Forced Oscillations", '
@@ -219,5 +218,5 @@ def _write(piece: Piece, lab: Laboratory, directory: Path, begin: float) -> list
         "seconds": round(time.perf_counter() - begin, 2),
         "numbers": json_ready(numbers.kept, 7),
     }
-    write_text(kept, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    write_json(kept, content)
     return paths

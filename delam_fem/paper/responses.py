@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from delam_fem.paper.lab import (
     swept_envelope,
     swept_extremes,
 )
+from delam_fem.paper.panels import Line, line, show
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
@@ -35,7 +36,6 @@ from delam_fem.results.figures.style import (
     SKY,
     VERMILLION,
     canvas,
-    legend_above,
     legend_outside,
 )
 
@@ -57,7 +57,7 @@ PRINTED_DIGIT = 0.005
 SWEEP_PEAK = (1.455, 1.465)
 """Range in which the swept sine of the thin lamina must peak to explain the printed value [Hz]."""
 STATIONARY = 0.15
-"""Shortfall up to which the peak of a swept sine counts as stationary [-]."""
+"""Shortfall of the peak of a swept sine up to which the response counts as stationary [-]."""
 LINEAR = 0.5
 """A resonance counts as linear if its frequency rises by at most this number of damping ratios at
 large amplitudes; its curve then leans by less than a quarter of its width."""
@@ -65,10 +65,12 @@ SWEEPS = {
     "linear, up": ("linear", BAND), "linear, down": ("linear", BAND[::-1]),
     "logarithmic, up": ("logarithmic", BAND), "logarithmic, down": ("logarithmic", BAND[::-1]),
 }  # fmt: skip
-_STYLES = {
-    "linear, up": (BLUE, "-"), "linear, down": (VERMILLION, "-"),
-    "logarithmic, up": (SKY, "--"), "logarithmic, down": (ORANGE, "--"),
+_STYLES: dict[str, dict[str, Any]] = {
+    "linear, up": {"color": BLUE}, "linear, down": {"color": VERMILLION},
+    "logarithmic, up": {"color": SKY, "style": "--"},
+    "logarithmic, down": {"color": ORANGE, "style": "--"},
 }  # fmt: skip
+LABELS = {"xlabel": "frequency of the base [Hz]", "ylabel": "tip amplitude [mm]"}
 _ZOOM = 0.06
 """Half width of the close views, relative to the natural frequency."""
 
@@ -155,34 +157,32 @@ def draw_linear(numbers: Numbers) -> Figure:
     panels = figure.subplots(3, 2)
     for i, lamina in enumerate(numbers.case.lamina):
         f1 = numbers.natural_frequency_hz[i]
-        _record_panel(panels[2, i], numbers, i)
-        for row, panel in enumerate(panels[:2, i]):
-            _linear_panel(panel, numbers, i)
-            panel.set(xlabel="frequency of the base [Hz]", ylabel="tip amplitude [mm]")
-            if row == 0:
-                panel.set(title=f"{lamina.name} alone", yscale="log", xlim=BAND, ylim=(1.0, 400.0))
-            else:
-                panel.set(
-                    title="lines: f₁ exact, dotted: as the paper prints it",
-                    xlim=(f1 * (1.0 - _ZOOM), f1 * (1.0 + _ZOOM)), ylim=(0.0, None),
-                )  # fmt: skip
-                panel.axvline(f1, color=BLACK, linewidth=0.8)
-                panel.axvline(PRINTED[lamina.name], color=BLACK, linewidth=0.8, linestyle=":")
+        whole, close, record = panels[:, i]
+        show(
+            whole, *_linear_lines(numbers, i), **LABELS,
+            title=f"{lamina.name} alone", yscale="log", xlim=BAND, ylim=(1.0, 400.0),
+        )  # fmt: skip
+        show(
+            close, *_linear_lines(numbers, i), **LABELS,
+            title="lines: f₁ exact, dotted: as the paper prints it",
+            xlim=(f1 * (1.0 - _ZOOM), f1 * (1.0 + _ZOOM)), ylim=(0.0, None),
+        )  # fmt: skip
+        close.axvline(f1, color=BLACK, linewidth=0.8)
+        close.axvline(PRINTED[lamina.name], color=BLACK, linewidth=0.8, linestyle=":")
+        _record_panel(record, numbers, i)
     legend_outside(figure, panels[0, 0], 3)
     return figure
 
 
-def _linear_panel(panel: Axes, numbers: Numbers, i: int) -> None:
-    """Draw all linear responses of one lamina."""
+def _linear_lines(numbers: Numbers, i: int) -> Iterator[Line]:
+    """Yield all linear responses of one lamina."""
     f = np.linspace(*BAND, 20001)
     exact = 1e3 * numbers.case.linear_amplitude(i, f)
-    panel.plot(f, exact, color=BASE_COLOUR, linewidth=2.5, label="exact")
+    yield line(f, exact, color=BASE_COLOUR, linewidth=2.5, label="exact")
     for name, (f_swept, amplitude) in numbers.envelopes.items():
-        colour, line = _STYLES[name]
-        panel.plot(
-            f_swept, 1e3 * amplitude[i], line, color=colour, linewidth=1.0, label=f"swept {name}"
-        )
-    panel.plot(
+        look = _STYLES[name] | {"linewidth": 1.0, "label": f"swept {name}"}
+        yield line(f_swept, 1e3 * amplitude[i], **look)
+    yield line(
         numbers.stepped_frequency_hz, 1e3 * numbers.stepped_amplitude_m[i],
         "o", color=BLACK, markersize=2.5, label="stepped sine",
     )  # fmt: skip
@@ -191,15 +191,15 @@ def _linear_panel(panel: Axes, numbers: Numbers, i: int) -> None:
 def _record_panel(panel: Axes, numbers: Numbers, i: int) -> None:
     """Draw the record of a swept sine, 30 minutes of oscillation, with its envelope."""
     time, (low, high) = numbers.record
-    _, amplitude = numbers.envelopes["linear, up"]
-    minutes = time / 60.0
+    minutes, envelope = time / 60.0, 1e3 * numbers.envelopes["linear, up"][1][i]
     panel.fill_between(minutes, 1e3 * low[i], 1e3 * high[i], color=SKY, label="record")
-    for sign in (1.0, -1.0):
-        label = "envelope" if sign > 0.0 else None
-        panel.plot(minutes, sign * 1e3 * amplitude[i], color=BLUE, linewidth=0.8, label=label)
-    panel.set(title="swept linear, up", xlabel="time [min]", xlim=(0.0, SWEEP_SECONDS / 60.0))
-    panel.set_ylabel("displacement of the tip [mm]")
-    legend_above(panel)
+    show(
+        panel,
+        line(minutes, envelope, color=BLUE, linewidth=0.8, label="envelope"),
+        line(minutes, -envelope, color=BLUE, linewidth=0.8),
+        title="swept linear, up", xlabel="time [min]", xlim=(0.0, SWEEP_SECONDS / 60.0),
+        ylabel="displacement of the tip [mm]", legend="above",
+    )  # fmt: skip
 
 
 def _one_cycle(peak: float) -> tuple[float, float]:
@@ -291,7 +291,7 @@ MANY = 3
 """A bifurcation scenario has at least this number of different periodicities, and of different
 numbers of contacts in two periods."""
 UNDECIDED = -1.0
-"""In place of a periodicity without a margin."""
+"""Value in place of a periodicity that is undecided, because the scatter is near the threshold."""
 JUMP = 3.0
 """A jump of the amplitude is this factor larger than the changes beside it."""
 
@@ -302,7 +302,7 @@ def measure_contact(lab: Laboratory) -> Numbers:
     Returns:
         frequency_hz: frequencies of the stepped sine, shape (n,); amplitude_up_m, amplitude_down_m:
         half peak-to-peak of the tips, shape (2, n); periodicity_up, periodicity_down: periodicity,
-        NaN if the motion has none, `UNDECIDED` if it has no margin, shape (n,);
+        NaN if the motion has none, `UNDECIDED` if it is undecided or not settled, shape (n,);
         tip_contacts_per_period: up and down, shape (2, n); hysteresis_hz: frequencies at which up
         and down differ; jumps_up_hz, jumps_down_hz: frequencies at which the amplitude of each tip
         jumps; largest_amplitude_m, largest_amplitude_at_hz: largest amplitude of each tip, and its
@@ -405,13 +405,16 @@ def _contact_panel(panel: Axes, numbers: Numbers, i: int) -> None:
         panel.axvspan(at - half, at + half, color=GAP_COLOUR, linewidth=0, zorder=0, label=label)
     fine = np.linspace(*BAND, 5001)
     linear = 1e3 * numbers.case.linear_amplitude(i, fine)
-    panel.plot(fine, linear, ":", color=BASE_COLOUR, label="linear, no contact")
-    for way, colour in (("up", SKY), ("down", ORANGE)):
-        f_swept, amplitude = numbers.envelopes[way]
-        panel.plot(f_swept, 1e3 * amplitude[i], color=colour, linewidth=0.7, label=f"swept {way}")
-    for values, colour, marker, way in ((up, BLUE, "^", "up"), (down, VERMILLION, "v", "down")):
-        panel.plot(f, values, color=colour, marker=marker, markersize=2.8, linewidth=0.9,
-                   label=f"stepped {way}")  # fmt: skip
+    swept = {way: (f, 1e3 * amplitude[i]) for way, (f, amplitude) in numbers.envelopes.items()}
+    look: dict[str, Any] = {"markersize": 2.8, "linewidth": 0.9}
+    show(
+        panel,
+        line(fine, linear, ":", color=BASE_COLOUR, label="linear, no contact"),
+        line(*swept["up"], color=SKY, linewidth=0.7, label="swept up"),
+        line(*swept["down"], color=ORANGE, linewidth=0.7, label="swept down"),
+        line(f, up, "^-", color=BLUE, label="stepped up", **look),
+        line(f, down, "v-", color=VERMILLION, label="stepped down", **look),
+    )
     for k, at in enumerate(numbers.jumps_up_hz[i] + numbers.jumps_down_hz[i]):
         label = "jump of the amplitude" if k == 0 else None
         panel.axvline(at, color=GREEN, linewidth=0.8, linestyle="--", label=label)
@@ -444,18 +447,16 @@ def doubled_window(numbers: Numbers, frequency: float) -> tuple[float, float] | 
     """
     f = numbers.frequency_hz
     both = (numbers.periodicity_up == 2) & (numbers.periodicity_down == 2)
-    first = last = int(np.abs(f - frequency).argmin())
-    if not both[first]:
+    at, others = int(np.abs(f - frequency).argmin()), np.flatnonzero(~both)
+    if not both[at]:
         return None
-    while first > 0 and both[first - 1]:
-        first -= 1
-    while last + 1 < f.size and both[last + 1]:
-        last += 1
+    first = others[others < at].max(initial=-1) + 1
+    last = others[others > at].min(initial=f.size) - 1
     return float(f[first]), float(f[last])
 
 
 def _window(numbers: Numbers) -> str:
-    """Return in words where the motion about 3.65 Hz has period 2."""
+    """Return in words the range of frequencies about 3.65 Hz in which the motion has period 2."""
     found = doubled_window(numbers, 3.65)
     if found is None:
         return "no period 2 beside 3.65 Hz"
@@ -463,7 +464,10 @@ def _window(numbers: Numbers) -> str:
 
 
 def _inside(numbers: Numbers) -> Criterion:
-    """Return the criterion that 3.65 Hz is inside the range with period 2; a step is uncertain."""
+    """Return the criterion that 3.65 Hz is in the range with period 2, whose ends are uncertain.
+
+    Each end lies somewhere between two frequencies of the stepped sine.
+    """
     first, last = doubled_window(numbers, 3.65) or (math.nan, math.nan)
     inside, step = min(3.65 - first, last - 3.65), float(np.diff(numbers.frequency_hz).min())
     name = "distance to the nearer end"
@@ -471,13 +475,13 @@ def _inside(numbers: Numbers) -> Criterion:
 
 
 def _periods(numbers: Numbers) -> FloatArray:
-    """Return the periods that the motions have, increasing."""
+    """Return the different periodicities of all motions, increasing."""
     found = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
     return np.asarray(np.unique(found[found > 0]))
 
 
 def _scenario(numbers: Numbers) -> str:
-    """Return periods, numbers of contacts, hysteresis and jumps of the motions in words."""
+    """Return in words the periods, numbers of contacts, hysteresis and jumps of the motions."""
     periodicity = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
     irregular = numbers.frequency_hz[np.isnan(periodicity).any(axis=0)]
     undecided = numbers.frequency_hz[(periodicity == UNDECIDED).any(axis=0)]

@@ -1,8 +1,9 @@
-"""The system of the paper and its deflected shapes."""
+"""The system of the paper, its deflected shapes and its contact algorithm (Figs. 1, 4 and 11)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
-from delam_fem.case.sections import Gap
+from delam_fem.case.sections import Gap, Lamina
 from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
@@ -67,7 +68,7 @@ def measure(lab: Laboratory) -> Numbers:
                 (lam.angular_frequencies(4) / (2.0 * math.pi)).tolist() for lam in case.lamina
             ],
             "stiffness_over_EbH3_12": [
-                lam.flexural_rigidity / (lam.young_modulus * lam.width * lam.thickness**3 / 12.0)
+                lam.flexural_rigidity / (lam.young_modulus * lam.second_moment)
                 for lam in case.lamina
             ],
             "x_m": x,
@@ -130,29 +131,28 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
     axes.grid(False)
 
 
+PROPERTIES: tuple[tuple[str, Callable[[Lamina], str]], ...] = (
+    ("length [mm]", lambda own: f"{1e3 * own.length:g}"),
+    ("section [mm × mm]", lambda own: f"{1e3 * own.thickness:g} × {1e3 * own.width:g}"),
+    ("density [kg/m³]", lambda own: f"{own.density:g}"),
+    ("E [10¹⁰ N/m²]", lambda own: f"{own.young_modulus / 1e10:g}"),
+    ("EI used [N m²]", lambda own: f"{own.flexural_rigidity:g}"),
+    ("E b h³/12 [N m²]", lambda own: f"{own.young_modulus * own.second_moment:.4f}"),
+    ("mass per length [kg/m]", lambda own: f"{own.mass_per_length:.4f}"),
+    ("damping ratio D", lambda own: f"{own.damping_ratio:g}"),
+    ("f₁ exact [Hz]", lambda own: f"{own.angular_frequencies(2)[0] / (2.0 * math.pi):.4f}"),
+    ("f₂ exact [Hz]", lambda own: f"{own.angular_frequencies(2)[1] / (2.0 * math.pi):.3f}"),
+)
+"""Rows of the table of properties: the name, and the text for a lamina."""
+
+
 def _list_properties(axes: Axes, case: Case) -> None:
     """Write the properties of the thick and of the thin lamina as a table."""
     axes.axis("off")
-    thick, thin = case.lamina
-    computed = [lam.young_modulus * lam.width * lam.thickness**3 / 12.0 for lam in case.lamina]
-    f = [lam.angular_frequencies(2) / (2.0 * math.pi) for lam in case.lamina]
-    sections = [f"{1e3 * lam.thickness:g} × {1e3 * lam.width:g}" for lam in case.lamina]
-    rows = [
-        ("", thick.name, thin.name),
-        ("length [mm]", f"{1e3 * thick.length:g}", f"{1e3 * thin.length:g}"),
-        ("section [mm × mm]", sections[0], sections[1]),
-        ("density [kg/m³]", f"{thick.density:g}", f"{thin.density:g}"),
-        ("E [10¹⁰ N/m²]", f"{thick.young_modulus / 1e10:g}", f"{thin.young_modulus / 1e10:g}"),
-        ("EI used [N m²]", f"{thick.flexural_rigidity:g}", f"{thin.flexural_rigidity:g}"),
-        ("E b h³/12 [N m²]", f"{computed[0]:.4f}", f"{computed[1]:.4f}"),
-        ("mass per length [kg/m]", f"{thick.mass_per_length:.4f}", f"{thin.mass_per_length:.4f}"),
-        ("damping ratio D", f"{thick.damping_ratio:g}", f"{thin.damping_ratio:g}"),
-        ("f₁ exact [Hz]", f"{f[0][0]:.4f}", f"{f[1][0]:.4f}"),
-        ("f₂ exact [Hz]", f"{f[0][1]:.3f}", f"{f[1][1]:.3f}"),
-        ("contact pairs", f"{case.mesh.elements}", ""),
-    ]
+    rows = [[name, *map(text, case.lamina)] for name, text in PROPERTIES]
     table = axes.table(
-        cellText=[list(row) for row in rows[1:]], colLabels=list(rows[0]), cellLoc="left",
+        cellText=[*rows, ["contact pairs", f"{case.mesh.elements}", ""]],
+        colLabels=["", *(lamina.name for lamina in case.lamina)], cellLoc="left",
         colWidths=[0.5, 0.28, 0.22], edges="horizontal", loc="center",
     )  # fmt: skip
     table.auto_set_font_size(False)
@@ -160,27 +160,6 @@ def _list_properties(axes: Axes, case: Case) -> None:
     table.scale(1.0, 1.6)
     for column, colour in enumerate(lamina_colours(2), start=1):
         table[0, column].get_text().set_color(colour)
-
-
-STATEMENTS = (
-    Statement(
-        "the ratio of masses is approximately m1/m2 = 1/2", "sec. 2.3",
-        lambda n: f"ρ₁A₁/ρ₂A₂ = {n.mass_ratio:.3f}: the thick lamina is the heavier one "
-        "(0.515 = m2/m1)",
-        lambda n: [Criterion("away from 1/2 by", abs(n.mass_ratio - 0.5), "<", NEAR)],
-    ),
-    Statement(
-        "E and the sections give EI = 1.51 and 0.16 N m²", "sec. 2.1, 3.1",
-        lambda n: "EI given / (E b h³/12) − 1 = {:+.1f} % and {:+.1f} %; the given EI are used"
-        .format(*(100 * (given - 1.0) for given in n.stiffness_over_EbH3_12)),
-        lambda n: [
-            Criterion(
-                "largest deviation", max(abs(given - 1.0) for given in n.stiffness_over_EbH3_12),
-                "<", NEAR, "%",
-            )
-        ],
-    ),
-)  # fmt: skip
 
 
 SYSTEM = Piece(
@@ -192,8 +171,26 @@ SYSTEM = Piece(
     "{0.drawn_case.gap.exponent:g}, all counted from a straight thick lamina.",
     measure,
     draw,
-    STATEMENTS,
-)
+    (
+        Statement(
+            "the ratio of masses is approximately m1/m2 = 1/2", "sec. 2.3",
+            lambda n: f"ρ₁A₁/ρ₂A₂ = {n.mass_ratio:.3f}: the thick lamina is the heavier one "
+            "(0.515 = m2/m1)",
+            lambda n: [Criterion("away from 1/2 by", abs(n.mass_ratio - 0.5), "<", NEAR)],
+        ),
+        Statement(
+            "E and the sections give EI = 1.51 and 0.16 N m²", "sec. 2.1, 3.1",
+            lambda n: "EI given / (E b h³/12) − 1 = {:+.1f} % and {:+.1f} %; the given EI are used"
+            .format(*(100 * (given - 1.0) for given in n.stiffness_over_EbH3_12)),
+            lambda n: [
+                Criterion(
+                    "largest deviation",
+                    max(abs(given - 1.0) for given in n.stiffness_over_EbH3_12), "<", NEAR, "%",
+                )
+            ],
+        ),
+    ),
+)  # fmt: skip
 
 
 def detailed_case(lab: Laboratory, frequency: float = RESONANT) -> Case:
@@ -223,10 +220,10 @@ def measure_shapes(lab: Laboratory) -> Numbers:
         x_m: positions of the pairs, shape (n_pairs,); share_closed, share_near: share of the time
         in which each pair is closed, and nearer than `CLOSED`, shape (n_pairs,) [-];
         periods_after_strike: times of the shapes that are shown; position_mm: positions of both
-        laminae at these times, shape (2, n_shown, n_nodes); names: of the laminae; x: positions of
-        the nodes along the laminae, shape (n_nodes,) [mm]; position: positions of both laminae over
-        the period, u_1 = q_1 and u_2 = g0 + q_2, shape (2, n_frames, n_nodes) [mm]; shown: numbers
-        of the frames that are shown.
+        laminae at these times, shape (2, n_shown, n_nodes); names: names of the laminae; x:
+        positions of the nodes along the laminae, shape (n_nodes,) [mm]; position: positions of both
+        laminae over the period, y_1 = q_1 and y_2 = g0 + q_2, shape (2, n_frames, n_nodes) [mm];
+        shown: numbers of the frames that are shown.
     """
     (result,) = lab.motions([detailed_case(lab)])
     n, x = result.case.output.fields_per_period, result.history["x"].to_numpy()
@@ -274,8 +271,9 @@ def draw_shapes(numbers: Numbers) -> Figure:
         (panels[1, -1], numbers.share_near, "gap < 0.1 mm"),
     ):
         panel.barh(x[1:], 100.0 * share, height=0.7 * x[1], color=GREEN)
-        panel.set(title=text, xlabel="share of the period [%]", ylim=(0.0, 1.03 * x[-1]))
-        panel.set_yticklabels([])
+        panel.set(
+            title=text, xlabel="share of the period [%]", ylim=(0.0, 1.03 * x[-1]), yticklabels=[]
+        )
     lines = _curves(panels[0, 0], numbers.names)  # without points: for the legend alone
     lines[-1].set_label(f"nearer than {1e3 * CLOSED:g} mm")
     figure.legend(handles=lines, loc="outside upper left", ncols=3, frameon=False)
@@ -387,12 +385,12 @@ def decisions(result: Result) -> tuple[npt.NDArray[np.int8], int]:
     ).astype(np.int64)
     hit[steps, history["event_node"].to_numpy() - 1] = True
     before, held, closed, hit = held[:-1], held[1:], closed[1:], hit[1:]
-    state = np.full(held.shape, OPEN, dtype=np.int8)
-    state[closed] = SEPARATING
-    state[hit & ~held] = STRUCK
-    state[hit & held] = BEGUN
-    state[before & held & ~hit] = HELD
-    state[before & ~held] = RELEASED
+    state = np.select(
+        [before & ~held, before & held & ~hit, hit & held, hit, closed],  # the first that fits
+        [RELEASED, HELD, BEGUN, STRUCK, SEPARATING],
+        OPEN,
+    ).astype(np.int8)
+    # a spring stays exactly while the pair is closed, without a hit; only a hit can begin one
     wrong = (before & (held != closed)) | (before & hit) | (hit & ~closed)
     wrong |= held & ~before & ~hit
     return state, int(np.count_nonzero(wrong))

@@ -1,10 +1,10 @@
 """A steel strip that falls on the ground, or with its tip on a block (paper 2.3).
 
-`rolling` lifts a strip that lies on the ground and releases it, the first experiment. All times are
-relative to the strip's lowest period as a cantilever. Then only the ratio of the tip height to the
-strip's sag under its weight matters, besides law, mesh and time step. `rolling_study` repeats it
-with other strips, heights, laws, meshes and time steps. `tip_block` lets the tip fall on blocks,
-the second experiment.
+`rolling` is the first experiment: a strip that lies on the ground is lifted and released. All times
+are relative to the strip's lowest period as a cantilever. Then only the ratio of the tip height to
+the strip's sag under its weight matters, besides law, mesh and time step. `rolling_study` repeats
+the experiment with other strips, heights, laws, meshes and time steps. `tip_block` is the second
+experiment: the tip falls on blocks.
 """
 
 from __future__ import annotations
@@ -14,16 +14,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from delam_fem.case.sections import Lamina
 from delam_fem.contact.laws import SCHEMES, Law, Scheme
 from delam_fem.engines.session import ImpactTable, Solution, solve
-from delam_fem.model.beams import closed_form
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.beams import StruckBeam, peak_end
 from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.paper import ground
 from delam_fem.simulation.loop import State
 
 LIFT = 0.050
@@ -81,7 +80,7 @@ class Energy:
 
 
 def released(shape: FloatArray, operators: Operators) -> State:
-    """Return the state of a lamina released from rest in a shape, (u, φ) of all free dofs."""
+    """Return the state of a lamina that is released at rest in a shape, (u, φ) of all free dofs."""
     motion = np.array([shape, np.zeros_like(shape), np.zeros_like(shape)])
     return State(motion, np.zeros(operators.n_pairs, dtype=np.bool_))
 
@@ -148,7 +147,7 @@ class Rolling:
 
     lamina: Lamina
     method: str
-    lift: closed_form.Lift
+    lift: ground.Lift
     gravity: float
     x: FloatArray
     steps_per_period: int
@@ -218,7 +217,7 @@ class Rolling:
             "strip": self.lamina.model_dump(exclude_none=True),
             "period_ms": 1e3 * self.period,
             "gravity_m_s2": self.gravity,
-            "sag_mm": 1e3 * closed_form.sag(self.lamina, self.gravity),
+            "sag_mm": 1e3 * ground.sag(self.lamina, self.gravity),
             "height_mm": 1e3 * float(self.tip[0]),
             "law": METHODS[self.method][0].name,
             "lift": self.lift,
@@ -241,7 +240,7 @@ class Rolling:
 
 def thin_strip(damping_ratio: float = 0.002) -> Lamina:
     """Return a steel strip of 500 × 40 × 1 mm, 3.34 Hz, which sags by 34 mm under its weight."""
-    return closed_form.steel_strip(length=0.5, thickness=0.001, damping_ratio=damping_ratio)
+    return ground.steel_strip(length=0.5, thickness=0.001, damping_ratio=damping_ratio)
 
 
 def rolling(
@@ -249,8 +248,8 @@ def rolling(
     method: str = "newton@moreau-jean",
     *,
     height: float = LIFT,
-    lift: closed_form.Lift = "tip force",
-    gravity: float = closed_form.GRAVITY,
+    lift: ground.Lift = "tip force",
+    gravity: float = ground.GRAVITY,
     n_elements: int = 80,
     steps_per_period: int = 20_000,
     periods: float = 0.5,
@@ -271,8 +270,8 @@ def rolling(
         ValueError: the load would not lift a part of the strip.
     """
     lamina = lamina or thin_strip()
-    operators = closed_form.on_ground(lamina, n_elements, "everywhere", gravity=gravity)
-    shape = closed_form.lifted(lamina, n_elements, height, lift, gravity=gravity)
+    operators = ground.on_ground(lamina, n_elements, "everywhere", gravity=gravity)
+    shape = ground.lifted(lamina, n_elements, height, lift, gravity=gravity)
     out = run(
         *METHODS[method],
         operators,
@@ -281,16 +280,16 @@ def rolling(
         stretch=steps_per_period // STRETCHES,
         n_stretches=round(periods * STRETCHES),
     )
-    lying = closed_form.lying(lamina, n_elements, gravity)
+    lying = ground.lying(lamina, n_elements, gravity)
     return Rolling(
         lamina=lamina,
         method=method,
         lift=lift,
         gravity=gravity,
-        x=closed_form.nodes(lamina, n_elements),
+        x=ground.nodes(lamina, n_elements),
         steps_per_period=steps_per_period,
         time=out.time,
-        tip=out.displacement[:, 0] - closed_form.sag(lamina, gravity),
+        tip=out.displacement[:, 0] - ground.sag(lamina, gravity),
         top=(out.frames[:, 0, ::2] - lying[::2]).max(axis=1),
         impulses=out.impacts,
         energy=Energy.of(out, at_rest=0.5 * float(lying @ (operators.stiffness @ lying))),
@@ -312,7 +311,7 @@ LONG = 0.8
 
 @dataclass(frozen=True)
 class RollingStudy:
-    """The first experiment and its variations; a force at the tip lifts every strip.
+    """The fall of a strip on the ground and its variations; a force at the tip lifts every strip.
 
     Attributes:
         by_law: the thin strip, by the name of the law in `METHODS`.
@@ -337,7 +336,7 @@ class RollingStudy:
 
 
 def rolling_study(*, fast: bool = False) -> RollingStudy:
-    """Compute the first experiment with other strips, heights, laws, meshes and time steps.
+    """Compute the fall on the ground with several strips, heights, laws, meshes and time steps.
 
     Args:
         fast: whether to compute a shorter ladder.
@@ -345,7 +344,7 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
     elements, steps = (
         ((20, 80), (5_000, 20_000)) if fast else ((20, 40, 80), (5_000, 20_000, 80_000))
     )
-    stiff = closed_form.steel_strip(damping_ratio=max(DAMPING_RATIOS))
+    stiff = ground.steel_strip(damping_ratio=max(DAMPING_RATIOS))
     return RollingStudy(
         by_law={name: rolling(method=name, periods=LONG) for name in METHODS},
         stiff=rolling(stiff, periods=LONG),
@@ -434,7 +433,7 @@ class TipMotion:
 
 @dataclass(frozen=True)
 class TipBlock:
-    """The second experiment with no block, with a block of finite stiffness and with a rigid one.
+    """The fall of a strip's tip without a block, on a block of finite stiffness, on a rigid one.
 
     Attributes:
         lamina: the strip.
@@ -508,25 +507,28 @@ class TipBlock:
         strongest = self.spring.time[np.argmax(np.where(self._is_peak(), self.force, 0.0))]
         return 0.5 * (zeros[1:] + zeros[:-1]) - strongest, 0.5 / np.diff(zeros)
 
-    def exact_wave(self) -> FloatArray:
-        """Return the strains that `spring_force` causes at the gauges without a clamp, (2, k)."""
-        beam, since = exact_beam(self.lamina), np.maximum(self.spring.time, 0.0)
+    def _exact_strain(self, since: FloatArray, until: float = np.inf) -> FloatArray:
+        """Return the strains that `spring_force`, up to a time, causes at the gauges, (2, k).
+
+        The beam has no clamp. The times since the touch are `time_step` apart.
+        """
+        beam, distances = exact_beam(self.lamina), self.lamina.length - self.gauges
         force = beam.spring_force(since, self.speed, self.stiffness)
-        distances = self.lamina.length - self.gauges
+        force[since > until] = 0.0
         return np.array([beam.strain(force, self.time_step, x) for x in distances])
 
-    def exact_peak_waves(self) -> FloatArray:
-        """Return the largest strains at the gauges from the wave of the first peak alone.
+    def exact_wave(self) -> FloatArray:
+        """Return the exact strains at the gauges at the times of the motion, shape (2, k)."""
+        return self._exact_strain(np.maximum(self.spring.time, 0.0))
 
-        The beam has no clamp; shape (2,) [-]. The wave after the peak, from a slowly fading force,
-        is left out, because it has the same largest strain everywhere.
+    def exact_peak_waves(self) -> FloatArray:
+        """Return the largest strains at the gauges from the wave of the first peak alone, (2,) [-].
+
+        The wave after the peak, from a slowly fading force, is left out, because it has the same
+        largest strain everywhere.
         """
-        beam, step = exact_beam(self.lamina), self.time_step
-        time = step * np.arange(round(SENT_WITHIN / step))
-        force = beam.spring_force(time, self.speed, self.stiffness)
-        force[time > self.peak()[1]] = 0.0
-        distances = self.lamina.length - self.gauges
-        return np.array([np.abs(beam.strain(force, step, x)).max() for x in distances])
+        time = self.time_step * np.arange(round(SENT_WITHIN / self.time_step))
+        return np.asarray(np.abs(self._exact_strain(time, self.peak()[1])).max(axis=1))
 
     def numbers(self) -> dict[str, Any]:
         """Return the numbers that the figures quote, with the exact beam's where there are any."""
@@ -617,38 +619,29 @@ def _at(time: float, motion: TipMotion, values: FloatArray) -> float:
 
 DAMPING_RATIO = 2e-5
 """D of modes 1 and 2 [-]; Rayleigh damping then has 0.4 % at 30 kHz, as steel has."""
+PEAK_DURATION = 30e-6
+"""Duration of the force peak in the paper [s]."""
 FALL_STEPS = 4
 """Steps of the impact per step of the fall, in which only the lowest modes move."""
 
 
 def tip_block(
-    lamina: Lamina | None = None,
-    *,
-    n_elements: int = 200,
-    time_step: float = 2.5e-7,
-    duration: float = 8e-3,
-    gauges: tuple[float, float] | None = None,
-    peak_duration: float = 30e-6,
+    *, n_elements: int = 200, time_step: float = 2.5e-7, duration: float = 8e-3
 ) -> TipBlock:
-    """Compute the fall of a strip with its tip on a block.
+    """Compute the fall of a 20 Hz steel strip with its tip on a block.
+
+    The block has the stiffness with which the exact beam has a force peak of `PEAK_DURATION`.
 
     Args:
-        lamina: the strip; None: the 20 Hz steel strip with `DAMPING_RATIO`.
         n_elements: n.
         time_step: Δt, a divisor of an eighth of `STRETCH` [s].
         duration: duration of the impact run, which starts shortly before the touch [s].
-        gauges: positions of the gauges from the clamp; None: 20 mm and half the length [m].
-        peak_duration: duration of the force peak; the block's stiffness follows from it by the
-            exact beam [s].
     """
-    lamina = lamina or closed_form.steel_strip(damping_ratio=DAMPING_RATIO)
-    stiffness = exact_beam(lamina).stiffness_for(peak_duration)
-    places = np.array(gauges or (0.020, 0.5 * lamina.length))
-    rows = closed_form.strain_rows(lamina, n_elements, places)
-    dofs = np.unique(rows.indices)
-    observed = np.concatenate([[2 * n_elements - 2], dofs])  # u of the tip first
-    operators = closed_form.on_ground(lamina, n_elements, "tip", observed)
-    start = released(closed_form.lifted(lamina, n_elements, LIFT, "tip force"), operators)
+    lamina = ground.steel_strip(damping_ratio=DAMPING_RATIO)
+    stiffness = exact_beam(lamina).stiffness_for(PEAK_DURATION)
+    gauges = np.array([0.020, 0.5 * lamina.length])
+    operators = ground.on_ground(lamina, n_elements, "tip", gauges=gauges.tolist())
+    start = released(ground.lifted(lamina, n_elements, LIFT, "tip force"), operators)
     newmark, half = SCHEMES["newmark"], 0.5 * STRETCH
     slow = FALL_STEPS * time_step
     fall = run(
@@ -674,22 +667,21 @@ def tip_block(
             (Law("newton", threshold_velocity=THRESHOLD), SCHEMES["moreau-jean"]),
         )
     )
-    touch, speed = _touch(free, round(peak_duration / time_step))
-    at_gauges = rows[:, dofs]
+    touch, speed = _touch(free, round(PEAK_DURATION / time_step))
     mode = _first_mode(operators)
     return TipBlock(
         lamina=lamina,
-        gauges=places,
+        gauges=gauges,
         n_elements=n_elements,
         time_step=time_step,
         stiffness=stiffness,
         fall_time=float(fall.time[(last + 1) * round(half / slow)]) + touch,
         speed=speed,
         energy=float(Energy.of(fall).stored[0]),
-        static_strain=np.asarray(rows @ start.motion[0]),
-        free=_motion(free, touch, at_gauges, mode),
-        spring=_motion(spring, touch, at_gauges, mode, stiffness),
-        rigid=_motion(rigid, touch, at_gauges, mode),
+        static_strain=np.asarray(operators.probes[1:] @ start.motion[0]),
+        free=_motion(free, touch, mode),
+        spring=_motion(spring, touch, mode, stiffness),
+        rigid=_motion(rigid, touch, mode),
     )
 
 
@@ -718,11 +710,7 @@ def _first_mode(operators: Operators) -> FloatArray:
 
 
 def _motion(
-    out: Solution,
-    touch: float,
-    at_gauges: sp.csr_matrix,
-    mode: FloatArray,
-    stiffness: float | None = None,
+    out: Solution, touch: float, mode: FloatArray, stiffness: float | None = None
 ) -> TipMotion:
     """Return the motion of a run, with times from the touch; with a stiffness: a spring block."""
     tip, impulse = out.displacement[:, 0], np.zeros(out.time.size)
@@ -737,7 +725,7 @@ def _motion(
         time=out.time - touch,
         tip=tip,
         tip_velocity=out.velocity[:, 0],
-        strain=np.asarray(at_gauges @ out.displacement[:, 1:].T),
+        strain=out.displacement[:, 1:].T,
         impulse=impulse,
         energy=Energy.of(out, origin=touch),
         first_mode=(out.frames[:, 0] @ mode[0]) ** 2 + (out.frames[:, 1] @ mode[1]) ** 2,

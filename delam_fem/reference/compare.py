@@ -10,7 +10,14 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case
-from delam_fem.model.discretise import require_kind, require_mass, require_plain
+from delam_fem.model.discretise import (
+    INSTALL,
+    assemble,
+    has_dolfinx,
+    require_kind,
+    require_mass,
+    require_plain,
+)
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray
@@ -23,12 +30,12 @@ from delam_fem.studies import options
 from delam_fem.studies.models import ModelComparison, compare_models
 from delam_fem.studies.modes import modes_of, structure_modes
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 
 @dataclass(frozen=True)
 class Motions:
-    """The tip histories of both.
+    """Tip histories of a run with dolfinx and PETSc, and of the reference.
 
     Attributes:
         names: names of the laminae.
@@ -65,7 +72,7 @@ class Motions:
         return float(self.differences.max())
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return the rows of a table."""
+        """Return the rows of a table: the largest differences, and how many impacts there were."""
         until = (f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")
         return [
             *([until] if self.impact_limit else []),
@@ -111,13 +118,13 @@ COMPARED_MODES = 6
 
 @dataclass(frozen=True)
 class Comparison(Finding):
-    """Differences between dolfinx and PETSc and the reference for one case.
+    """Differences between dolfinx with PETSc and the reference for one case.
 
     Attributes:
         matrices: largest relative difference of each operator [-].
         frequencies: largest relative difference of the first natural frequencies [-].
-        motion: both motions; None: the reference cannot compute that of the case.
-        refusal: why it cannot; empty if it can.
+        motion: both motions; None: the reference cannot compute the motion of the case.
+        refusal: why the reference cannot compute it; empty if it can.
     """
 
     matrices: dict[str, float]
@@ -135,7 +142,7 @@ class Comparison(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """The comparison as files and the terminal show it."""
         found: dict[str, object] = {
             "matrices_relative": self.matrices,
             "frequencies_relative": self.frequencies,
@@ -161,7 +168,7 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
     first impacts is the number to judge by.
 
     Args:
-        case: any case.
+        case: a case of beams with mass at their nodes.
         impacts: number of impacts up to which the tip histories are compared.
         periods: number of periods of both runs.
 
@@ -169,23 +176,22 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
         The differences of matrices and frequencies, and of the motion if the reference has it.
 
     Raises:
-        CaseError: a number is below 1.
+        CaseError: a number is below 1, dolfinx is not installed, or the reference has no matrices
+            for this kind of case.
     """
     case = find_case(case)
     for name, number in (("impacts", impacts), ("periods", periods)):
-        if number < 1:
-            raise CaseError(f"{name}: expected at least 1, given {number}")
+        require(number >= 1, name, "at least 1", number)
     require_kind(case, "compare")
     require_mass(case, "compare", "its masses are at nodes; converge refines the case")
     require_plain(case, "compare")
     from delam_fem import pipeline  # dolfinx too; its HDF5 must come after that of the pipeline
-    from delam_fem.model.beams import forms
 
-    structure = forms.assemble(case)
+    if not has_dolfinx():
+        raise CaseError(f"compare: dolfinx or petsc4py is not installed: {INSTALL}")
+    structure = assemble(case)
     x, observed = structure.layout.x, structure.layout.probes[0].point
-    independent = (
-        matrices.assemble(case, x) if case.is_apart else matrices.assemble_stack(case, x, observed)
-    )
+    independent = matrices.assemble(case, x, observed)
     motion, refusal = None, refused_motion(case)
     if not refusal:
         span = {"time.periods": periods, "output.window_periods": periods}
@@ -287,7 +293,7 @@ def _same_length(tips: FloatArray, expected: ReferenceRun) -> FloatArray:
 
 
 def _compare(case: Case, given: options.Compare, place: Place) -> Comparison | ModelComparison:
-    """Compare with options of a user."""
+    """Compare a case with the reference, or with the models that the options name."""
     if given.models is None:
         return compare(case, impacts=given.impacts, periods=given.periods or 3)
     return compare_models(

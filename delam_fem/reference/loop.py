@@ -1,7 +1,7 @@
 """Run the plain time loop of the reference: Newmark, then contact, as in the paper.
 
-Decide on contact in the reference: hit pairs, pairs on springs, velocities after impacts. All
-functions are pure and follow the paper equation by equation (section 3, with corrections).
+`decide` finds the hit pairs, the pairs on springs and the velocities after impacts. All functions
+are pure and follow the paper equation by equation (section 3, with corrections).
 
 The loop is written for clarity, not for speed. On purpose it differs from the main path of the
 package: the springs are part of the matrix, which is factorised again whenever they change.
@@ -126,7 +126,7 @@ def consistent_impact(
 
 
 def _roots(W: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return L^T and L^-1 r of W = L L^T; for a singular W those of its range."""
+    """Return L^T and L^-1 r of W = L L^T; of a singular W, L has as many columns as its rank."""
     squares, vectors = eigh(W)
     kept = squares > _SINGULAR * squares[-1]
     if kept.all():
@@ -202,7 +202,7 @@ class ReferenceRun:
 def simulate_reference(
     operators: Operators, case: Case, *, periods: int, initial: Standing | None = None
 ) -> ReferenceRun:
-    """Run a case for some periods with a constant time step.
+    """Run the reference on a case for some periods, with a constant time step.
 
     Args:
         operators: operators of the structure, from any assembler.

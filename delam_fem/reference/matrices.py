@@ -1,20 +1,20 @@
-"""Matrices of the judge: one beam, and stacks.
+"""Assemble the matrices of the reference: laminae that are apart, and bonded stacks.
 
-The matrices of two clamped laminae are derived independently of the package. The cubic shape
+The matrices of the laminae are derived independently of the package. The cubic shape
 functions follow from their end conditions, the element matrices from integrals of products of
 polynomials, the lumped mass from the consistent mass, and the damping from the roots of cos B cosh
 B = -1. The reference shares only the case with the code that it checks.
 
-A bonded stack is assembled by constraints instead of a transformation. Every lamina
-has cubic deflections and quadratic axial displacements of its own middle plane over its whole
-length. Where neighbours are bonded, the laminae share deflection and slope, and
+A bonded stack is assembled by constraints instead of a transformation. Every lamina has cubic
+deflections and quadratic axial displacements of its own middle plane over its whole length. Where
+neighbours are bonded, the laminae share deflection and slope, and
 
     u_upper - u_lower + (z_upper - z_lower) w' = 0
 
 at the ends and in the middle of every bonded element, which makes sections plane everywhere because
 w' is quadratic too. The axial displacements carry no mass; for given deflections they minimise the
 strain energy under these constraints (a saddle point problem). Free dofs are numbered node by node,
-from the bottom, deflection before slope.
+from the bottom, deflection before slope; those of laminae that are apart lamina by lamina.
 """
 
 from __future__ import annotations
@@ -41,61 +41,25 @@ from delam_fem.system.errors import CaseError
 DOFS = 2
 """Number of dofs of a node: displacement u and slope phi."""
 _NO_SHAPE = 1e-14
-"""Value of a shape function that is round-off: it is zero at this place."""
+"""Size below which the value of a shape function is round-off of zero."""
 _ROOT_TOLERANCE = 1e-15
 """Absolute tolerance of the roots B, which are of order 1."""
 
 
-def assemble(case: Case, x: npt.ArrayLike) -> Operators:
-    """Assemble both laminae over the same nodes, free dofs of lamina 1 before those of lamina 2.
-
-    Args:
-        case: the case; its mesh is not used.
-        x: positions of the nodes from 0 to the length, shape (n_nodes,) [m].
-
-    Returns:
-        The operators; a gap opens as u2 - u1 grows.
-    """
-    if case.gap is None:
-        raise CaseError("reference: expected a section gap for laminae that are apart")
-    x = np.asarray(x, dtype=np.float64)
-    laminae = [_lamina(case, lamina, x) for lamina in case.lamina]
-    free, clamps = _partition(x.size)
-    whole = [sp.block_diag(matrices) for matrices in zip(*laminae, strict=True)]
-    M, C, K, lumped = (sp.csr_matrix(free.T @ matrix @ free) for matrix in whole)
-    m, c, k = (free.T @ (matrix @ clamps) for matrix in whole[:3])
-    m_aa, c_aa, k_aa = (float(clamps @ (matrix @ clamps)) for matrix in whole[:3])
-    n = x.size - 1
-    u = np.arange(0, 2 * n * DOFS, DOFS)  # dofs of displacements, lamina 1 and lamina 2
-    eye = sp.identity(2 * n * DOFS, format="csr")
-    places, rows, shares = _contact_points(x, case.contact.points_per_element)
-    on_lamina = sp.csr_matrix(rows[:, DOFS:])
-    return Operators(
-        mass=M,
-        damping=C,
-        stiffness=K,
-        lumped_mass=lumped.diagonal(),
-        base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
-        gap_matrix=sp.hstack([-on_lamina, on_lamina], format="csr"),
-        gap0=gap_at_rest(case.gap, places, case.lamina[0].length),
-        pair_weights=None if case.contact.points_per_element == 1 else shares,
-        probes=sp.csr_matrix(eye[u[[n - 1, 2 * n - 1]]]),
-    )
-
-
 def natural_frequencies(operators: Operators, n: int) -> FloatArray:
-    """Return the lowest natural frequencies of each lamina, shape (2, n) [Hz].
+    """Return the lowest natural frequencies of each lamina, shape (n_laminae, n) [Hz].
 
     Args:
-        operators: as `assemble` returns them.
+        operators: of laminae that are apart, as `assemble` returns them.
         n: number of frequencies per lamina, at most the number of its dofs.
     """
-    half = operators.n_dofs // 2
+    each = operators.n_dofs // operators.n_probes
     found = []
-    for own in (slice(0, half), slice(half, None)):
+    for first in range(0, operators.n_dofs, each):
+        own = slice(first, first + each)
         M, K = (m[own, own].toarray() for m in (operators.mass, operators.stiffness))
         # largest 1/omega^2: as omega^2, low frequencies would drown in the round-off of high ones
-        squares = eigh(M, K, eigvals_only=True, subset_by_index=(half - n, half - 1))
+        squares = eigh(M, K, eigvals_only=True, subset_by_index=(each - n, each - 1))
         found.append(1.0 / (2.0 * np.pi * np.sqrt(squares[::-1])))
     return np.array(found)
 
@@ -214,7 +178,7 @@ def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
 
 
 def tabulated(file: Path) -> tuple[FloatArray, FloatArray]:
-    """Return the two columns of a table; what is no number is skipped."""
+    """Return the two columns of a table; lines with anything but numbers are skipped."""
     rows = []
     for line in file.read_text(encoding="utf-8-sig").splitlines():
         text = line.partition("#")[0].strip()
@@ -258,23 +222,8 @@ def _cubic(coefficients: FloatArray, h: float) -> Polynomial:
 
 
 def _products(functions: list[Polynomial], h: float) -> FloatArray:
-    """Return the integrals of f_i f_j from 0 to h, shape (4, 4)."""
+    """Return the integrals of the products f_i f_j of four functions from 0 to h, shape (4, 4)."""
     return np.array([[(f * g).integ(lbnd=0.0)(h) for g in functions] for f in functions])
-
-
-def _lamina(case: Case, lamina: Lamina, x: FloatArray) -> list[sp.csr_matrix]:
-    """Return M, C, K and the lumped mass of one lamina, with the clamped dofs."""
-    rhoA, EI = section(lamina)
-    lengths = np.diff(x).tolist()
-    lumps = [np.diag(lumped_mass(rhoA, h)) for h in lengths]
-    masses = [element_mass(rhoA, h) for h in lengths]
-    for k, consistent, diagonal in point_masses(case, lamina.name, x):
-        masses[k], lumps[k] = masses[k] + consistent, lumps[k] + diagonal
-    lumped = _sum(lumps)
-    M = lumped if case.time.mass == "lumped" else _sum(masses)
-    K = _sum([element_stiffness(EI, h) for h in lengths])
-    alpha, beta = rayleigh(case, lamina)
-    return [M, sp.csr_matrix(alpha * M + beta * K), K, lumped]
 
 
 def point_masses(case: Case, name: str, x: FloatArray) -> list[tuple[int, FloatArray, FloatArray]]:
@@ -297,28 +246,10 @@ def point_masses(case: Case, name: str, x: FloatArray) -> list[tuple[int, FloatA
     return found
 
 
-def _sum(elements: list[FloatArray]) -> sp.csr_matrix:
-    """Return the matrix of a lamina as the sum of its element matrices, in order along x."""
-    matrix = sp.lil_matrix((DOFS * (len(elements) + 1),) * 2)
-    for k, element in enumerate(elements):
-        own = slice(DOFS * k, DOFS * (k + 2))
-        matrix[own, own] = matrix[own, own] + element
-    return matrix.tocsr()
-
-
-def _partition(n_nodes: int) -> tuple[sp.csr_matrix, FloatArray]:
-    """Return R and e in q = R q_free + e q_base, where q contains all dofs of both laminae.
-
-    The clamps share the displacement of the base, and their slopes are 0.
-    """
-    dofs = np.arange(2 * n_nodes * DOFS)
-    node = dofs // DOFS % n_nodes
-    clamps = ((node == 0) & (dofs % DOFS == 0)).astype(np.float64)
-    return sp.identity(dofs.size, format="csc")[:, node > 0].tocsr(), clamps
-
-
 HELD, MOVED = -1, -2
-"""In place of a free dof: it is zero, or it moves with the base."""
+"""Numbers in place of that of a free dof: the dof is zero, or it moves with the base. Matrices and
+rows are summed over the free dofs, the base and a last column for what is held, which is cut off:
+so these numbers are indices."""
 
 
 @dataclass(frozen=True)
@@ -341,26 +272,27 @@ class Stack:
 
     @classmethod
     def of(cls, case: Case, x: FloatArray) -> Stack:
-        """Number the dofs of a case."""
+        """Number the dofs of a case: of laminae that are apart one after the other."""
         names = [lamina.name for lamina in case.lamina]
         middles = 0.5 * (x[1:] + x[:-1])
-        is_bonded = np.ones((len(names) - 1, middles.size), dtype=np.bool_)
+        is_bonded = np.full((len(names) - 1, middles.size), case.gap is None)
         for own in case.delamination:
             inside = (middles > own.start) & (middles < own.end)
             is_bonded[names.index(own.between[0]), inside] = False
         dofs = np.empty((len(names), x.size, 2), dtype=np.int64)
         kinds = {0: case.support.start, x.size - 1: case.support.end}
-        n = 0
-        for node in range(x.size):
+        places, n = list(np.ndindex(len(names), x.size)), 0
+        if not case.is_apart:
+            places.sort(key=lambda place: place[1])
+        for i, node in places:
+            if i > 0 and is_bonded[i - 1, max(node - 1, 0) : node + 1].any():
+                dofs[i, node] = dofs[i - 1, node]
+                continue
             kind = kinds.get(node, "free")
-            for i in range(len(names)):
-                if i > 0 and is_bonded[i - 1, max(node - 1, 0) : node + 1].any():
-                    dofs[i, node] = dofs[i - 1, node]
-                    continue
-                dofs[i, node, 0] = n if kind == "free" else MOVED
-                n += kind == "free"
-                dofs[i, node, 1] = HELD if kind == "clamped" else n
-                n += kind != "clamped"
+            dofs[i, node, 0] = n if kind == "free" else MOVED
+            n += kind == "free"
+            dofs[i, node, 1] = HELD if kind == "clamped" else n
+            n += kind != "clamped"
         return cls(case, x, is_bonded, dofs, n)
 
     @property
@@ -374,33 +306,31 @@ class Stack:
             bottom += lamina.thickness
         return np.array(rows).T
 
-    def column(self, dof: int) -> int | None:
-        """Return the column of a dof: the free dofs, then the base; None if it is held."""
-        return None if dof == HELD else self.n_free if dof == MOVED else dof
-
     def summed(self, blocks: list[tuple[int, int, FloatArray]]) -> sp.csr_matrix:
-        """Sum element matrices, each with its lamina and element, over the columns."""
-        total = np.zeros((self.n_free + 1,) * 2)
+        """Sum element matrices, each with its lamina and element, over free dofs and base."""
+        total = sp.lil_matrix((self.n_free + 2,) * 2)
         for i, k, block in blocks:
-            columns = [self.column(int(dof)) for dof in self.dofs[i, k : k + 2].ravel()]
-            there = [j for j, column in enumerate(columns) if column is not None]
-            own = [column for column in columns if column is not None]
-            total[np.ix_(own, own)] += block[np.ix_(there, there)]
-        return sp.csr_matrix(total)
+            own = self.dofs[i, k : k + 2].ravel()
+            total[np.ix_(own, own)] += block
+        return total[:-1, :-1].tocsr()
 
 
-def assemble_stack(case: Case, x: npt.ArrayLike, observed: int) -> Operators:
-    """Assemble a bonded stack.
+def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
+    """Assemble laminae that are apart, lamina by lamina, or a bonded stack, node by node.
 
     Args:
         case: the case; its mesh is not used.
-        x: positions of the nodes, one at each edge of a delamination [m].
+        x: positions of the nodes from 0 to the length, one at each edge of a delamination [m].
         observed: node whose displacements are the probes, one of each lamina.
 
+    Returns:
+        The operators; a gap opens as the upper lamina rises from the lower one.
+
     Raises:
-        CaseError: contact points lie inside the elements.
+        CaseError: contact points lie inside the elements of a bonded stack.
     """
-    if case.contact.points_per_element != 1:
+    p = case.contact.points_per_element
+    if p != 1 and case.gap is None:
         raise CaseError("reference: expected contact.points_per_element = 1 for a bonded stack")
     stack = Stack.of(case, np.asarray(x, dtype=np.float64))
     rhoA, EI = stack.sections[:2]
@@ -411,13 +341,21 @@ def assemble_stack(case: Case, x: npt.ArrayLike, observed: int) -> Operators:
         for k, consistent, diagonal in point_masses(case, lamina.name, stack.x):
             masses.append((i, k, consistent))
             lumps.append((i, k, diagonal))
-    lumped = stack.summed(lumps)
-    M = stack.summed(masses) if case.time.mass == "consistent" else lumped
-    K = stack.summed([(i, k, element_stiffness(EI[i], h)) for i, k, h in places])
-    K = sp.csr_matrix(K + axial_stiffness(stack))
-    H, gap0 = _pairs(stack)
-    alpha, beta = _rayleigh(stack, M, K, H)
-    C = sp.csr_matrix(alpha * M + beta * K)
+    inertia = masses if case.time.mass == "consistent" else lumps
+    bending = [(i, k, element_stiffness(EI[i], h)) for i, k, h in places]
+    M, K = stack.summed(inertia), stack.summed(bending)
+    if stack.is_bonded.any():
+        K = sp.csr_matrix(K + axial_stiffness(stack))
+    H, gap0, weights = _pairs(stack)
+    if case.is_apart:
+        own = [rayleigh(case, lamina) for lamina in case.lamina]
+        C = stack.summed(
+            [(i, k, own[i][0] * block) for i, k, block in inertia]
+            + [(i, k, own[i][1] * block) for i, k, block in bending]
+        )
+    else:
+        alpha, beta = _rayleigh(stack, M, K, H)
+        C = sp.csr_matrix(alpha * M + beta * K)
     n = stack.n_free
     m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
     m_aa, c_aa, k_aa = (float(matrix[n, n]) for matrix in (M, C, K))
@@ -426,10 +364,11 @@ def assemble_stack(case: Case, x: npt.ArrayLike, observed: int) -> Operators:
         mass=M[:n, :n],
         damping=C[:n, :n],
         stiffness=K[:n, :n],
-        lumped_mass=lumped.diagonal()[:n],
+        lumped_mass=stack.summed(lumps).diagonal()[:n],
         base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
         gap_matrix=H,
         gap0=gap0,
+        pair_weights=weights,
         probes=sp.csr_matrix(eye[stack.dofs[:, observed, 0]]),
     )
 
@@ -477,7 +416,7 @@ def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
     rows: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
 
     def empty() -> tuple[FloatArray, FloatArray]:
-        return np.zeros(own * n_laminae), np.zeros(stack.n_free + 1)
+        return np.zeros(own * n_laminae), np.zeros(stack.n_free + 2)
 
     for k, h in enumerate(np.diff(stack.x).tolist()):
         N = shape_functions(h)
@@ -487,10 +426,8 @@ def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
                 u[own * j + 2 * k + point] = -1.0
                 u[own * (j + 1) + 2 * k + point] = 1.0
                 for dof, f in zip(stack.dofs[j, k : k + 2].ravel().tolist(), N, strict=True):
-                    column = stack.column(dof)
-                    if column is not None:
-                        slope = f.deriv()(s)  # type: ignore[no-untyped-call]
-                        d[column] += (z[j + 1] - z[j]) * float(slope)
+                    slope = f.deriv()(s)  # type: ignore[no-untyped-call]
+                    d[dof] += (z[j + 1] - z[j]) * float(slope)
                 rows[int(j), 2 * k + point] = u, d
     found = list(rows.values())
     ends = ((0, stack.case.support.start), (stack.x.size - 1, stack.case.support.end))
@@ -504,21 +441,32 @@ def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
             for i in range(first, last):
                 u[own * i + 2 * node] = EA[i] / EA[first:last].sum()
             found.append((u, d))
-    return np.array([u for u, _ in found]), np.array([d for _, d in found])
+    return np.array([u for u, _ in found]), np.array([d[:-1] for _, d in found])
 
 
-def _pairs(stack: Stack) -> tuple[sp.csr_matrix, FloatArray]:
-    """Return H and the gaps at rest of the nodes at which neighbours are apart."""
+def _pairs(stack: Stack) -> tuple[sp.csr_matrix, FloatArray, FloatArray | None]:
+    """Return H, the gaps at rest, and the shares of the pairs in a spring; None: each has one.
+
+    The pairs of a bonded stack are the nodes at which neighbours are apart.
+    """
+    case, n_interfaces = stack.case, len(stack.case.lamina) - 1
+    if case.gap is not None:
+        places, shapes, shares = _contact_points(stack.x, case.contact.points_per_element)
+        on_lamina = sp.csr_matrix(shapes[:, DOFS:])
+        H = sp.kron(np.diff(np.eye(n_interfaces + 1), axis=0), on_lamina, format="csr")
+        gap0 = np.tile(gap_at_rest(case.gap, places, case.lamina[0].length), n_interfaces)
+        is_plain = case.contact.points_per_element == 1
+        return H, gap0, None if is_plain else np.tile(shares, n_interfaces)
     rows, gaps = [], []
-    for j in range(len(stack.case.lamina) - 1):
+    for j in range(n_interfaces):
         for node, place in enumerate(stack.x.tolist()):
             lower, upper = stack.dofs[j : j + 2, node, 0].tolist()
             if lower != upper:
                 row = np.zeros(stack.n_free)
                 row[lower], row[upper] = -1.0, 1.0
                 rows.append(row)
-                gaps.append(_opening(stack.case, j, place))
-    return sp.csr_matrix(np.array(rows).reshape(-1, stack.n_free)), np.array(gaps)
+                gaps.append(_opening(case, j, place))
+    return sp.csr_matrix(np.array(rows).reshape(-1, stack.n_free)), np.array(gaps), None
 
 
 def _opening(case: Case, interface: int, x: float) -> float:

@@ -1,12 +1,12 @@
 """Turn the record of a run into one dataset, and into groups that share a long dimension.
 
-The whole dataset has no table: its dimensions do not go together. Each group has one
+The whole dataset cannot become one table, because its dimensions do not go together. Each group can
 (`to_dataframe()`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,52 +29,51 @@ def history(
     """Return the record of a run as a dataset with the variables `schema.VARIABLES`.
 
     Args:
-        recorder: after at least one period.
+        recorder: recorder of the run, after at least one period.
         structure: gives the parts, interfaces and probes. The first probes are the reference
             probes, one for each part; the dataset shows them as tip_….
-        case: that was computed.
-        attributes: of the dataset beside case and versions.
+        case: the case that was computed.
+        attributes: attributes of the dataset beside case and versions.
     """
     layout, gap0 = structure.layout, structure.operators.gap0
     start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
+    n = len(layout.parts)
     data = xr.Dataset(coords={"lamina": list(layout.names)})
     if len(layout.interfaces) != 1:
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
-    u, v, base = (rows[1:] for rows in steps_of(recorder))
-    add(data, "time", (start + 1 + np.arange(len(u))) * recorder.time_step)
-    n = len(layout.parts)
-    add(data, "tip_displacement", u[:, :n].T)
-    add(data, "tip_velocity", v[:, :n].T)
-    add(data, "base_displacement", np.zeros(len(u)) if recorder.is_forced else base[:, 0])
-    if recorder.is_forced:
-        add(data, "force", base[:, 0])
+    u, v, base = _add_motion(data, recorder, n, start)
     if probes := layout.probes[n:]:
         own = slice(n, len(layout.probes))  # those of sensors follow
         data = data.assign_coords(probe=[probe.name for probe in probes])
-        add(data, "probe_displacement", u[:, own].T)
-        add(data, "probe_velocity", v[:, own].T)
-        add(data, "probe_lamina", [probe.part for probe in probes])
-        add(data, "probe_node", [layout.station_of_point(probe.point) for probe in probes])
+        add(
+            data,
+            probe_displacement=u[:, own].T,
+            probe_velocity=v[:, own].T,
+            probe_lamina=[probe.part for probe in probes],
+            probe_node=[layout.station_of_point(probe.point) for probe in probes],
+        )
     _add_periods(data, recorder, n)
-    add(data, "x", layout.parts[0].positions(layout.stations))
+    x, tip = layout.parts[0].positions(layout.stations), layout.probes[0].point
+    add(data, x=x, tip_node=layout.station_of_point(tip))
     data = data.set_coords("x")
-    add(data, "tip_node", layout.station_of_point(layout.probes[0].point))
-    at_rest, x = _of_interfaces(layout, gap0), data["x"].to_numpy()
+    at_rest = _of_interfaces(layout, gap0)
     for row, interface in zip(np.atleast_2d(at_rest), layout.interfaces, strict=True):
         alone = np.delete(np.arange(x.size), layout.stations_of(interface))  # clamps, stops
         row[alone] = opening(case, layout, interface, x[alone])
-    add(data, "gap0", at_rest)
     weights = structure.operators.pair_weights
     shares = np.ones(gap0.size) if weights is None else weights
-    add(data, "spring_share", _of_interfaces(layout, shares))
+    add(data, gap0=at_rest, spring_share=_of_interfaces(layout, shares))
     if layout.stops:
         _add_stops(data, layout, gap0)
     if layout.n_impactors:
         o = structure.operators
         own = slice(o.n_probes, o.n_probes + layout.n_impactors)
         shift = 0.0 if o.base.shift is None else o.base.shift[-layout.n_impactors :]
-        add(data, "impactor_displacement", (u[:, own] + base[:, :1] * shift).T)
-        add(data, "impactor_velocity", (v[:, own] + base[:, 1:2] * shift).T)
+        add(
+            data,
+            impactor_displacement=(u[:, own] + base[:, :1] * shift).T,
+            impactor_velocity=(v[:, own] + base[:, 1:2] * shift).T,
+        )
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
     if not case.is_massless:  # there impacts take no energy
@@ -90,28 +89,73 @@ def history(
     return data
 
 
+def of_probes(
+    recorder: Recorder, names: Sequence[str], attributes: Mapping[str, str]
+) -> xr.Dataset:
+    """Return the record of a run without a case as a dataset; all its probes are reference probes.
+
+    Args:
+        recorder: recorder of the run, after at least one period.
+        names: names of the probes.
+        attributes: attributes of the dataset beside versions.
+    """
+    start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
+    data = xr.Dataset(coords={"lamina": list(names)})
+    _add_motion(data, recorder, len(names), start)
+    _add_periods(data, recorder, len(names))
+    _add_events(data, recorder, None, start)
+    steps, frames, _, _ = frames_of(recorder)
+    if frames:
+        u, v = np.array(frames).swapaxes(0, 1)
+        times = (start + steps) * recorder.time_step
+        add(data, frame=times, dof_displacement=u, dof_velocity=v)
+    data.attrs = {**provenance(), **attributes}
+    return data
+
+
+def _add_motion(data: xr.Dataset, recorder: Recorder, n: int, start: int) -> list[FloatArray]:
+    """Add the motion of n reference probes and of the base; return u, v of all probes, and base."""
+    u, v, base = found = [rows[1:] for rows in steps_of(recorder)]
+    add(
+        data,
+        time=(start + 1 + np.arange(len(u))) * recorder.time_step,
+        tip_displacement=u[:, :n].T,
+        tip_velocity=v[:, :n].T,
+        base_displacement=np.zeros(len(u)) if recorder.is_forced else base[:, 0],
+    )
+    if recorder.is_forced:
+        add(data, force=base[:, 0])
+    return found
+
+
 def _add_stops(data: xr.Dataset, layout: Layout, gap0: FloatArray) -> None:
     """Add where the contact points of stops are; they have the dimension `stop`."""
-    add(data, "stop_number", np.concatenate([[s.number + 1] * s.places.size for s in layout.stops]))
-    add(data, "stop_lamina", np.concatenate([[s.part] * s.places.size for s in layout.stops]))
-    nodes = [np.searchsorted(layout.stations, s.places) for s in layout.stops]
-    add(data, "stop_node", np.concatenate(nodes))
-    add(data, "stop_height", np.concatenate([s.side * gap0[s.pairs] for s in layout.stops]))
-    add(data, "stop_on_base", np.concatenate([[s.on_base] * s.places.size for s in layout.stops]))
+    stops, sizes = layout.stops, [s.places.size for s in layout.stops]
+    add(
+        data,
+        stop_number=np.repeat([s.number + 1 for s in stops], sizes),
+        stop_lamina=np.repeat([s.part for s in stops], sizes),
+        stop_node=np.searchsorted(layout.stations, np.concatenate([s.places for s in stops])),
+        stop_height=np.concatenate([s.side * gap0[s.pairs] for s in stops]),
+        stop_on_base=np.repeat([s.on_base for s in stops], sizes),
+    )
 
 
 def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:
     """Add strobes, envelopes, impulses and energies of every period."""
     k, references = recorder.n_closed, slice(0, n_parts)
-    add(data, "period", np.arange(k))
-    add(data, "strobe_displacement", recorder.strobe[:k, 0, references].T)
-    add(data, "strobe_velocity", recorder.strobe[:k, 1, references].T)
-    add(data, "envelope_min", recorder.envelope[:k, 0, references].T)
-    add(data, "envelope_max", recorder.envelope[:k, 1, references].T)
-    add(data, "impulse_sum", recorder.impulse[:k, 0])
-    add(data, "impact_count", recorder.impulse[:k, 1])
-    for name, column in zip(LEDGER, recorder.ledger[:k].T, strict=True):
-        add(data, f"energy_{name}", column)
+    energies = zip(LEDGER, recorder.ledger[:k].T, strict=True)
+    add(
+        data,
+        period=np.arange(k),
+        strobe_displacement=recorder.strobe[:k, 0, references].T,
+        strobe_velocity=recorder.strobe[:k, 1, references].T,
+        envelope_min=recorder.envelope[:k, 0, references].T,
+        envelope_max=recorder.envelope[:k, 1, references].T,
+        impulse_sum=recorder.impulse[:k, 0],
+        impact_count=recorder.impulse[:k, 1],
+        **{f"energy_{name}": column for name, column in energies},
+    )
 
 
 def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, start: int) -> None:
@@ -123,15 +167,17 @@ def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, star
     nodal = fields.nodal(layout, states[:, 0], base[:, 0])
     u, phi = fields.at_stations(layout, *nodal)
     v, _ = fields.at_stations(layout, *fields.nodal(layout, states[:, 1], base[:, 1]))
-    add(data, "frame", (start + steps) * recorder.time_step)
-    add(data, "displacement", u)
-    add(data, "slope", phi)
-    add(data, "velocity", v)
-    add(data, "moment", fields.bending_moment(layout, *nodal))
-    add(data, "contact_state", _of_interfaces(layout, contact))
+    add(
+        data,
+        frame=(start + steps) * recorder.time_step,
+        displacement=u,
+        slope=phi,
+        velocity=v,
+        moment=fields.bending_moment(layout, *nodal),
+        contact_state=_of_interfaces(layout, contact),
+    )
     if layout.stops:
-        first = layout.stops[0].first_pair
-        add(data, "stop_state", contact[:, first:])
+        add(data, stop_state=contact[:, layout.stops[0].first_pair :])
 
 
 def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -142,30 +188,31 @@ def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[An
     return spread[0] if len(spread) == 1 else np.stack(spread)
 
 
-def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout, start: int) -> None:
-    """Add the table of impacts in the window; pairs hit at one instant share its energy."""
+def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, start: int) -> None:
+    """Add the table of impacts in the window; pairs hit at one instant share the energy change."""
     columns: list[FloatArray] = [np.empty((5, 0))]
     for j, record in enumerate(recorder.window):
         for tick, decision, energy in record.jumps:
             p = decision.impulses
-            step = tick / recorder.refine
-            when = (start + j * recorder.steps_per_period + step) * recorder.time_step
+            steps = start + j * recorder.steps_per_period + tick / recorder.refine
+            # an impulse works at the mean gap rate; a remainder is shared by the impulses
             work = 0.5 * p * (decision.rate_pre + decision.rate_post)
             share = work + (energy - work.sum()) * p / float(p.sum()) if p.any() else work
-            time = np.full(p.size, when)
+            time = np.full(p.size, steps * recorder.time_step)
             columns.append(np.array([time, decision.hit, p, decision.rate_pre, share]))
     time, pair, impulse, rate, energy = np.concatenate(columns, axis=1)
     hit = pair.astype(np.int64)
-    interface, node, stop = _places(layout)
-    add(data, "event_time", time)
-    if len(layout.interfaces) > 1 or layout.stops:
-        add(data, "event_interface", interface[hit])
-    if layout.stops:
-        add(data, "event_stop", stop[hit])
-    add(data, "event_node", node[hit])
-    add(data, "event_impulse", impulse)
-    add(data, "event_velocity_before", rate)
-    add(data, "event_energy", energy)
+    add(data, event_time=time)
+    if layout is None:
+        add(data, event_pair=hit)
+    else:
+        interface, node, stop = _places(layout)
+        if len(layout.interfaces) > 1 or layout.stops:
+            add(data, event_interface=interface[hit])
+        if layout.stops:
+            add(data, event_stop=stop[hit])
+        add(data, event_node=node[hit])
+    add(data, event_impulse=impulse, event_velocity_before=rate, event_energy=energy)
 
 
 def _add_heat(data: xr.Dataset, recorder: Recorder, layout: Layout) -> None:
@@ -174,13 +221,13 @@ def _add_heat(data: xr.Dataset, recorder: Recorder, layout: Layout) -> None:
     hits = np.concatenate([record.jumps.columns().hit for record in recorder.window])
     np.subtract.at(heat, hits, data["event_energy"].to_numpy())
     heat /= data.sizes["time"] * recorder.time_step
-    add(data, "heat", _of_interfaces(layout, heat))
+    add(data, heat=_of_interfaces(layout, heat))
     if layout.stops:
-        add(data, "stop_heat", heat[layout.stops[0].first_pair :])
+        add(data, stop_heat=heat[layout.stops[0].first_pair :])
 
 
 def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:
-    """Return interface (of stops -1), station and stop (else -1) of each pair, all (n_pairs,)."""
+    """Return interface (-1: a stop), station and stop (-1: none) of each pair, all (n_pairs,)."""
     numbers = [
         np.full(len(interface.points), number) for number, interface in enumerate(layout.interfaces)
     ]
@@ -201,13 +248,13 @@ SHAPE = "shape"
 
 
 def grouped(history: xr.Dataset) -> dict[str, xr.Dataset]:
-    """Return the dataset in groups: history, periods, fields, events, shape, sensors.
+    """Return the dataset of a run in groups: history, periods, fields, events, shape, sensors.
 
-    Attributes of the dataset stay with each group. A variable is in one group; a
-    sensor with a sampling rate is a group of its own.
+    Attributes of the dataset stay with each group. A variable is in one group; a sensor with a
+    sampling rate is a group of its own.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
     """
     dims = {str(name): set(history[name].dims) for name in history.data_vars}
     groups = {

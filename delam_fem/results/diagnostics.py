@@ -1,8 +1,8 @@
 """Pure functions of a recorded motion: gaps, strikes, periodicity, energy, the summary.
 
-What impacts have added to the energy of a run, and what helps. An impulse that acts through another
-mass matrix than that of the time integration may do work on the motion instead of taking from it;
-see docs/convergence.md.
+Warnings say how much energy impacts have added to a run, and what helps. An impulse that acts
+through another mass matrix than that of the time integration may do work on the motion instead of
+taking from it; see docs/convergence.md.
 
 Each lamina has one reference probe, at the node `tip_node` of the dataset. Functions that need
 whole periods of the excitation use the last whole periods of the window, so that an interrupted run
@@ -44,8 +44,7 @@ def between(gap_at_rest: FloatArray, u: FloatArray) -> FloatArray:
         Gaps, NaN where a diverged motion is infinite, shape (n_interfaces, …) [m].
     """
     with np.errstate(invalid="ignore"):
-        gaps: FloatArray = gap_at_rest + u[1:] - u[:-1]
-    return gaps
+        return np.asarray(gap_at_rest + u[1:] - u[:-1])
 
 
 def rest_positions(history: xr.Dataset) -> FloatArray:
@@ -64,11 +63,11 @@ def gap_field(history: xr.Dataset) -> FloatArray:
 
 
 def heat(history: xr.Dataset) -> tuple[FloatArray, FloatArray]:
-    """Return the mean power that contact takes over the window; of an earlier version 0.
+    """Return the mean power that contact takes over the window, at each node [W].
 
     Returns:
-        At the nodes of each interface, shape (n_interfaces, n_nodes), and at those of each lamina
-        by its stops, shape (n_laminae, n_nodes) [W].
+        Power at the nodes of each interface, shape (n_interfaces, n_nodes), and at those of each
+        lamina by its stops, shape (n_laminae, n_nodes). It is 0 in results of earlier versions.
     """
     of_stops = np.zeros((history.sizes["lamina"], history.sizes["node"]))
     if "stop_heat" in history:
@@ -93,11 +92,11 @@ def contact_line(history: xr.Dataset) -> FloatArray:
 def of_laminae(
     values: npt.NDArray[Any], join: np.ufunc = np.maximum, beyond: float = 0
 ) -> npt.NDArray[Any]:
-    """Return values of the interfaces for the laminae, from the interfaces of each joined.
+    """Return values of the laminae, each joined from the values of the lamina's interfaces.
 
     Args:
-        values: of the interfaces, such as contact states, shape (n_interfaces, …).
-        join: what becomes of those of a lamina with two interfaces: the larger one, the sum, …
+        values: values of the interfaces, such as contact states, shape (n_interfaces, …).
+        join: how the values of the two interfaces of a lamina are joined: the larger one, the sum…
         beyond: value below the first lamina and above the last one.
 
     Returns:
@@ -116,9 +115,9 @@ nearer the clamp reach the tip in the very last step."""
 class Strikes:
     """The strikes of two neighbours in the window of a run.
 
-    A contact is a group of closures at the probes less than `diagnostics.GROUP_PERIODS` apart. A
-    strike is the beginning of a contact. If a period has several, the strike is the beginning with
-    the fastest approach.
+    A contact is a group of closures at the probes less than `GROUP_PERIODS` apart. A strike is the
+    beginning of a contact. If a period has several, the strike is the beginning with the fastest
+    approach.
 
     Attributes:
         step: step of each strike within the window, shape (n,).
@@ -147,8 +146,7 @@ class Strikes:
 def of_interface(history: xr.Dataset, steps_per_period: int, interface: int) -> Strikes:
     """Return the strikes of the laminae `interface` and `interface` + 1, counted from 0."""
     v = history["tip_velocity"].to_numpy()
-    closed = ProbeMotion.of(history).is_closed[interface]
-    begins = contact_begins(closed, steps_per_period)
+    begins = contact_begins(ProbeMotion.of(history).is_closed[interface], steps_per_period)
     begins = begins[begins >= STEPS_BEFORE]
     rate = v[interface + 1, begins - STEPS_BEFORE] - v[interface, begins - STEPS_BEFORE]
     period = begins // steps_per_period
@@ -175,8 +173,8 @@ def contact_begins(closed: BoolArray, steps_per_period: int) -> IntArray:
 
 
 ROUND_OFF = 1e-9
-"""Of the energy exchanged in a run: a gain below is no gain. What impacts take is no scale: with
-e = 1 that is round-off itself."""
+"""Share of the energy exchanged in a run below which a gain does not count. What impacts take is no
+scale: with e = 1 that is round-off itself."""
 REMEDY = (
     'contact.impulse = "consistent" or time.mass = "lumped": with the consistent mass, lumped '
     "impulses can add energy"
@@ -195,11 +193,15 @@ def gain_of(recorder: Recorder) -> float:
     return float(np.nansum(recorder.impulse[: recorder.n_closed, 2]))
 
 
-def gain_warning(case: Case, recorder: Recorder) -> str | None:
-    """Return what to say of a run whose impacts added energy; None where they did not.
+def gain_warning(recorder: Recorder, *, may_add: bool) -> str | None:
+    """Return a warning if the impacts of a run added energy; None if they did not.
 
-    Instants that gain count where impulses act through another mass matrix; the Moreau–Jean laws
-    may push pairs that part already and gain by it at an instant, and count by whole periods.
+    Where impulses act through another mass matrix, each instant that gains counts. The Moreau–Jean
+    laws may push pairs that part already and gain by it at an instant; there whole periods count.
+
+    Args:
+        recorder: recorder of the run.
+        may_add: whether impulses act through another mass matrix; see `may_add_energy`.
     """
     rows = recorder.ledger[: recorder.n_closed]
     periods = -rows[:, LEDGER.index("impact_loss")]
@@ -207,11 +209,11 @@ def gain_warning(case: Case, recorder: Recorder) -> str | None:
     gain = gain_of(recorder)
     taken = gain - float(np.nansum(periods))
     n_gaining = int((periods > least).sum())
-    if not n_gaining and not (may_add_energy(case) and gain > least):
+    if not n_gaining and not (may_add and gain > least):
         return None
     share = f", {100.0 * gain / taken:.2g} % of what they took" if taken > least else ""
     periods_text = f"; in {n_gaining} periods they added more than they took" if n_gaining else ""
-    remedy = REMEDY if may_add_energy(case) else "more steps per period"
+    remedy = REMEDY if may_add else "more steps per period"
     return f"impacts added {gain:.3g} J to the motion{share}{periods_text}; try {remedy}"
 
 
@@ -234,9 +236,10 @@ class ProbeMotion:
     """The motion of the reference probes, one of each lamina, from bottom to top.
 
     Attributes:
-        displacement: at each step of the window, shape (n_laminae, n_steps) [m].
-        strobe: at the end of each period of the run, shape (n_laminae, n_periods) [m].
-        gap_at_rest: of each interface at the probes, shape (n_interfaces,) [m].
+        displacement: displacements at each step of the window, shape (n_laminae, n_steps) [m].
+        strobe: displacements at the end of each period of the run, shape (n_laminae, n_periods)
+            [m].
+        gap_at_rest: gap of each interface at the probes, shape (n_interfaces,) [m].
         is_hit: whether the pair at the probes is hit at the end of each step of the window, shape
             (n_interfaces, n_steps).
         n_impacts: impulses on pairs in the window.
@@ -250,8 +253,10 @@ class ProbeMotion:
 
     @classmethod
     def of(cls, history: xr.Dataset) -> ProbeMotion:
-        """Return the motion that the dataset of a run holds."""
-        gap_at_rest = by_interface(history["gap0"])[:, probe_node(history)]
+        """Return the motion in the dataset of a run; without a case the probes have no gaps."""
+        gap_at_rest = np.zeros(0)
+        if "gap0" in history:
+            gap_at_rest = by_interface(history["gap0"])[:, probe_node(history)]
         return cls(
             history["tip_displacement"].to_numpy(),
             history["strobe_displacement"].to_numpy(),
@@ -263,13 +268,14 @@ class ProbeMotion:
     @property
     def gaps(self) -> FloatArray:
         """Gaps g0 + q_{j+1} - q_j at the probes, shape (n_interfaces, n_steps) [m]."""
+        if not self.gap_at_rest.size:
+            return np.zeros((0, self.displacement.shape[1]))
         return between(self.gap_at_rest[:, None], self.displacement)
 
     @property
     def gap(self) -> FloatArray:
         """Smallest gap of all interfaces at each step, shape (n_steps,) [m]."""
-        smallest: FloatArray = self.gaps.min(axis=0, initial=np.inf)
-        return smallest
+        return np.asarray(self.gaps.min(axis=0, initial=np.inf))
 
     @property
     def is_closed(self) -> BoolArray:
@@ -282,8 +288,19 @@ class ProbeMotion:
 
     def whole_periods(self, steps_per_period: int) -> FloatArray:
         """Return the displacements of the last whole periods of the window."""
-        n = self.displacement.shape[1]
-        return self.displacement[:, n % steps_per_period :]
+        return self.displacement[:, self.displacement.shape[1] % steps_per_period :]
+
+    def harmonics(self, steps_per_period: int) -> FloatArray | None:
+        """Return the harmonics over the whole periods of the window.
+
+        Returns:
+            A_1, A_2, …, shape (n_laminae, n_harmonics) [m]; None if there is no whole period or
+            the motion is not finite.
+        """
+        whole = self.whole_periods(steps_per_period)
+        if not whole.shape[1] or not np.isfinite(whole).all():
+            return None
+        return harmonic_amplitudes(whole, whole.shape[1] // steps_per_period)
 
 
 def probe_node(history: xr.Dataset) -> int:
@@ -293,6 +310,8 @@ def probe_node(history: xr.Dataset) -> int:
 
 def probe_place(history: xr.Dataset) -> str:
     """Return where the reference probes are in words: "the tip", or the position along x."""
+    if "tip_node" not in history:
+        return "the probes"
     node, x = probe_node(history), history["x"].to_numpy()
     return "the tip" if node == x.size - 1 else f"x = {1e3 * x[node]:.4g} mm"
 
@@ -310,8 +329,7 @@ def probe_positions(history: xr.Dataset) -> FloatArray:
         Positions at each step of the window, shape (n_laminae, n_steps) [m].
     """
     at_rest = rest_positions(history)[:, probe_node(history)]
-    positions: FloatArray = history["tip_displacement"].to_numpy() + at_rest[:, None]
-    return positions
+    return np.asarray(history["tip_displacement"].to_numpy() + at_rest[:, None])
 
 
 def scatters(strobe: FloatArray, half_range: FloatArray) -> FloatArray:
@@ -331,10 +349,7 @@ def scatters(strobe: FloatArray, half_range: FloatArray) -> FloatArray:
         return np.zeros(0)
     n = min(LARGEST_PERIODICITY, last.shape[1] // 2)
     changes = [last[:, P:] - last[:, :-P] for P in range(1, n + 1)]
-    found: FloatArray = np.array(
-        [(np.sqrt((change**2).mean(axis=1)) / half_range).max() for change in changes]
-    )
-    return found
+    return np.array([(np.sqrt((change**2).mean(axis=1)) / half_range).max() for change in changes])
 
 
 def periodicity(
@@ -401,22 +416,14 @@ def tip_gap(history: xr.Dataset) -> FloatArray:
     return ProbeMotion.of(history).gap
 
 
-def tip_closed(history: xr.Dataset) -> BoolArray:
-    """Return for each step of the window whether any pair at the probes is closed, (n_steps,).
-
-    `ProbeMotion.is_closed` says when a pair is closed.
-    """
-    return np.asarray(ProbeMotion.of(history).is_closed.any(axis=0))
-
-
 def last_periods(history: xr.Dataset, case: Case, count: int | None = None) -> xr.Dataset:
-    """Return the dataset with `time` cut to its last `count` periods, or to all that it holds.
+    """Return the dataset with `time` cut to its last `count` periods, or to all whole ones.
 
     Args:
-        history: of a run.
+        history: dataset of a run.
         case: its case.
-        count: number of periods, or the window if the excitation has none; None for the last whole
-            periods of the window.
+        count: number of periods; None: all whole periods of the window. If the excitation is not
+            periodic, any number takes the whole window.
 
     Returns:
         The same dataset with fewer steps; without any step if the window is shorter than one
@@ -449,7 +456,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     """Return the numbers of summary.json that follow from the motion of the probes.
 
     Args:
-        motion: of a run, however short.
+        motion: motion of the probes in a run, however short.
         case: its case.
 
     Returns:
@@ -458,13 +465,11 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     """
     q, N = motion.displacement, case.steps_per_period
     n_periods = q.shape[1] / N
-    is_harmonic = case.is_periodic
-    amplitudes = _harmonics(motion.whole_periods(N), N) if is_harmonic else None
-    repeats = _periodicity_of(motion, N) if is_harmonic else _NO_PERIODICITY
+    amplitudes = motion.harmonics(N) if case.is_periodic else None
+    repeats = _periodicity_of(motion, N) if case.is_periodic else _NO_PERIODICITY
     contacts = None
-    if case.contact.law != "none" and motion.is_closed.shape[0]:
-        is_closed = motion.is_closed.any(axis=0)
-        contacts = count_contacts(is_closed, GROUP_PERIODS * N) / n_periods
+    if motion.is_closed.shape[0] and case.contact.law != "none":
+        contacts = count_contacts(motion.is_closed.any(axis=0), GROUP_PERIODS * N) / n_periods
     return {
         "tip_min": q.min(axis=1).tolist(),
         "tip_max": q.max(axis=1).tolist(),
@@ -478,21 +483,12 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     }
 
 
-def window_harmonics(history: xr.Dataset, case: Case) -> FloatArray | None:
-    """Return the harmonics of the probes over the whole periods of the window.
-
-    Returns:
-        A_1, A_2, …, shape (n_laminae, n_harmonics) [m]; None if there is no whole period or the
-        motion is not finite.
-    """
-    N = case.steps_per_period
-    return _harmonics(ProbeMotion.of(history).whole_periods(N), N)
-
-
 def _hits(history: xr.Dataset, n_interfaces: int) -> BoolArray:
     """Return whether the pairs at the probes are hit, shape (n_interfaces, n_steps)."""
+    is_hit = np.zeros((n_interfaces, history.sizes["time"]), dtype=np.bool_)
+    if not n_interfaces:
+        return is_hit
     time, at_probes = history["time"].to_numpy(), is_at_probes(history)
-    is_hit = np.zeros((n_interfaces, time.size), dtype=np.bool_)
     when = history["event_time"].to_numpy()[at_probes]
     if when.size and time.size > 1:
         after = (when - time[0]) / (time[1] - time[0])
@@ -502,21 +498,13 @@ def _hits(history: xr.Dataset, n_interfaces: int) -> BoolArray:
     return is_hit
 
 
-def _harmonics(whole: FloatArray, steps_per_period: int) -> FloatArray | None:
-    """Return the harmonics over whole periods; see `window_harmonics`."""
-    n_periods = whole.shape[1] // steps_per_period
-    if not n_periods or not np.isfinite(whole).all():
-        return None
-    return harmonic_amplitudes(whole, n_periods)
-
-
 _NO_PERIODICITY: dict[str, Any] = {
     "periodicity": None, "strobe_scatter": None, "periodicity_class": None, "strobe_scatters": None,
 }  # fmt: skip
 
 
 def _periodicity_of(motion: ProbeMotion, N: int) -> dict[str, Any]:
-    """Return the periodicity; a last period that was not finished has no strobe."""
+    """Return the summary's numbers on periodicity; an unfinished last period has no strobe."""
     q, strobe = motion.displacement, motion.strobe
     if q.shape[1] % N:
         strobe = strobe[:, :-1]

@@ -1,5 +1,7 @@
 """Write a run, or the operators of a case, in the formats of other programs.
 
+The operators are those of
+
     M u'' + C u' + K u = -(m_b q_b'' + c_b q_b' + k_b q_b) + Hᵀ λ,   gap = H u + g0
 
 The numbers are SI, and the matrices are dense: beams have some hundred dofs at most.
@@ -30,15 +32,15 @@ LONGEST = 63
 
 
 def write_matlab(history: xr.Dataset, path: Path) -> list[Path]:
-    """Write a file of version 5, which `load` of MATLAB and Octave reads.
+    """Write a result as a MATLAB file of version 5, which `load` of MATLAB and Octave reads.
 
     Arrays have the dimensions of the dataset, in the same order; histories of two laminae are
     2 × n. `units`, `meaning` and `dimensions` are structures with a text for each variable;
     `lamina` holds the names of the laminae, `case_file` the case.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
-        path: of the file, in an existing folder.
+        history: dataset of a run; see `schema.VARIABLES`.
+        path: the file, in an existing folder.
 
     Returns:
         The file.
@@ -65,7 +67,7 @@ def write_matlab(history: xr.Dataset, path: Path) -> list[Path]:
 
 
 def _word(name: str) -> str:
-    """Return a name that MATLAB takes."""
+    """Return a name that MATLAB accepts."""
     word = re.sub(r"\W", "_", name, flags=re.ASCII)[:LONGEST]
     return word if word[:1].isalpha() else f"v_{word}"[:LONGEST]
 
@@ -77,10 +79,10 @@ LONG = ("fields",)
 
 
 def write_tables(history: xr.Dataset, path: Path) -> list[Path]:
-    """Write NAME.csv with the histories, NAME-periods.csv, NAME-events.csv and so on.
+    """Write a result as tables: NAME.csv with the histories, NAME-periods.csv and so on.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
         path: NAME.csv, in an existing folder.
 
     Returns:
@@ -132,8 +134,8 @@ def _heading(own: xr.DataArray, label: str = "") -> str:
     return f"{own.name}{label} [{units}]" if units else f"{own.name}{label}"
 
 
-TYPES = {"m": 8, "m/s": 11, "m/s2": 12, "N": 13, "1": 3, "N m": 9}
-"""Types of data by unit; 0 for others."""
+TYPES = {"m": 8, "m/s": 11, "m/s2": 12, "N": 13, "1": 3, "N m": 1}
+"""Data types of universal files by unit; other units have type 0."""
 TIME, GENERAL = 17, 1
 NODES_PER_LAMINA = 10_000
 """Numbers of the nodes of a lamina begin at its number times this."""
@@ -148,7 +150,7 @@ def write_universal(history: xr.Dataset, path: Path) -> list[Path]:
     was. Universal files have no place for tables of events.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
         path: NAME.uff, in an existing folder.
 
     Returns:
@@ -165,7 +167,7 @@ def write_universal(history: xr.Dataset, path: Path) -> list[Path]:
 
 
 def _write(sets: list[dict[str, Any]], path: Path) -> Path:
-    """Write sets to a file."""
+    """Write sets to a universal file."""
     import pyuff
 
     with atomic(path) as temporary:
@@ -229,14 +231,14 @@ def _fields(history: xr.Dataset) -> Iterator[dict[str, Any]]:
     for name in ("displacement", "velocity"):
         for i, label in enumerate(map(str, history["lamina"].to_numpy())):
             for k in range(history.sizes["node"]):
-                own = history[name][i, :, k]
-                yield _set(own, f"{name} {label} node {k}", times, _node(i, k), is_time=True)
+                words = f"{name} {label} node {k}"
+                yield _set(history[name][i, :, k], words, times, _node(i, k), is_time=True)
 
 
 def _set(
     own: xr.DataArray, name: str, axis: FloatArray, node: int, *, is_time: bool
 ) -> dict[str, Any]:
-    """Return a set 58 with one history."""
+    """Return a set of type 58 with one history."""
     units = str(own.attrs.get("units", "1"))
     step = float((axis[-1] - axis[0]) / (axis.size - 1)) if axis.size > 1 else 1.0
     return {
@@ -261,17 +263,17 @@ FORMATS = {
     "uff": "universal file: histories and strobes, and one with the motion of all nodes; no events",
     "vtkhdf": "VTK: the fields",
 }
-"""Formats with what they hold."""
+"""Formats, and what a file of each holds."""
 
 
 def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[Path]:
     """Write the result of a run to files of another format.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
         case: its case.
         to: one of `FORMATS`.
-        path: of the file; its folder is made where it does not exist. Further files are named after
+        path: the file; its folder is made where it does not exist. Further files are named after
             it.
 
     Returns:
@@ -287,12 +289,9 @@ def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[P
     if path.suffix.lower() != f".{to}":
         raise CaseError(f"--output: expected a file that ends in .{to}, given {path}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    if to == "csv":
-        return write_tables(history, path)
-    if to == "mat":
-        return write_matlab(history, path)
-    if to == "uff":
-        return write_universal(history, path)
+    tables = {"csv": write_tables, "mat": write_matlab, "uff": write_universal}
+    if to in tables:
+        return tables[to](history, path)
     from delam_fem.results.fields import pictures, vtkhdf
 
     drawable = pictures.drawable_frames(history) if history.sizes.get("frame", 0) else history
@@ -302,8 +301,7 @@ def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[P
             "output.fields_per_period above 0"
         )
     bodies = pictures.Ribbons.of(drawable, case)
-    times = drawable["frame"].to_numpy()
-    return [vtkhdf.write(bodies.mesh, times, bodies.point_data, path)]
+    return [vtkhdf.write(bodies.mesh, drawable["frame"].to_numpy(), bodies.point_data, path)]
 
 
 OPERATOR_FORMATS = (".npz", ".mat")
@@ -318,6 +316,13 @@ def operators(case: Case, path: str | Path) -> Path:
 def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
     """Write the operators of a structure to a file that ends in .npz or .mat.
 
+    docs/reduced.md explains them. Its arrays are `M`, `C`, `K` of shape (n, n); `m_b`, `c_b`, `k_b`
+    of shape (n,), `M_bb`, `C_bb`, `K_bb`; `H` of shape (n_pairs, n) and `g0`; `P` of shape
+    (n_probes, n), the rows of the tips; `lamina` (from 0), `x` [m] and `component` (0 displacement,
+    1 slope) of each dof, -1 for the coordinates of a reduced model, shape (n,); `pair_x` [m];
+    `drive_frequency` [Hz] and `drive_amplitude` [m or N] (NaN if the drive is not harmonic);
+    `drive_is_force`; `case`, the case as TOML.
+
     Args:
         structure: the discretised case.
         case: gives the drive and the text of the case.
@@ -330,26 +335,6 @@ def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
     if path.suffix not in OPERATOR_FORMATS:
         raise CaseError(f"operators: expected a file that ends in .npz or .mat, given {path.name}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    content = operators_of(structure, case)
-    with atomic_file(path) as temporary:
-        if path.suffix == ".npz":
-            np.savez_compressed(temporary, **content)
-        else:
-            savemat(temporary, content, oned_as="column", do_compression=True)
-    return path
-
-
-def operators_of(structure: Structure, case: Case) -> dict[str, Any]:
-    """Return the arrays of a file by name; docs/reduced.md explains them.
-
-    Returns:
-        `M`, `C`, `K` of shape (n, n); `m_b`, `c_b`, `k_b` of shape (n,), `M_bb`, `C_bb`, `K_bb`;
-        `H` of shape (n_pairs, n) and `g0`; `P` of shape (n_probes, n), the rows of the tips;
-        `lamina`, `x` and `component` (0 displacement, 1 slope) of each dof, numbers from 0, -1 of
-        the coordinates of a reduced model, shape (n,); `pair_x` [m]; `drive_frequency` [Hz] and
-        `drive_amplitude` [m or N] (NaN if the drive is not harmonic); `drive_is_force`;
-        `case`, the case as TOML.
-    """
     o, layout = structure.operators, structure.layout
     of_dofs = np.full((3, o.n_dofs), -1.0)
     for number, part in enumerate(layout.parts if layout.reading is None else ()):
@@ -364,7 +349,7 @@ def operators_of(structure: Structure, case: Case) -> dict[str, Any]:
     amplitude = getattr(given, "amplitude", np.nan)
     if given.is_periodic and hasattr(given, "displacement_amplitude"):
         amplitude = given.displacement_amplitude(frequency)
-    return {
+    content = {
         "M": o.mass.toarray(),
         "C": o.damping.toarray(),
         "K": o.stiffness.toarray(),
@@ -384,3 +369,9 @@ def operators_of(structure: Structure, case: Case) -> dict[str, Any]:
         "drive_is_force": int(o.base.is_force),
         "case": case.to_toml(),
     }
+    with atomic_file(path) as temporary:
+        if path.suffix == ".npz":
+            np.savez_compressed(temporary, **content)
+        else:
+            savemat(temporary, content, oned_as="column", do_compression=True)
+    return path

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import h5netcdf
-import numpy as np
 import xarray as xr
 
 from delam_fem.case.definition import Case
@@ -19,7 +17,7 @@ from delam_fem.model.discretise import has_dolfinx
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic_file, write_arrays, write_text
+from delam_fem.system.files import atomic_file, write_arrays, write_json
 
 if TYPE_CHECKING:
     from delam_fem.results.fields.derived import Frames
@@ -33,7 +31,7 @@ SOLID = "solid.vtkhdf"
 
 @dataclass(frozen=True)
 class Result:
-    """What a run gives.
+    """The result of a run: its dataset, its summary, and the state at its end.
 
     Attributes:
         case: the case.
@@ -56,24 +54,29 @@ class Result:
     solid: Frames | None = None
 
     @property
+    def _drawn(self) -> xr.Dataset:
+        """The history with the names of variables that figures and pages read."""
+        return self.history
+
+    @property
     def plot(self) -> Plots:
         """The figures, as in `result.plot.spectra()`."""
         from delam_fem.results.figures.run import Plots
 
-        return Plots(self.history, self.case)
+        return Plots(self._drawn, self.case)
 
     @property
     def groups(self) -> dict[str, xr.Dataset]:
-        """The history in groups that have a table each; see `groups.grouped`."""
+        """The history in groups, each of which can become a table; see `dataset.grouped`."""
         from delam_fem.results.dataset import grouped
 
         return grouped(self.history)
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the result as HTML, which a notebook shows."""
         from delam_fem.results.pages.report import of_result
 
-        return of_result(self.history, self.summary, self.case)
+        return of_result(self._drawn, self.summary, self.case)
 
     def save(self, directory: str | Path, *, figures: bool = True) -> list[Path]:
         """Write numbers, figures, fields and report to a folder.
@@ -82,7 +85,7 @@ class Result:
         temporary name and renamed when complete. The checkpoint of the run is removed last.
 
         Args:
-            directory: made where it does not exist.
+            directory: folder, which is made where it does not exist.
             figures: whether to write figures, fields and report too, not the numbers alone.
 
         Returns:
@@ -96,10 +99,10 @@ class Result:
             from delam_fem.results.fields.derived import write_solid
 
             written.append(write_solid(self.solid, directory / "fields"))
-        elif not self.case.model.is_continuum:
+        elif isinstance(self.case, Case) and not self.case.model.is_continuum:
             (directory / "fields" / SOLID).unlink(missing_ok=True)
         if figures:
-            written += save_views(self.history, self.summary, self.case, directory)
+            written += save_views(self._drawn, self.summary, self.case, directory)
         if self.checkpoint is not None:
             self.checkpoint.unlink(missing_ok=True)
         return written
@@ -109,7 +112,7 @@ class Result:
 
         Args:
             to: "csv", "mat", "uff" or "vtkhdf".
-            path: of the file.
+            path: the file.
 
         Returns:
             The files; see `export.export`.
@@ -126,7 +129,7 @@ class Result:
         """Write the groups to one NetCDF file: `xarray.open_dataset(path, group="events")`.
 
         Args:
-            path: of the file; replaces an existing one. Its folder must exist.
+            path: the file, which replaces an existing one. Its folder must exist.
 
         Raises:
             OSError: the file cannot be written or the disk is full.
@@ -138,13 +141,77 @@ class Result:
         directory = Path(directory)
         written = [save_case(self.case, directory)]
         written.append(write_dataset(self.history, directory / RESULT))
-        text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
-        written.append(write_text(directory / SUMMARY, text))
+        written.append(write_json(directory / SUMMARY, self.summary))
         if self.final is None:
             final_in(directory).unlink(missing_ok=True)  # of another run
         else:
             written.append(write_arrays(final_in(directory), self.final))
         return written
+
+
+AS_PROBES = {
+    "lamina": "probe", "tip_displacement": "probe_displacement", "tip_velocity": "probe_velocity",
+}  # fmt: skip
+"""Names in the dataset of operators by the names that figures and numbers know from a case."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What figures and numbers read of a problem, in place of a case.
+
+    Attributes:
+        title: the problem in a few words.
+        time_step: Δt [s].
+        steps_per_period: N.
+        n_periods: number of periods to compute.
+        is_periodic: whether a period is one of the excitation.
+    """
+
+    title: str
+    time_step: float
+    steps_per_period: int
+    n_periods: int
+    is_periodic: bool
+
+    @property
+    def period(self) -> float:
+        """Length of a period [s]."""
+        return self.time_step * self.steps_per_period
+
+
+@dataclass(frozen=True)
+class OperatorsResult(Result):
+    """The result of a run of operators, which has no case, and so no fields and no film.
+
+    Each probe takes the place that a lamina has in the result of a case: figures, verdict and
+    numbers read its motion. In `history` probes have their names along the dimension `probe`.
+
+    Attributes:
+        case: the `Problem`, which figures and numbers read in place of a case.
+    """
+
+    case: Any
+
+    @property
+    def _drawn(self) -> xr.Dataset:
+        """The history with the names that its variables have in the result of a case."""
+        return self.history.rename({name: old for old, name in AS_PROBES.items()})
+
+    def save_numbers(self, directory: str | Path) -> list[Path]:
+        """Write result.nc and summary.json only; several ranks have the same: let one write."""
+        directory = Path(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        return [
+            write_dataset(self.history, directory / RESULT),
+            write_json(directory / SUMMARY, self.summary),
+        ]
+
+    def export(self, to: str, path: str | Path) -> list[Path]:
+        """Refuse to export: the formats of other programs are made for laminae."""
+        raise CaseError(
+            f"export: expected the result of a case, given one of operators; {RESULT} and "
+            "history.to_dataframe() have its numbers"
+        )
 
 
 def _write_groups(groups: Mapping[str, xr.Dataset], path: Path) -> Path:
@@ -161,10 +228,10 @@ def _write_groups(groups: Mapping[str, xr.Dataset], path: Path) -> Path:
 def save_views(
     history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory: Path
 ) -> list[Path]:
-    """Write figures, fields and report: everything that the numbers are enough for.
+    """Write figures, fields and report: all files that can be made from the numbers of a run.
 
     Args:
-        history: of a run.
+        history: dataset of a run.
         summary: its numbers.
         case: its case.
         directory: an existing folder.
@@ -180,7 +247,7 @@ def save_views(
     from delam_fem.results.pages.report import write_report
 
     written = save_figures(history, case, directory / "figures")
-    if history.sizes.get("frame", 0):
+    if history.sizes.get("frame", 0) and "node" in history.sizes:
         written += pictures.write_fields(history, case, directory / "fields")
         drawn = [pictures.render(history, case, directory / "figures" / "laminae.png")]
         if has_dolfinx():
@@ -204,10 +271,10 @@ def save_views(
 
 
 def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any]]:
-    """Read what `Result.save_numbers` has written.
+    """Read the case, the history and the summary of a run from its folder.
 
     Returns:
-        The case, the history and the summary; the summary is empty if its file is missing.
+        All three, as `Result.save_numbers` has written them; without its file the summary is empty.
 
     Raises:
         CaseError: the folder has no result, or a damaged one.
@@ -251,23 +318,3 @@ def is_complete(directory: str | Path, case: Case) -> bool:
 def write_dataset(history: xr.Dataset, path: Path) -> Path:
     """Write a dataset as NetCDF-4."""
     return _write_groups({"/": history}, path)
-
-
-def json_ready(value: Any, digits: int | None = None) -> Any:
-    """Return numbers as JSON knows them: no numpy types, None for what is not finite.
-
-    Args:
-        value: a number, a text, or such in mappings, sequences and arrays.
-        digits: of numbers; None: all.
-    """
-    if isinstance(value, Mapping):
-        return {str(key): json_ready(entry, digits) for key, entry in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [json_ready(entry, digits) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if not isinstance(value, float):
-        return value
-    if not math.isfinite(value):
-        return None
-    return value if digits is None else float(f"{value:.{digits}g}")

@@ -1,29 +1,28 @@
-"""Judge the motion of a run: settled or not, good or not, and its numbers with intervals.
+"""Judge a run: whether its motion has settled, how sure its numbers are, what may be wrong.
 
-Judge the motion that a recorder has kept: settled, not settled or irregular; when to stop.
-`numerics/settling.py` has the model and the thresholds; here are the strobes that it is given.
+The motion that a recorder has kept is settled, not settled or irregular. `numerics/settling.py` has
+the model and the thresholds; here are the strobes that it is given.
 
-The numbers of an irregular motion with intervals: means over windows, and how far to trust them. A
-motion without a period has no extremes and no spectrum of its own: longer runs give larger
-extremes. Its means per period are numbers that longer runs repeat within the interval.
+The numbers of an irregular motion are means over windows, with intervals. A motion without a period
+has no extremes and no spectrum of its own: longer runs give larger extremes. Its means per period
+are numbers that longer runs repeat within the interval.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Mesh
 from delam_fem.contact.laws import LAWS, SCHEMES
-from delam_fem.model.beams import closed_form
+from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Structure
-from delam_fem.model.linear import slowest_decay
+from delam_fem.model.linear import DENSE_DOFS, slowest_decay
 from delam_fem.model.mesh import NODE_TOLERANCE
+from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
@@ -35,14 +34,15 @@ from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.simulation.recorder import LEDGER, Recorder
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 EVERY = 20
 """Periods between two judgements of a run that goes on until it has settled."""
 AGREEING = 2
 """Successive judgements that must agree before such a run ends."""
 FEWEST_IRREGULAR = 100
-"""Judged periods before a run ends whose motion is irregular: ten for each of ten windows."""
-BEAM_CELLS = 100
-"""Cells of the beams that stand for solids whose mesh is from a file."""
+"""Fewest judged periods before a run of irregular motion ends: ten for each of ten windows."""
 LEAST_RANGE = 1e-6
 """Range of a probe relative to the largest one below which the probe counts as being at rest."""
 
@@ -53,7 +53,7 @@ def verdict_of(
     """Return the verdict on a run of a periodic excitation.
 
     Args:
-        recorder: of the run, after at least one period.
+        recorder: recorder of the run, after at least one period.
         n_parts: number of parts; the first probes are the reference probes, one for each.
         decay: e-folds of the slowest mode of the structure in a period of the excitation [-].
         n_periods: number of first periods that are judged; None: all that are finished.
@@ -81,49 +81,33 @@ def decay_of(case: Case, structure: Structure) -> float:
     modes of the beams are found in no time and on any number of ranks.
     """
     if case.model.is_continuum:
-        mesh = case.mesh if case.mesh.file is None else Mesh(elements=BEAM_CELLS)
-        structure = closed_form.assemble(case.model_copy(update={"mesh": mesh, "sensor": ()}))
+        structure = assemble(case.as_beams, needs_dolfinx=False)
     return slowest_decay(structure.operators, is_floating=case.is_floating)
 
 
+def decay_of_operators(operators: Operators | DistributedOperators) -> float:
+    """Return the rate at which the slowest mode dies out [1/s]; 0 if it cannot be found."""
+    if isinstance(operators, DistributedOperators):
+        return 0.0
+    try:
+        decay = slowest_decay(operators, is_floating=operators.n_dofs <= DENSE_DOFS)
+    except (np.linalg.LinAlgError, RuntimeError):  # many dofs that nothing holds, or no mass
+        return 0.0
+    return decay if np.isfinite(decay) else 0.0
+
+
 def enough_of(case: Case, recorder: Recorder, n_parts: int, decay: float) -> Callable[[int], bool]:
-    """Return the function of the number of finished periods that says whether a run may end."""
-    if case.time.periods == "settled":
-        return until_settled(recorder, n_parts, decay)
-    return lambda period: False
+    """Return a function that takes the number of finished periods: whether the run may end.
 
+    Only with time.periods = "settled" may a run end early, once its motion is settled. The function
+    judges every `EVERY` periods from the strobes alone, so that a resumed run ends after the same
+    period as one that was not interrupted.
 
-def judge_of(
-    case: Case, structure: Structure, recorder: Recorder
-) -> tuple[float, Callable[[int], bool]]:
-    """Return the decay of the slowest mode per period, and `enough_of` the run."""
-    decay = decay_of(case, structure) * case.period
-    return decay, enough_of(case, recorder, len(structure.layout.parts), decay)
-
-
-def finished(recorder: Recorder) -> int:
-    """Return the number of periods that have been computed to their end."""
-    is_cut = recorder.window[-1].n_steps < recorder.steps_per_period
-    return recorder.n_closed - int(is_cut)
-
-
-def touches(recorder: Recorder) -> BoolArray:
-    """Return in which periods anything touched, shape (n_closed,).
-
-    A contact leaves impulses, a spring that is closed at the end of the period, or energy that a
-    spring brought along when it was switched.
-    """
-    rows = recorder.ledger[: recorder.n_closed]
-    columns = [LEDGER.index(name) for name in ("spring", "spring_released", "contact_damping_loss")]
-    touched: BoolArray = (recorder.impulse[: recorder.n_closed, 1] > 0.0) | rows[:, columns].any(1)
-    return touched
-
-
-def until_settled(recorder: Recorder, n_parts: int, decay: float) -> Callable[[int], bool]:
-    """Return the function of the number of finished periods that says whether a run may end.
-
-    It judges every `EVERY` periods from the strobes alone, so that a resumed run ends after the
-    same period as one that was not interrupted.
+    Args:
+        case: the case.
+        recorder: recorder of the run.
+        n_parts: number of parts.
+        decay: e-folds of the slowest mode of the structure in a period [-].
     """
 
     def is_steady(period: int) -> bool:
@@ -136,16 +120,32 @@ def until_settled(recorder: Recorder, n_parts: int, decay: float) -> Callable[[i
             return False
         return all(own.word == found[0].word != "not settled" for own in found)
 
-    return is_steady
+    return is_steady if case.time.periods == "settled" else lambda period: False
+
+
+def finished(recorder: Recorder) -> int:
+    """Return the number of periods that have been computed to their end."""
+    return recorder.n_closed - int(recorder.window[-1].n_steps < recorder.steps_per_period)
+
+
+def touches(recorder: Recorder) -> BoolArray:
+    """Return in which periods anything touched, shape (n_closed,).
+
+    A contact leaves impulses, a spring that is closed at the end of the period, or energy that a
+    spring brought along when it was switched.
+    """
+    rows = recorder.ledger[: recorder.n_closed]
+    columns = [LEDGER.index(name) for name in ("spring", "spring_released", "contact_damping_loss")]
+    return np.asarray((recorder.impulse[: recorder.n_closed, 1] > 0.0) | rows[:, columns].any(1))
 
 
 def numbers(recorder: Recorder, n_parts: int, case: Case, decay: float) -> dict[str, Any]:
     """Return the entries of a summary that say whether a run has settled, and what follows.
 
     Args:
-        recorder: of the run.
+        recorder: recorder of the run.
         n_parts: number of parts.
-        case: of the run.
+        case: case of the run.
         decay: e-folds of the slowest mode of the structure in a period [-].
 
     Returns:
@@ -157,16 +157,17 @@ def numbers(recorder: Recorder, n_parts: int, case: Case, decay: float) -> dict[
     found = verdict_of(recorder, n_parts, decay)
     values = asdict(found)
     del values["word"], values["periodicity"]
-    entries: dict[str, Any] = {"settled": found.word, "periodicity": found.periodicity}
-    entries["settling"] = values
+    entries: dict[str, Any] = {
+        "settled": found.word, "periodicity": found.periodicity, "settling": values,
+    }  # fmt: skip
     if found.periodicity is None:
-        entries["strobe_scatter"] = None
-        entries["periodicity_class"] = found.word if found.word == "not settled" else "not periodic"
+        word = found.word if found.word == "not settled" else "not periodic"
+        entries |= {"strobe_scatter": None, "periodicity_class": word}
     return entries
 
 
 def limit_warning(case: Case, summary: Mapping[str, Any]) -> str | None:
-    """Return a warning if a run that was to go on until it has settled ended without."""
+    """Return a warning if a run that was to go on until it settles ended unsettled; else None."""
     if case.time.periods != "settled" or summary["settled"] != "not settled":
         return None
     needed = summary["settling"]["periods_needed"]
@@ -192,9 +193,9 @@ def of_run(
     verdict judged. Contacts at the tips and harmonics are known of the periods of the window.
 
     Args:
-        history: of the run.
-        case: of the run.
-        summary: with the verdict.
+        history: dataset of the run.
+        case: case of the run.
+        summary: summary of the run, with the verdict.
 
     Returns:
         By name `mean` and `half_width` of each lamina or of the motion, and the number of
@@ -214,7 +215,7 @@ def of_run(
 
 
 def _entry(means: FloatArray, periods: int) -> dict[str, Any]:
-    """Return mean and interval from the means of blocks of a number of periods in all."""
+    """Return the entry of a number: its mean and interval from the means of blocks of periods."""
     middle, half_width = interval(means)
     windows = means.shape[-1]
     found = {"mean": middle.tolist(), "half_width": half_width.tolist()}
@@ -247,7 +248,7 @@ def contacts_by_period(motion: diagnostics.ProbeMotion, steps_per_period: int) -
     """Return the number of contacts at the probes that begin in each period of the window.
 
     Args:
-        motion: of the probes.
+        motion: motion of the probes.
         steps_per_period: N.
 
     Returns:
@@ -259,8 +260,7 @@ def contacts_by_period(motion: diagnostics.ProbeMotion, steps_per_period: int) -
     n = motion.displacement.shape[1]
     first = n % steps_per_period
     periods = (begins[begins >= first] - first) // steps_per_period
-    counts: FloatArray = np.bincount(periods, minlength=n // steps_per_period).astype(np.float64)
-    return counts
+    return np.bincount(periods, minlength=n // steps_per_period).astype(np.float64)
 
 
 CLOSED = 1e-6
@@ -275,7 +275,7 @@ GRADED = 1e4
 
 
 def quality_warnings(case: Case, structure: Structure, residual: float) -> list[str]:
-    """Return what may be wrong with the numbers of a run, with the reason; [] if nothing is.
+    """Return warnings of what may be wrong with the numbers of a run, with reasons; [] if none.
 
     Args:
         case: the case.
@@ -286,13 +286,18 @@ def quality_warnings(case: Case, structure: Structure, residual: float) -> list[
     if residual <= CLOSED:
         return reasons
     if not np.isfinite(residual):
-        return [*reasons, "the energies of a period are not finite: this is no motion of the case"]
-    if not reasons:
-        reasons = [_known(case, structure)]
-    return [
+        return [*reasons, open_balance(residual)]
+    return [f"{open_balance(residual)}: {'; '.join(reasons or [_known(case, structure)])}"]
+
+
+def open_balance(residual: float) -> str:
+    """Return the sentence that the energy ledger does not close."""
+    if not np.isfinite(residual):
+        return "the energies of a period are not finite: this is no motion of the case"
+    return (
         f"the energy balance of a period is open by {residual:.2g} of what is exchanged "
-        f"(good: below {CLOSED:g}): {'; '.join(reasons)}"
-    ]
+        f"(good: below {CLOSED:g})"
+    )
 
 
 def is_lost(residual: float) -> bool:
@@ -322,14 +327,20 @@ def _stiff_springs(case: Case, structure: Structure) -> list[str]:
     contact, dt = case.contact, case.time_step
     if not LAWS[contact.law].spring:
         return []
+    springs = {f"stop.{k}.stiffness": stop.stiffness or 0.0 for k, stop in enumerate(case.stop, 1)}
+    if case.spring == (contact.penalty_stiffness, contact.penalty_damping):
+        springs["contact.penalty_stiffness"] = contact.penalty_stiffness
+    key = max(springs, key=lambda name: springs[name], default="")
+    if not key:
+        return []
     lengths = _lengths(structure)
     mass = min(lamina.mass_per_length for lamina in case.lamina) * float(lengths.mean())
-    turn = dt * np.sqrt(contact.penalty_stiffness / mass)
+    turn = dt * np.sqrt(springs[key] / mass)
     if turn <= STIFF:
         return []
     best = mass * (STIFF / dt) ** 2
     return [
-        f"contact.penalty_stiffness = {contact.penalty_stiffness:g} N/m turns a node "
+        f"{key} = {springs[key]:g} N/m turns a node "
         f"{turn / (2.0 * np.pi):.2g} times within a step, so that the motion in contact is "
         f"arbitrary; try below {best:.1g} N/m, or a rigid law"
     ]
@@ -351,5 +362,4 @@ def _lengths(structure: Structure) -> FloatArray:
     """Return the distances of neighbouring points along x [m]; equal points count once."""
     x = np.unique(structure.layout.x)
     distances = np.diff(x)
-    apart: FloatArray = distances[distances > NODE_TOLERANCE * x[-1]]
-    return apart
+    return np.asarray(distances[distances > NODE_TOLERANCE * x[-1]])

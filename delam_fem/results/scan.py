@@ -1,7 +1,7 @@
 """The motion of a row of points as a scanning vibrometer measures it, and its complex shapes.
 
-Split a measured motion into its complex shapes at multiples of the excitation, and its noise. A
-field v has shape (time, point). Its shape of order k is V_k in
+A motion is split into its complex shapes at multiples of the excitation's frequency, and its noise.
+A field v has shape (time, point). Its shape of order k is V_k in
 
     v(t, x) = c(x) + Σ_k Re( V_k(x) exp(2πi k f t) ) + noise                                   (D1)
 
@@ -50,7 +50,7 @@ def surface_of(case: Case, lamina: str | None) -> str:
 
 
 def part_of(layout: Layout, lamina: str) -> int:
-    """Return the number of a lamina.
+    """Return the number of the lamina of a given name.
 
     Raises:
         CaseError: there is none of this name.
@@ -68,8 +68,8 @@ def scan_field(
     """Return the motion of points at the frames of the window, in the fixed frame.
 
     Args:
-        recorder: after a run that kept frames.
-        structure: that moved.
+        recorder: recorder after a run that kept frames.
+        structure: structure that moved.
         lamina: name of the lamina on whose surface the points are.
         x: positions of the points, shape (n,) [m].
 
@@ -88,8 +88,8 @@ def at_points(
     """Return the motion of points on a lamina, shape (k, n).
 
     Args:
-        structure: that moves.
-        lamina: its name.
+        structure: structure that moves.
+        lamina: name of the lamina.
         x: positions of the points, shape (n,) [m].
         vectors: values of the free dofs, shape (k, n_dofs).
         base: values of the base, shape (k,).
@@ -107,7 +107,7 @@ ComplexArray = npt.NDArray[np.complex128]
 ORDERS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Orders of the shapes: half the excitation, the excitation, its harmonics."""
 LEAST_PERIODS = 4
-"""Periods that are needed to tell noise from harmonics."""
+"""Fewest periods that can tell noise from harmonics."""
 _BAND = (1.5, 2.5)
 """Orders between which the noise is measured."""
 _FITS = 20
@@ -122,13 +122,13 @@ class Shapes:
 
     Attributes:
         x: positions of the points, increasing, shape (n,) [m].
-        frequency: f of the excitation [Hz].
-        orders: k of each shape.
+        frequency: frequency f of the excitation [Hz].
+        orders: order k of each shape.
         values: V_k in the unit of the field, complex, shape (n_orders, n).
         noise: root mean square of |δV|, the same for all orders, of all points or of each, shape
             () or (n,), in the same unit.
-        n_lines: frequencies between the orders from which the noise was estimated; inf: it is
-            known.
+        n_lines: number of frequencies between the orders from which the noise was estimated; inf:
+            the noise is known.
     """
 
     x: FloatArray
@@ -139,7 +139,7 @@ class Shapes:
     n_lines: float = math.inf
 
     def order(self, k: float) -> ComplexArray:
-        """Return V_k, shape (n,).
+        """Return the shape V_k of order k, shape (n,).
 
         Raises:
             ValueError: there is no such order.
@@ -147,11 +147,11 @@ class Shapes:
         return np.asarray(self.values[self.orders.index(k)])
 
     def without_drive(self, responses: Mapping[float, ComplexArray]) -> Shapes:
-        """Return these shapes without what harmonics of the drive itself make of a linear beam.
+        """Return these shapes without the linear response to harmonics of the drive itself.
 
         A drive that distorts adds c R_k(x) to V_k, with the linear response R_k and one unknown c.
-        It is fitted to the second differences by the smallest sum of magnitudes: a delamination
-        bends few points, which then hardly count.
+        It is fitted to the second differences by the smallest sum of magnitudes (least squares with
+        new weights in each pass): a delamination bends few points, which then hardly count.
 
         Args:
             responses: R_k, shape (n,), by order.
@@ -174,12 +174,12 @@ class Shapes:
     def noisy(
         self, noise: float | FloatArray, rng: np.random.Generator, n_lines: float = math.inf
     ) -> Shapes:
-        """Return these shapes with noise of a root mean square that is known, or estimated.
+        """Return these shapes with more noise, whose root mean square is known or is estimated.
 
         Args:
             noise: root mean square of the noise that is added.
-            rng: random numbers.
-            n_lines: frequencies from which the sensor estimates the noise of each point.
+            rng: generator of random numbers.
+            n_lines: number of frequencies from which the noise of each point is estimated.
         """
         parts = rng.normal(scale=noise / math.sqrt(2.0), size=(2, *self.values.shape))
         values, known = self.values + parts[0] + 1j * parts[1], np.hypot(self.noise, noise)
@@ -192,9 +192,9 @@ def amplitudes(field: FloatArray, times: FloatArray, frequencies: Sequence[float
     """Return the complex amplitudes of a field at given frequencies, by least squares (D1).
 
     Args:
-        field: shape (time, point).
-        times: shape (time,), in any spacing [s].
-        frequencies: above 0 and different from one another [Hz].
+        field: samples, shape (time, point).
+        times: times of the samples, in any spacing, shape (time,) [s].
+        frequencies: frequencies above 0 and different from one another [Hz].
 
     Returns:
         Shape (n_frequencies, point).
@@ -221,16 +221,17 @@ def shapes_of(
     x: FloatArray,
     orders: tuple[float, ...] = ORDERS,
 ) -> Shapes:
-    """Return the shapes of a field and the noise on them.
+    """Return the complex shapes of a field at orders of the excitation, and the noise on them.
 
-    The noise of each point is that at frequencies between 1.5 f and 2.5 f which belong to no order.
+    The noise of each point is the mean at frequencies between 1.5 f and 2.5 f that belong to no
+    order.
 
     Args:
         field: displacement or velocity, shape (time, point).
-        times: shape (time,) [s].
-        frequency: f of the excitation [Hz].
+        times: times of the samples, shape (time,) [s].
+        frequency: frequency f of the excitation [Hz].
         x: positions of the points, shape (point,) [m].
-        orders: of the shapes; those above half the sampling rate are left out.
+        orders: orders of the shapes; those above half the sampling rate are left out.
 
     Raises:
         ValueError: the record is shorter than four periods.

@@ -1,11 +1,11 @@
 """Every variable of the dataset of a run, and where results come from.
 
-Say where a result comes from: program, libraries, machine and command. Which numbers are equal bit
-by bit depends on all of them; see docs/reliability.md.
+Each variable has its dimensions, its unit and its meaning here, once. A dataset with a single
+interface does not have the dimension `interface`. The coordinates `lamina` and `interface` hold
+names.
 
-Every variable of a run's dataset, once: its dimensions, its unit, its meaning. A dataset with a
-single interface does not have the dimension `interface`. The coordinates `lamina` and `interface`
-hold names.
+A result comes from a program, libraries, a machine and a command. Which numbers are equal bit by
+bit depends on all of them; see docs/reliability.md.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def solvers() -> dict[str, str]:
-    """Return the versions of dolfinx and of PETSc's Python; "none" of what is not installed."""
+    """Return the versions of dolfinx and petsc4py by name; "none" if one is not installed."""
     found = {}
     for name, package in (("dolfinx", "fenics-dolfinx"), ("petsc", "petsc4py")):
         try:
@@ -69,7 +69,7 @@ def provenance() -> dict[str, str]:
 
 
 def origin() -> dict[str, str]:
-    """Return versions and git revision: what is the same on all machines of a cluster."""
+    """Return versions and git revision, which are the same on all machines of a cluster."""
     return {
         **versions(),
         "python": sys.version.split()[0],
@@ -112,7 +112,7 @@ def processor() -> str:
 def git_revision() -> str:
     """Return the revision of the checkout that the package runs from, with "-dirty" if changed.
 
-    "none" if the package is not run from a checkout.
+    The result is "none" if the package is not run from a checkout.
     """
     root = Path(__file__).resolve().parents[2]
     if _git(root, "rev-parse", "--show-toplevel") != str(root):
@@ -121,7 +121,7 @@ def git_revision() -> str:
 
 
 def _git(root: Path, *arguments: str) -> str:
-    """Return what git says; empty if it fails."""
+    """Return the output of a git command; empty if it fails."""
     try:
         done = subprocess.run(
             ["git", "-C", str(root), *arguments],
@@ -145,6 +145,7 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
         "time": "every step of the window",
         "period": "all periods of the run",
         "frame": "instants of the window at which fields are kept",
+        "dof": "dofs of operators, of one rank its own; only without a case",
         "node": "points along the laminae: nodes, and contact points inside the elements",
         "probe": "further probes, on both sides of delaminations; only if there are any",
         "stop": "contact points of stops and impactors; only if there are any",
@@ -157,13 +158,13 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable.
+    """A variable of the dataset of a run.
 
     Attributes:
-        name: in the dataset.
-        dims: its dimensions.
-        units: "1" for pure numbers.
-        long_name: its meaning.
+        name: name in the dataset.
+        dims: dimensions.
+        units: unit; "1" for pure numbers.
+        long_name: meaning.
     """
 
     name: str
@@ -244,6 +245,8 @@ _ALL = (
         "1",
         "contact state: 0 open, 1 hit, 2 resting",
     ),
+    Variable("dof_displacement", ("frame", "dof"), "m", "u of each dof; only of operators"),
+    Variable("dof_velocity", ("frame", "dof"), "m/s", "v of each dof; only of operators"),
     Variable("stop_number", ("stop",), "1", "number of its stop, from 1; impactors count on"),
     Variable("stop_lamina", ("stop",), "1", "number of the lamina that may strike it, from 0"),
     Variable("stop_node", ("stop",), "1", "point that may strike it"),
@@ -255,6 +258,7 @@ _ALL = (
     Variable("event_time", ("event",), "s", "time of the impact"),
     Variable("event_interface", ("event",), "1", "number of the interface that is hit; -1: a stop"),
     Variable("event_stop", ("event",), "1", "contact point of stops that is hit, from 0; -1: none"),
+    Variable("event_pair", ("event",), "1", "contact pair that is hit, from 0; only of operators"),
     Variable("event_node", ("event",), "1", "point that is hit"),
     Variable("event_impulse", ("event",), "N s", "impulse that parts the laminae"),
     Variable("event_velocity_before", ("event",), "m/s", "gap rate before the impact"),
@@ -286,14 +290,14 @@ class Measure(Variable):
     """A number of a run: an entry of summary.json, a variable of sweeps, a row of tables.
 
     Attributes:
-        is_percent: whether it is shown in percent.
+        is_percent: whether the number is shown in percent.
     """
 
     is_percent: bool = False
 
     @property
     def shown(self) -> tuple[str, float]:
-        """The unit in which people read it, and the factor to it."""
+        """The unit in which tables show the number, and the factor to it."""
         return ("%", 100.0) if self.is_percent else SHOWN.get(self.units, (self.units, 1.0))
 
 
@@ -301,6 +305,9 @@ _LAMINA = ("lamina",)
 _MEASURES = (
     Measure("outcome", (), "", "how the run ended: completed, diverged or interrupted"),
     Measure("engine", (), "", "what computed the steps"),
+    Measure("law", (), "", "contact law; of operators"),
+    Measure("scheme", (), "", "time integration; of operators"),
+    Measure("probes", ("probe",), "", "names of the probes; of operators"),
     Measure("steps", (), "1", "time steps of the whole run, of all sizes"),
     Measure("wall_seconds", (), "s", "duration of the computation"),
     Measure("microseconds_per_step", (), "µs", "duration per time step"),
@@ -310,6 +317,9 @@ _MEASURES = (
         "smallest displacement of each tip over the last periods, base motion included"),
     Measure("tip_max", _LAMINA, "m", "largest displacement of each tip over the last periods"),
     Measure("tip_amplitude", _LAMINA, "m", "half peak-to-peak displacement of each tip"),
+    Measure("probe_min", ("probe",), "m", "smallest displacement of each probe; of operators"),
+    Measure("probe_max", ("probe",), "m", "largest displacement of each probe; of operators"),
+    Measure("probe_amplitude", ("probe",), "m", "half of the difference of both; of operators"),
     Measure("periodicity", (), "1",
         "periods of the excitation after which the motion repeats, 1 to 8; – if it does not"),
     Measure("periodicity_class", (), "",
@@ -361,20 +371,25 @@ MEASURES: Mapping[str, Measure] = MappingProxyType({entry.name: entry for entry 
 `diagnostics.summary_of` computes those of the motion. Tips are the reference probes."""
 
 
-def add(data: xr.Dataset, name: str, values: Any) -> None:
-    """Add a variable with its dimensions, unit and meaning.
+def add(data: xr.Dataset, **variables: Any) -> None:
+    """Add variables to a dataset with their dimensions, units and meanings.
 
     Values of a single interface come without the dimension `interface`.
+
+    Args:
+        data: the dataset.
+        variables: values by the names of `VARIABLES`.
 
     Raises:
         KeyError: the schema has no such variable.
         ValueError: the values do not have its dimensions.
     """
-    row, array = VARIABLES[name], np.asarray(values)
-    dims = row.dims
-    if INTERFACE in dims and array.ndim == len(dims) - 1:
-        dims = tuple(dim for dim in dims if dim != INTERFACE)
-    data[name] = (dims, array, {"units": row.units, "long_name": row.long_name})
+    for name, values in variables.items():
+        row, array = VARIABLES[name], np.asarray(values)
+        dims = row.dims
+        if INTERFACE in dims and array.ndim == len(dims) - 1:
+            dims = tuple(dim for dim in dims if dim != INTERFACE)
+        data[name] = (dims, array, {"units": row.units, "long_name": row.long_name})
 
 
 SENSOR = "sensor_"
@@ -384,8 +399,8 @@ SENSOR = "sensor_"
 def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:
     """Return the dataset with the variable `sensor_NAME` of a sensor.
 
-    Its dimension is `time`; of a sensor with a sampling rate `sensor_NAME_time`, with a coordinate
-    of that name [s].
+    The variable's dimension is `time`; with a sampling rate it is `sensor_NAME_time`, with a
+    coordinate of that name [s].
     """
     own, name, dim = signal.sensor, f"{SENSOR}{signal.sensor.name}", "time"
     if own.sampling_rate is not None:
@@ -417,27 +432,3 @@ def event_interfaces(history: xr.Dataset) -> np.ndarray[Any, np.dtype[Any]]:
     if "event_interface" in history:
         return history["event_interface"].to_numpy()
     return np.zeros(history.sizes["event"], dtype=np.int64)
-
-
-def summary_markdown() -> str:
-    """Return the entries of summary.json as a table of Markdown, for the documentation."""
-    rows = [
-        f"| `{row.name}` | {row.units if row.units not in ('', '1') else '–'} | {row.long_name} |"
-        for row in MEASURES.values()
-    ]
-    return "\n".join(["| entry | unit | meaning |", "|---|---|---|", *rows])
-
-
-def markdown() -> str:
-    """Return dimensions and variables as tables of Markdown, for the documentation."""
-    dimensions = [f"| `{name}` | {meaning} |" for name, meaning in DIMENSIONS.items()]
-    variables = [
-        f"| `{row.name}` | {', '.join(row.dims) or '–'} | {row.units} | {row.long_name} |"
-        for row in VARIABLES.values()
-    ]
-    return "\n".join(
-        [
-            *("| dimension | entries |", "|---|---|", *dimensions, ""),
-            *("| variable | dimensions | unit | meaning |", "|---|---|---|---|", *variables),
-        ]
-    )

@@ -1,12 +1,11 @@
-"""End a run without loss: signals of the system, checkpoints, and what they hold.
+"""End a run early without loss: catch the signals of the system, save and load checkpoints.
 
-End a run early on a signal, write checkpoints at intervals, and report progress. Ctrl-C (SIGINT),
-SIGTERM and a closed terminal (SIGHUP) end a run after the period it is in, or after the block of
-periods that the compiled engine computes in one go.
+Ctrl-C (SIGINT), SIGTERM and a closed terminal (SIGHUP) end a run after the period it is in, or
+after the block of periods that the compiled engine computes in one go. Until then a `Watch` writes
+checkpoints at intervals and reports progress.
 
-Save and load checkpoints: one file from which a run continues bit for bit. The same file, under the
-name of `final_in`, stays beside the results of a run that was completed, so that the run can be
-extended.
+A checkpoint is one file from which a run continues bit for bit. The same file, under the name of
+`final_in`, stays beside the results of a completed run, so that the run can be extended.
 
 The file contains the state with the set of resting pairs, the rows of all periods and the records
 of the window. The checkpoint of a run that has ended contains all that its result is made of. State
@@ -108,7 +107,8 @@ class Watch:
         """Store the callbacks and start the clock of the checkpoints.
 
         Args:
-            save: function that writes a checkpoint of a run that is so far; None: no checkpoints.
+            save: function that takes how far the run is and writes a checkpoint; None: no
+                checkpoints.
             report: function that takes the number of finished periods.
             is_stopped: function that says whether this process was asked to stop.
             comm: communicator whose ranks must decide the same.
@@ -276,8 +276,8 @@ def load(
         How the run has ended, or "running".
 
     Raises:
-        CaseError: there is no checkpoint, it is damaged, or it belongs to another case, engine or
-            version.
+        CaseError: there is no checkpoint, it is damaged, or it belongs to another case, engine,
+            scheme, number of ranks or version.
     """
     if path is None:
         raise CaseError("resume: expected the directory of the interrupted run, given none")
@@ -336,8 +336,8 @@ def _damaged(path: Path, error: Exception) -> CaseError:
     """Return the error for a file that is not a whole checkpoint."""
     reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
     return CaseError(
-        f"resume: {path} is damaged or no checkpoint ({reason}); run without --resume to compute "
-        "everything again, with --overwrite in the same folder"
+        f"checkpoint: {path} is damaged or no checkpoint ({reason}); run without --resume or "
+        "--extend to compute everything again, with --overwrite in the same folder"
     )
 
 

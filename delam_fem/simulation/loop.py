@@ -1,8 +1,8 @@
-"""Run the time loop period by period, from a given state or one in the first modes.
+"""Run the time loop period by period; in each step stepper → contact law → recorder.
 
-Run the time loop: period by period, and in each step stepper → contact law → recorder. This is the
-only time loop of the package. Stepper, supervisor and recorder are arguments; the loop knows no
-law, no scheme and no file.
+This is the only time loop of the package. Stepper, supervisor and recorder are arguments; the loop
+knows no law, no scheme and no file. A motion starts from a given state, or with each lamina in its
+first mode (`initial_state`).
 """
 
 from __future__ import annotations
@@ -54,29 +54,15 @@ class State:
         require(kind == np.bool_, "state.resting", "an array of bool, one per pair", kind.name)
 
 
-class Moving(Stepper, Protocol):
-    """A stepper that can also compute its acceleration from its displacement and velocity."""
-
-    def renew_acceleration(self) -> None:
-        """Set the acceleration to that of the equation of motion."""
-
-
-class Engine(Protocol):
-    """An engine: computes the steps of a period and holds the state."""
-
-    @property
-    def stepper(self) -> Moving:
-        """The stepper, from which a recorder reads the state."""
+class Shared(Protocol):
+    """What engines and steppers that may run on several ranks have in common."""
 
     @property
     def n_shares(self) -> int:
         """Number of ranks on which the order of the dofs depends; 1: on none."""
 
-    def state(self) -> State:
-        """Return the present state of all dofs (collective)."""
-
-    def restore(self, state: State, base_state: FloatArray) -> None:
-        """Set the state as given, with (q, q', q'') of the base at that time, shape (3,)."""
+    def renew_acceleration(self) -> None:
+        """Set the acceleration to that of the equation of motion."""
 
     def whole(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of this rank, the last axis (collective)."""
@@ -85,11 +71,21 @@ class Engine(Protocol):
         """Return the values of this rank's dofs among those of all dofs, the last axis."""
 
     def destroy(self) -> None:
-        """Free the PETSc objects that the engine holds, if any."""
+        """Free the PETSc objects that it holds, if any."""
+
+
+class Engine(Shared, Protocol):
+    """An engine, which computes the steps of periods and holds the state of the motion."""
+
+    def state(self) -> State:
+        """Return the present state of all dofs (collective)."""
+
+    def restore(self, state: State, base_state: FloatArray) -> None:
+        """Set the state as given, with (q, q', q'') of the base at that time, shape (3,)."""
 
     @property
     def steps_at_once(self) -> int:
-        """Number of steps that it computes at most in one go, if a period has fewer."""
+        """Largest number of steps that the engine computes in one go, if a period has fewer."""
 
     def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
         """Compute periods of the same motion of the base, and record them.
@@ -105,11 +101,11 @@ class Engine(Protocol):
 
 
 def one_period(engine: Engine, recorder: Recorder, base_states: FloatArray) -> PeriodRecord:
-    """Compute a period from the present state, and return its record; it has no predecessors.
+    """Compute one period from the present state, and return its record.
 
     Args:
         engine: engine that holds the state.
-        recorder: recorder whose first row the period takes.
+        recorder: recorder whose first row the period takes; its earlier periods are forgotten.
         base_states: see `Engine.advance`.
     """
     recorder.n_closed = 0
@@ -117,25 +113,15 @@ def one_period(engine: Engine, recorder: Recorder, base_states: FloatArray) -> P
     return recorder.window[-1]
 
 
-class Advancing(Moving, Kinematics, Protocol):
+class Advancing(Shared, Stepper, Kinematics, Protocol):
     """A stepper that makes single steps of a scheme; see engines/petsc."""
 
     resting: BoolArray
     is_resting: bool
     damped: FloatArray
 
-    @property
-    def n_shares(self) -> int:
-        """Number of ranks on which the order of the dofs depends; 1: on none."""
-
     def restore(self, state: FloatArray) -> None:
         """Set (u, v, a) of the own dofs, shape (3, n_own)."""
-
-    def whole(self, share: FloatArray) -> FloatArray:
-        """Return values of all dofs from those of the own dofs, the last axis (collective)."""
-
-    def share(self, of_all: FloatArray) -> FloatArray:
-        """Return the values of the own dofs among those of all dofs, the last axis."""
 
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs are at rest, shape (n_pairs,)."""
@@ -146,9 +132,6 @@ class Advancing(Moving, Kinematics, Protocol):
         Returns:
             The same numbers as sequences.
         """
-
-    def destroy(self) -> None:
-        """Free the PETSc objects that the stepper holds, if any."""
 
     def advance(self) -> float:
         """Compute the candidate state of the next step; return the smallest gap to examine [m]."""
@@ -183,6 +166,10 @@ class StepByStep:
         stepper.restore(stepper.share(state.motion))
         stepper.rest(state.resting.copy())
         stepper.dissipated, stepper.contact_damped = state.losses
+
+    def renew_acceleration(self) -> None:
+        """Set the acceleration to that of the equation of motion."""
+        self.stepper.renew_acceleration()
 
     def whole(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of this rank (collective); see `Engine`."""
@@ -243,12 +230,12 @@ def set_initial(engine: Engine, initial: State | None, base_state: FloatArray) -
     """
     initial = engine.state() if initial is None else initial
     engine.restore(State(initial.motion, initial.resting), base_state)
-    engine.stepper.renew_acceleration()
+    engine.renew_acceleration()
 
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Pause the search for cycles of objects, which took a quarter of the steps and finds none."""
+    """Pause Python's garbage collector, which took a quarter of the time and finds nothing."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -310,7 +297,7 @@ def _blocks(
         base_states, last, after = after, first + 1, None
         end = min(first + longest, every * (first // every + 1))
         while last < n_periods:
-            after = motion(last)
+            after = motion(last)  # of the period behind the block: the same table, or the next's
             if last == end or after is not base_states:
                 break
             last, after = last + 1, None

@@ -1,7 +1,7 @@
 """Record a run: every step of the last periods, one row of numbers per period, all impacts.
 
-Balance the energy: the work of the base, the stored energies and the losses (the energy ledger).
-For the whole system, base dofs included, in the fixed frame and over any interval of time,
+The energy ledger balances the work of the base, the stored energies and the losses. For the whole
+system, base dofs included, in the fixed frame and over any interval of time,
 
     T + V + V_springs |_0^1 = W_base - D_damping - D_contact + E_impacts + E_springs      (E1)
 
@@ -44,8 +44,7 @@ from delam_fem.simulation.refinement import Span
 from delam_fem.system.kernels import kept, njit
 
 
-@dataclass(frozen=True)
-class Energies:
+class Energies(NamedTuple):
     """Stored energies at an instant [J].
 
     Attributes:
@@ -59,11 +58,6 @@ class Energies:
     strain: float
     spring: float
     momentum: float = 0.0
-
-    @property
-    def total(self) -> float:
-        """Sum of the stored energies [J]."""
-        return self.kinetic + self.strain + self.spring
 
 
 LEVEL = ("kinetic", "strain", "spring", "momentum", "dissipated", "contact_damped")
@@ -83,12 +77,16 @@ def base_flows(seen, start, end, base_states, corner, time_step, is_divided, sum
         corner: (M_aa, C_aa, K_aa).
         time_step: Δt [s].
         is_divided: which steps were divided into smaller ones, shape (k+1,).
-        sums: over these; see `add_flows`.
+        sums: over the divided steps; see `add_flows`.
 
     Returns:
         Work of the base [J]; part of the damping loss that involves the base velocity [J].
     """
-    by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states, is_divided, sums)
+    total = sums.copy()
+    for j in range(1, seen.shape[0]):
+        if not is_divided[j]:
+            add_flows(total, seen[j - 1], seen[j], base_states[j - 1], base_states[j], 1.0)
+    by_mass, cross_damping, by_stiffness, square = total[0], total[1], total[2], total[3]
     corner_damping = corner[1] * time_step * square
     before, after = base_states[0], base_states[seen.shape[0] - 1]
     work = (
@@ -109,14 +107,14 @@ def write_ledger(row, levels, seen, base_states, coupling, time_step, is_divided
     """Write the row of a period: stored energies, exchanged energies and the residual of E1.
 
     Args:
-        row: gets the columns `recorder.LEDGER`.
-        levels: those at the start and at the end (`LEVEL`).
+        row: gets the columns `LEDGER`.
+        levels: entries of `LEVEL` at the start and at the end, shape (2, 6).
         seen: see `base_flows`.
-        base_states: the same.
+        base_states: see `base_flows`.
         coupling: M_aa, C_aa, K_aa, and 1 if a force drives the structure, otherwise 0.
         time_step: Δt [s].
         is_divided: see `base_flows`.
-        sums: the same.
+        sums: see `base_flows`.
         gained: energies that impacts, and switching springs on and off, have added [J].
     """
     start, end, last = levels[0], levels[1], seen.shape[0] - 1
@@ -138,28 +136,9 @@ def write_ledger(row, levels, seen, base_states, coupling, time_step, is_divided
     )  # fmt: skip
 
 
-@njit
-def _sums(seen, base, is_divided, sums):  # type: ignore[no-untyped-def]
-    """Return four sums over steps: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')².
-
-    The sums over divided steps are given.
-    """
-    by_mass, by_damping, by_stiffness, square = sums[0], sums[1], sums[2], sums[3]
-    for j in range(1, seen.shape[0]):
-        if is_divided[j]:
-            continue
-        mean_dq = 0.5 * (base[j, 1] + base[j - 1, 1])
-        mean_ddq = 0.5 * (base[j, 2] + base[j - 1, 2])
-        by_mass += (seen[j, 0] - seen[j - 1, 0]) * mean_ddq
-        by_damping += (seen[j, 1] - seen[j - 1, 1]) * mean_dq
-        by_stiffness += 0.5 * (seen[j, 2] + seen[j - 1, 2]) * (base[j, 0] - base[j - 1, 0])
-        square += mean_dq * mean_dq
-    return by_mass, by_damping, by_stiffness, square
-
-
 @kept
 def add_rows(sums, rows):  # type: ignore[no-untyped-def]
-    """Add small steps to the four sums of `_sums`.
+    """Add small steps to the four sums of `add_flows`.
 
     Args:
         sums: the four sums, shape (4,); changed.
@@ -173,15 +152,15 @@ def add_rows(sums, rows):  # type: ignore[no-untyped-def]
 
 @njit
 def add_flows(sums, seen_before, seen, before, after, share):  # type: ignore[no-untyped-def]
-    """Add a small step to the four sums of `_sums`.
+    """Add a step to four sums: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')².
 
     Args:
         sums: the four sums, shape (4,); changed.
-        seen_before: (m_b·u, c_b·u, k_b·u) at the start of the small step.
+        seen_before: (m_b·u, c_b·u, k_b·u) at the start of the step.
         seen: the same at its end.
         before: (q, q', q'') of the base at its start.
         after: the same at its end.
-        share: size of the small step over Δt.
+        share: size of the step over Δt.
     """
     mean_dq = 0.5 * (after[1] + before[1])
     sums[0] += (seen[0] - seen_before[0]) * 0.5 * (after[2] + before[2])
@@ -219,7 +198,7 @@ class Columns(NamedTuple):
         return cls(ticks, sizes, np.zeros(n), hit, impulses, rate_pre, rate_post)
 
     def part(self, impacts: tuple[int, int], hits: tuple[int, int]) -> Columns:
-        """Return the impacts, and the hit pairs, from the first to before the last, uncopied."""
+        """Return views of a range (first, end) of the impacts and of one of the hit pairs."""
         places = [slice(*impacts)] * 3 + [slice(*hits)] * 4
         return Columns._make(a[place] for a, place in zip(self, places, strict=True))
 
@@ -245,7 +224,7 @@ class Jumps:
 
     @property
     def _parts(self) -> list[Columns]:
-        """Columns of all impacts, after those that came one by one have become columns."""
+        """Columns of all impacts; those that came one by one are made into columns first."""
         if self._single:
             ticks, decisions, energies = zip(*self._single, strict=True)
             columns = zip(*(d[:4] for d in decisions), strict=True)
@@ -273,7 +252,7 @@ class Jumps:
             n_until = int(np.searchsorted(part.ticks, last, side="right"))
             start = int(part.sizes[:n_before].sum())
             found.append(part.hit[start : start + int(part.sizes[n_before:n_until].sum())])
-            if n_before:
+            if n_before:  # then all impacts of earlier parts are before `first` too
                 break
         return np.concatenate(found)
 
@@ -304,8 +283,8 @@ EXCHANGED = slice(LEDGER.index("base_work"), LEDGER.index("residual"))
 """Columns of what is exchanged within a period."""
 
 LEAST_EXCHANGED = 1e-6
-"""Of the energy stored: what counts as exchanged at least, in the scale of the residual. Otherwise
-the round-off of a free motion without damping would be judged by itself."""
+"""Share of the stored energy that counts as exchanged at least, where the residual is scaled.
+Otherwise the round-off of a free motion without damping would be judged by itself."""
 
 EFFORT = ("coarse", "middle", "fine", "contacts", "unforeseen")
 """Columns of `Recorder.effort`: numbers of steps by size; divided steps with an impact, and those
@@ -365,8 +344,9 @@ class PeriodRecord:
         impact: energy that impacts have added [J].
         n_steps: number of computed steps.
         is_divided: which steps were divided near contact, shape (N + 1,).
-        flows: sums over the divided steps, for the work of the base; see `energy.add_flows`.
-        effort: numbers of steps and contacts, in the order of `EFFORT`.
+        flows: sums over the divided steps, for the work of the base; see `add_flows`.
+        effort: numbers of steps and contacts, in the order of `EFFORT`, of steps that are counted
+            one by one.
         ticks_per_step: r, the number of fine steps (ticks) in a step.
         resting: pairs at rest when the period began, shape (n_pairs,).
         damped: energy that the damper of each pair has taken, shape (n_pairs,) [J]; none: 0.
@@ -385,13 +365,13 @@ class PeriodRecord:
     n_steps: int = 0
     is_divided: ByteArray = field(default_factory=lambda: np.zeros(0, np.uint8))
     flows: FloatArray = field(default_factory=lambda: np.zeros(4))
-    effort: IntArray = field(default_factory=lambda: np.zeros(len(EFFORT), np.int64))
+    effort: list[int] = field(default_factory=lambda: [0] * len(EFFORT))
     ticks_per_step: int = 1
     resting: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
     damped: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Prepare `keep`."""
+        """Prepare the lists in which `keep` collects rows."""
         self._rows_u: list[bytes] = []
         self._rows_v: list[bytes] = []
         self._has_frame = frozenset(self.frame_steps.tolist())
@@ -418,7 +398,7 @@ class PeriodRecord:
             self.contact.append(state)
 
     def end_steps(self, n_steps: int) -> None:
-        """Write what `keep` has collected: rows of arrays cost more than the bytes of all rows."""
+        """Write the rows that `keep` has collected as bytes, all at once: row by row costs more."""
         self.n_steps = n_steps
         for rows, table in ((self._rows_u, self.u), (self._rows_v, self.v)):
             if rows:
@@ -545,14 +525,14 @@ class Recorder:
     def close(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> bool:
         """End a period after `n_steps` steps; return whether the motion stayed within `limit`.
 
-        A motion with an energy that is not finite did not, also where no probe sees it.
+        A motion whose energy is not finite did not, even if no probe shows it.
         """
         k = self.n_closed
         record.end_steps(n_steps)
         self.window.append(record)
         self.n_closed += 1
         jumps = record.jumps.columns()
-        if not record.effort.any():  # no step was divided
+        if not any(record.effort):  # no step was divided
             record.effort[0] = n_steps
         self.effort[k] = record.effort
         with np.errstate(all="ignore"):  # the return value reports a diverged motion
@@ -585,7 +565,8 @@ class Recorder:
     def energy_residual(self) -> float:
         """Return the largest residual of a period over the largest energy exchanged in one [-].
 
-        It is NaN if any number of the ledger is not finite, and 1 for a residual of nothing.
+        It is NaN if any number of the ledger is not finite, and 1 if there is a residual but no
+        energy was stored or exchanged.
         """
         rows = np.abs(self.ledger[: self.n_closed])
         if not np.isfinite(rows).all():
@@ -610,11 +591,11 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
     """Write strobe, envelope and ledger of a period; return whether it stayed within a limit.
 
     Args:
-        u: what `PeriodRecord` has of the computed steps and of the start.
-        v: the same.
+        u: rows of `PeriodRecord.u` at the start and at the computed steps.
+        v: rows of `PeriodRecord.v` at the same steps.
         levels: energies at the start and at the end (`LEVEL`), shape (2, 6).
         of_base: (q, q', q'') at these steps; coupling, Δt, divided steps and sums over them, as
-            `energy.write_ledger` needs them.
+            `write_ledger` needs them.
         gained: energies that impacts, and switching springs, have added, shape (2,) [J].
         rows: those of the period in `Recorder.strobe`, `envelope` and `ledger`.
         limit: see `Recorder`.
@@ -643,5 +624,5 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
 
 @kept
 def _write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no-untyped-def]
-    """Do the same for Python."""
+    """Call `write_period` from Python."""
     return write_period(u, v, levels, of_base, gained, rows, limit)

@@ -1,8 +1,7 @@
-"""How long a run is, and how its steps are divided near contact.
+"""The length of a run (`Span`), and how its steps are divided near contact (`Refinement`).
 
-Refine steps near contact: the sizes of steps, and the motion of the base within a step. A coarse
-step Δt is made if no gap is small. Otherwise it is divided into middle steps, and a middle step
-near contact into fine steps of Δt/r. Contact laws are asked after every step, as always.
+A coarse step Δt is made if no gap is small. Otherwise it is divided into middle steps, and a middle
+step near contact into fine steps of Δt/r. Contact laws are asked after every step, as always.
 
 The gap of a pair is a parabola within a step of constant acceleration. It stays open if
 
@@ -56,7 +55,7 @@ class Refinement:
 
 
 AHEAD, BACK = 1, 2
-"""Parts of `nearness`."""
+"""Parts of the result of `nearness`: a pair may close in the time ahead; it may have closed."""
 
 NOT_REFINED = Refinement()
 """All steps are equal."""
@@ -85,8 +84,8 @@ def unforeseen_warning(contacts: IntArray) -> str | None:
 def nearness(gap, rate, reach, slow):  # type: ignore[no-untyped-def]
     """Return whether a pair that is faster than `slow` may close by F1 (see `RefinedSteps`).
 
-    The result is the sum of AHEAD, if one may within the time `reach` ahead, and BACK, if one may
-    have within that time back.
+    The result is the sum of AHEAD, if a pair may close within the time `reach` ahead, and BACK, if
+    a pair may have been closed within that time back. `reach` is the a of F1 [s].
     """
     found = 0
     for k in range(gap.size):
@@ -100,9 +99,9 @@ def nearness(gap, rate, reach, slow):  # type: ignore[no-untyped-def]
 
 @kept
 def base_rows(before, after, r, time_step):  # type: ignore[no-untyped-def]
-    """Return (q, q', q'') of the base at the start of a step and at each of its r parts, (r+1, 3).
+    """Return (q, q', q'') of the base where r equal parts of a step begin and end, shape (r+1, 3).
 
-    The arguments are those of `base_within`.
+    The other arguments are those of `base_within`.
     """
     rows = np.empty((r + 1, 3))
     for j in range(r + 1):

@@ -1,12 +1,10 @@
-"""What a recorder has kept in its window: steps, frames, and the signals of sensors.
-
-Signals are sampled and have noise.
+"""Read what a recorder has kept in its window: steps, frames, and the signals of sensors.
 
 A sensor without a sampling rate has a value at every step. With a rate, the signal passes a
 low-pass filter without phase shift before it is sampled, as in front of a converter: the pass band
 ends at 0.4 and the stop band begins at 0.5 times the rate (-60 dB), so nothing folds back. The
 samples are at whole multiples of 1/rate. At both ends of the window the signal is continued by its
-odd reflection, which touches about 18 samples.
+odd reflection, which touches about 18 samples. Noise is added to the samples last.
 """
 
 from __future__ import annotations
@@ -27,17 +25,17 @@ from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 
 PASS, STOP, ATTENUATION = 0.4, 0.5, 60.0
-"""Ends of the pass band and of the transition over the sampling rate; attenuation [dB]."""
+"""End of the pass band and start of the stop band over the sampling rate; attenuation [dB]."""
 _ROUND_OFF = 1e-6
-"""Share of a sample within which a sample is at an end of the window."""
+"""Share of a sampling interval by which the first or last sample may be outside the window."""
 
 
 def steps_of(recorder: Recorder) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what a window has of its start and of every step, one after another.
+    """Return the recorded motion at the start of the window and after each of its k steps.
 
     Returns:
         Displacements and velocities of probes and sensors, as in `PeriodRecord` but without the
-        entries of the ledger, and (q, q', q'') of the base or force; first axis: k steps + 1.
+        entries of the ledger, and (q, q', q'') of the base or force; the first axis has k + 1 rows.
     """
     first, *_ = records = list(recorder.window)
     tables = ((r.u[:, N_BASE:], r.v, r.base_states) for r in records)
@@ -48,11 +46,11 @@ def steps_of(recorder: Recorder) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 class Instants(NamedTuple):
-    """What a window has of its frames.
+    """The frames of a window: all dofs and contact states at k instants.
 
     Attributes:
-        steps: from the start of the window, shape (k,).
-        states: (u, v) of the dofs of this rank, each of shape (2, n_own).
+        steps: steps of the frames, counted from the start of the window, shape (k,).
+        states: k arrays (u, v) of the dofs of this rank, each of shape (2, n_own).
         contact: contact states, shape (k, n_pairs).
         base: (q, q') of the base, 0 where a force drives, shape (k, 2).
     """
@@ -64,7 +62,7 @@ class Instants(NamedTuple):
 
 
 def frames_of(recorder: Recorder) -> Instants:
-    """Return what the window of a recorder has of its frames, one after another."""
+    """Return the frames in the window of a recorder, one after another."""
     steps, base = [np.zeros(0, np.int64)], [np.zeros((0, 2))]
     for number, record in enumerate(recorder.window):
         own = record.frame_steps[: len(record.frames)]
@@ -87,7 +85,7 @@ class Signal:
     Attributes:
         sensor: the sensor.
         time: time of each sample, shape (k,) [s].
-        value: samples, shape (k,), in `sensor.unit`.
+        value: samples, shape (k,), in the unit of the sensor.
     """
 
     sensor: Sensor
@@ -120,10 +118,10 @@ def signals(recorder: Recorder, structure: Structure, case: Case) -> tuple[Signa
 
 
 def spring_forces(record: PeriodRecord, structure: Structure, case: Case) -> FloatArray:
-    """Return the forces of contact springs at each step, positive where they part, (steps, pairs).
+    """Return the contact-spring forces [N] at each step, positive in compression, (steps, pairs).
 
-    They follow from the recorded gaps: with the law "penalty" a closed pair carries its spring and
-    damper, with "newton-penalty" a pair that rests (`resting_pairs`) its spring.
+    The forces follow from the recorded gaps: with the law "penalty" a closed pair carries its
+    spring and damper, with "newton-penalty" a pair that rests (`resting_pairs`) its spring.
     """
     o, law, own = structure.operators, case.contact, structure.layout.gap_row
     assert own is not None  # forces are asked for only where gaps are recorded
@@ -151,7 +149,7 @@ def resting_pairs(record: PeriodRecord, gap: FloatArray, threshold: float) -> Bo
     gap opens, or where a later impact leaves it faster.
 
     Args:
-        record: of the period.
+        record: the record of the period.
         gap: gaps at the end of each step, shape (steps, pairs) [m].
         threshold: the threshold velocity [m/s].
     """
@@ -162,13 +160,14 @@ def resting_pairs(record: PeriodRecord, gap: FloatArray, threshold: float) -> Bo
     steps = np.repeat(_steps_of(record), jumps.sizes)
     change[steps, jumps.hit] = np.where(jumps.rate_post < threshold, 1, -1)
     change[1:][gap > 0.0] = -1
+    # each step has the state of the latest step with a change: 1 rests, -1 does not
     last = np.where(change != 0, np.arange(n_steps + 1)[:, None], 0)
     np.maximum.accumulate(last, axis=0, out=last)
     return np.asarray(np.take_along_axis(change, last, axis=0)[1:] > 0)
 
 
 def _steps_of(record: PeriodRecord) -> IntArray:
-    """Return the step within which each impact of a period is."""
+    """Return the number of the step within which each impact of a period lies, from 1."""
     return np.asarray(-(-record.jumps.columns().ticks // record.ticks_per_step))
 
 
@@ -198,6 +197,7 @@ def _of_period(
     jumps = record.jumps.columns()
     at = np.repeat(_steps_of(record), jumps.sizes) - 1
     inside = (at >= 0) & (at < record.n_steps)
+    # a signal has one value per step: an impulse counts with its mean force over that step
     means = (weights[jumps.hit] * jumps.impulses)[inside] / time_step
     np.add.at(signal, at[inside], means)
     return np.asarray(signal)
@@ -219,7 +219,7 @@ def _sampled(own: Sensor, time: FloatArray, value: FloatArray, time_step: float)
 
 
 def low_passed(value: FloatArray, rate: float) -> FloatArray:
-    """Return a signal without what a sampling would fold back, shape of `value`.
+    """Return a signal without the frequencies that sampling would fold back, shape (k,).
 
     Args:
         value: signal at every step, shape (k,).

@@ -1,1 +1,1 @@
-"""Many runs: sweeps, ladders, modes."""
+"""Studies of cases: sweeps, ladders, orbits, branches, detection, identification, modes."""

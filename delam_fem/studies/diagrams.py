@@ -1,8 +1,8 @@
 """Draw diagrams of a sweep over one axis or two, and show the sweep as one page.
 
-The page has what came out, the diagrams, a map of the points, and a run for each. The run of a
-point is made by the command that its row shows. It writes to the folder to which the row leads, so
-that the link works as soon as the run is done.
+The page has the outcomes, the diagrams, a map of the points and a table of them. The row of a point
+shows the command that runs the point alone. Where that run was there when the page was written, the
+row and the cell of the map lead to its report.
 """
 
 from __future__ import annotations
@@ -38,10 +38,11 @@ from delam_fem.results.figures.style import (
     PURPLE,
     SKY,
     VERMILLION,
-    WIDTH,
     YELLOW,
     label_x,
     legend_above,
+    save_figure,
+    stacked,
     styled,
 )
 from delam_fem.results.pages import html
@@ -62,7 +63,7 @@ from delam_fem.results.pages.html import (
 from delam_fem.studies.linear import linear_amplitudes
 from delam_fem.studies.sweeps.grid import INITIAL, Sweep
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic, write_text
+from delam_fem.system.files import write_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -100,11 +101,8 @@ class DiagramAxis:
             return False
         steps, ratios = np.diff(v), np.diff(np.log(v))
         return bool(
-            np.ptp(ratios) < _EVEN * np.abs(ratios).max() <= np.ptp(steps)
-            or (
-                np.ptp(ratios) < _EVEN * np.abs(ratios).max()
-                and np.ptp(steps) > _EVEN * np.abs(steps).max()
-            )
+            np.ptp(ratios) < _EVEN * np.abs(ratios).max()
+            and np.ptp(steps) > _EVEN * np.abs(steps).max()
         )
 
 
@@ -187,7 +185,7 @@ HEADROOM = 1.15
 UNSETTLED_COLOUR = "#888888"
 """Colour of points that have not settled, in every diagram over one axis."""
 STACK_POINTS = 200
-"""Points of the linear response of a bonded stack, which takes a solution each."""
+"""Frequencies of the linear response of a bonded stack, each of which takes a solution."""
 BARS = 2.0
 """Half the length of error bars, in standard errors."""
 LINEAR_POINTS = 2000
@@ -239,8 +237,7 @@ def lyapunov(data: xr.Dataset) -> Figure:
     """Draw the largest Lyapunov exponent over one axis."""
     (axis,) = axes_of(data, 1, "lyapunov")
     require(data, "lyapunov_exponent", "record.lyapunov = 200")
-    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
-    panel = figure.subplots()
+    figure, (panel,) = stacked(1, 4.2)
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     for label, part, (colour, marker, line) in _directions(data):
         errors = BARS * part["lyapunov_error"].to_numpy() if "lyapunov_error" in part else None
@@ -268,12 +265,11 @@ def _of_laminae(
         data: dataset of the sweep.
         axis: the axis.
         draw: draws into the panel of a lamina, by its number.
-        height: of a panel [in].
-        label: of the y axes, a format of the number of the lamina from 1.
+        height: height of a panel [in].
+        label: label of the y axes, a format of the number of the lamina from 1.
     """
     names = data["lamina"].to_numpy()
-    figure = Figure(figsize=(WIDTH, height * names.size), layout="constrained")
-    panels = figure.subplots(names.size, 1, sharex=True, squeeze=False)[:, 0]
+    figure, panels = stacked(names.size, height * names.size, sharex=True)
     for i, (panel, name) in enumerate(zip(panels, names, strict=True)):
         _shade_two_motions(panel, data, axis)
         draw(panel, i)
@@ -314,7 +310,7 @@ def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None
 
 
 def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
-    """Draw the amplitude without contact: of the exact cantilever, or of the bonded stack."""
+    """Draw the amplitude without contact, of the exact cantilever or of the bonded stack."""
     case = Case.from_toml(data.attrs["case"])
     f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
     if not case.is_apart:
@@ -359,6 +355,13 @@ DIVERGING = "PuOr_r"
 """Colour map from purple to orange, readable for the colour-blind; white is zero."""
 
 
+def _map() -> tuple[Figure, Axes]:
+    """Return an empty figure for a map over two axes."""
+    figure, (panel,) = stacked(1, 6.6)
+    panel.grid(False)
+    return figure, panel
+
+
 def plane(data: xr.Dataset) -> Figure:
     """Draw the kind of motion at each point over two axes."""
     x, y = axes_of(data, 2, "plane")
@@ -374,9 +377,7 @@ def plane(data: xr.Dataset) -> Figure:
         )
     except ValueError as error:
         raise CaseError(f"diagram plane: {error}") from None
-    figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
-    panel = figure.subplots()
-    panel.grid(False)
+    figure, panel = _map()
     _cells(panel, x, y, kinds, KIND_COLOURS)
     if kinds.size <= MOST_LABELS:
         periods = _values(data, "periodicity", x, y)
@@ -416,9 +417,7 @@ def basins(data: xr.Dataset) -> Figure:
     number = np.where(isolated, kept.size, np.searchsorted(kept, found.number))
     number[found.number < 0] = kept.size + 1
     colours = [ATTRACTOR_COLOURS[k] if k < len(ATTRACTOR_COLOURS) else OTHERS for k in kept]
-    figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
-    panel = figure.subplots()
-    panel.grid(False)
+    figure, panel = _map()
     _cells(panel, x, y, number, (*colours, ISOLATED, NONE))
     shown = min(kept.size, len(ATTRACTOR_COLOURS))
     labels = [_attractor(found, k) for k in kept[:shown].tolist()]
@@ -457,9 +456,7 @@ def lyapunov_map(data: xr.Dataset) -> Figure:
     x, y = axes_of(data, 2, "lyapunov")
     require(data, "lyapunov_exponent", "record.lyapunov = 200")
     values = _values(data, "lyapunov_exponent", x, y)
-    figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
-    panel = figure.subplots()
-    panel.grid(False)
+    figure, panel = _map()
     bound = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 1.0
     mesh = panel.pcolormesh(
         x.shown, y.shown, values.T, cmap=DIVERGING, shading="nearest",
@@ -532,46 +529,28 @@ def _finish_map(
     figure: Figure, panel: Axes, axes: tuple[DiagramAxis, DiagramAxis], data: xr.Dataset
 ) -> None:
     """Label the axes and write the title of the figure."""
-    x, y = axes
-    panel.set(xlabel=x.label, ylabel=y.label)
-    if x.is_logarithmic:
-        panel.set_xscale("log")
-    if y.is_logarithmic:
-        panel.set_yscale("log")
-    if x.words:
-        panel.set_xticks(x.shown, x.words)
-    if y.words:
-        panel.set_yticks(y.shown, y.words)
+    for axis, name in zip(axes, "xy", strict=True):
+        panel.set(**{f"{name}label": axis.label})
+        if axis.is_logarithmic:
+            panel.set(**{f"{name}scale": "log"})
+        if axis.words:
+            panel.set(**{f"{name}ticks": axis.shown, f"{name}ticklabels": axis.words})
     figure.suptitle(heading(data))
 
 
 DiagramName = Literal["response", "bifurcation", "plane", "lyapunov", "basins"]
 
 
-@dataclass(frozen=True)
-class _Needs:
-    """What a diagram needs of a sweep.
-
-    Attributes:
-        axes: possible numbers of axes.
-        record: least value of each key of the record.
-        is_map: whether it shows one direction only.
-    """
-
-    axes: tuple[int, ...]
-    record: Mapping[str, int]
-    is_map: bool = False
-
-
-_NEEDS: Mapping[DiagramName, _Needs] = MappingProxyType(
+_NEEDS: Mapping[DiagramName, tuple[tuple[int, ...], Mapping[str, int]]] = MappingProxyType(
     {
-        "response": _Needs((1,), {"summary": 1}),
-        "bifurcation": _Needs((1,), {"strobes": 1}),
-        "plane": _Needs((2,), {"summary": 1, "strobes": FEWEST_STROBES}, is_map=True),
-        "lyapunov": _Needs((1, 2), {"lyapunov": 1}),
-        "basins": _Needs((2,), {"summary": 1, "strobes": 1}, is_map=True),
+        "response": ((1,), {"summary": 1}),
+        "bifurcation": ((1,), {"strobes": 1}),
+        "plane": ((2,), {"summary": 1, "strobes": FEWEST_STROBES}),
+        "lyapunov": ((1, 2), {"lyapunov": 1}),
+        "basins": ((2,), {"summary": 1, "strobes": 1}),
     }
 )
+"""What a diagram needs of a sweep: possible numbers of axes, and least values of `record`."""
 
 
 def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
@@ -580,15 +559,15 @@ def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
     Raises:
         CaseError: the sweep has another number of axes, or does not record what is drawn.
     """
-    needs, label = _NEEDS[kind], f"diagram {kind}"
+    (counts, record), label = _NEEDS[kind], f"diagram {kind}"
     axes = [name for name in sweep.sizes if name != "direction"]
-    if len(axes) not in needs.axes:
-        count = " or ".join(map(str, needs.axes))
+    if len(axes) not in counts:
+        count = " or ".join(map(str, counts))
         raise CaseError(
             f"{label}: expected a sweep over {count} {'axis' if count == '1' else 'axes'}, given "
             f"{', '.join(axes)}; nothing was computed"
         )
-    for key, least in needs.record.items():
+    for key, least in record.items():
         value = getattr(sweep.file.record, key)
         if value < least:
             wanted, given = ("true", "false") if isinstance(value, bool) else (least, value)
@@ -596,7 +575,7 @@ def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
                 f"{label}: expected record.{key} of at least {wanted} in the sweep file, given "
                 f"{given}; nothing was computed"
             )
-    if "direction" in sweep.sizes and (needs.is_map or len(axes) == 2):
+    if "direction" in sweep.sizes and len(axes) == 2:
         raise CaseError(
             f'{label}: a map shows one direction; expected order = "independent", "up" or "down", '
             f'given "{sweep.file.order}"; nothing was computed'
@@ -639,17 +618,11 @@ def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure = diagram(kind, data)
-    with styled(), atomic(path) as temporary:
-        figure.savefig(temporary, format="png")
-    return path
+    return save_figure(lambda: diagram(kind, data), path)
 
 
-PAGE = "report.html"
-"""Name of the page in the folder of a sweep."""
 MOST_POINTS = 2500
-"""Points of which a page shows the rows and the map: they make it about 1.5 MB large."""
-DIAGRAMS = ("response", "bifurcation", "plane", "lyapunov", "basins")
+"""Largest number of points in the table and map of a page, which then has about 1.5 MB."""
 COLOURS = {1: SKY, 2: ORANGE}
 """Colours of periodicities in the map; the further ones are green."""
 IRREGULAR, FAILED, MOVING = "#bbbbbb", "#ffffff", "#e0e0e0"
@@ -669,10 +642,10 @@ class Point:
     """One point of a sweep.
 
     Attributes:
-        number: in the order of the grid.
+        number: number of the point in the order of the grid.
         place: index along each dimension.
-        values: its coordinates: name, value in words.
-        command: that runs it; empty where a run cannot have its initial state.
+        values: values of its coordinates in words, by name.
+        command: command that runs it; empty where a run cannot have its initial state.
     """
 
     number: int
@@ -682,8 +655,13 @@ class Point:
 
     @property
     def folder(self) -> str:
-        """The folder of its run, relative to that of the sweep."""
+        """Folder of the run of the point, relative to that of the sweep."""
         return f"points/{self.number}"
+
+    def report(self, directory: Path) -> str:
+        """Return the page of the run of the point in the folder of the sweep, empty without one."""
+        report = f"{self.folder}/report.html"
+        return report if (directory / report).is_file() else ""
 
 
 def write_page(data: xr.Dataset, directory: str | Path) -> Path:
@@ -694,7 +672,7 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
         directory: folder of the sweep.
 
     Returns:
-        The file.
+        The path of the page.
 
     Raises:
         OSError: the file cannot be written.
@@ -711,11 +689,11 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
     ]
     shown = [section for section in sections if section.blocks]
     text = html.page(str(about["title"]), shown, contents=True)
-    return write_text(directory / PAGE, text)
+    return write_text(directory / "report.html", text)
 
 
 def sentence(data: xr.Dataset) -> str:
-    """Return what came out of a sweep in a sentence."""
+    """Return a sentence with the numbers of points of a sweep by outcome and periodicity."""
     outcomes = Counter(str(value) or "missing" for value in data["outcome"].to_numpy().ravel())
     parts = [f"{count} {outcome}" for outcome, count in outcomes.most_common()]
     text = f"{sum(outcomes.values())} points: {', '.join(parts)}"
@@ -762,12 +740,12 @@ def _command(keys: dict[str, Any], number: int, directory: Path) -> str:
 
 def _diagrams(directory: Path) -> Iterator[Block]:
     """Yield the diagrams that have been drawn, or how to draw one."""
-    found = [directory / f"{kind}.png" for kind in DIAGRAMS]
+    found = [directory / f"{kind}.png" for kind in _NEEDS]
     for picture in found:
         if picture.is_file():
             yield Gallery([embedded(picture)], picture.stem, f"Diagram: {picture.stem}.")
     if not any(picture.is_file() for picture in found):
-        command = shlex.join(["delam-fem", "show", "diagram", DIAGRAMS[0], str(directory)])
+        command = shlex.join(["delam-fem", "show", "diagram", "response", str(directory)])
         yield Paragraph(("No diagram has been drawn yet; ", Code(command), " draws one."))
 
 
@@ -812,20 +790,14 @@ def _cell(data: xr.Dataset, point: Point, directory: Path) -> Cell:
     outcome = str(data["outcome"].to_numpy()[point.place])
     P = _number(data, "periodicity", point)
     words = ", ".join(f"{name} = {value}" for name, value in point.values.items())
+    target = point.report(directory) or f"#point-{point.number}"
     if outcome != "completed":
-        return Cell("×", _target(point, directory), FAILED, f"{words}: {outcome or 'missing'}")
+        return Cell("×", target, FAILED, f"{words}: {outcome or 'missing'}")
     if bool(is_unsettled(data).to_numpy()[point.place]):
-        return Cell("…", _target(point, directory), MOVING, f"{words}: not settled")
+        return Cell("…", target, MOVING, f"{words}: not settled")
     if not np.isfinite(P):
-        return Cell("–", _target(point, directory), IRREGULAR, words)
-    text = f"{P:.0f}"
-    return Cell(text, _target(point, directory), COLOURS.get(int(P), GREEN), f"{words}: {text}")
-
-
-def _target(point: Point, directory: Path) -> str:
-    """Return where the cell of a point leads: to its run, otherwise to its row in the table."""
-    report = f"{point.folder}/report.html"
-    return report if (directory / report).is_file() else f"#point-{point.number}"
+        return Cell("–", target, IRREGULAR, words)
+    return Cell(f"{P:.0f}", target, COLOURS.get(int(P), GREEN), f"{words}: {P:.0f}")
 
 
 def _table(data: xr.Dataset, found: list[Point], directory: Path) -> Table:
@@ -837,9 +809,8 @@ def _table(data: xr.Dataset, found: list[Point], directory: Path) -> Table:
     for point in found:
         outcome = str(data["outcome"].to_numpy()[point.place]) or "missing"
         numbers = [_number(data, name, point) for name in shown]
-        report = f"{point.folder}/report.html"
-        is_run = (directory / report).is_file()
-        run: Text = Link("report", report) if is_run else Code(point.command)
+        report = point.report(directory)
+        run: Text = Link("report", report) if report else Code(point.command)
         cells = [f"{number:.4g}" if np.isfinite(number) else "–" for number in numbers]
         rows.append((str(point.number), *point.values.values(), outcome, *cells, run))
     return Table(heading, rows, anchors=[f"point-{point.number}" for point in found])

@@ -34,7 +34,7 @@ _OF_WORKERS = {
     "PYTHONSAFEPATH": "1",
 }
 """Environment of workers: on small matrices more threads only wait for each other; modules in the
-working folder are not those that the worker looks for."""
+working folder must not replace those that a worker imports."""
 _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that hold the number of processes under mpiexec."""
 _UNGUARDED = 76
@@ -73,7 +73,7 @@ def leave_if_imported() -> None:
 
     Each worker of a process pool imports the script that has started it. A script that begins a
     computation without `if __name__ == "__main__":` would begin it again in each of them. The
-    process that waits for the worker tells the error.
+    process that waits for the worker reports the error.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         os._exit(_UNGUARDED)
@@ -142,7 +142,7 @@ class Pool:
 
 @contextmanager
 def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
-    """Open an executor of a kind and shut it down.
+    """Open an executor, and shut it down at the end of the `with` block.
 
     Args:
         name: "process", "mpi" or "serial".
@@ -179,12 +179,12 @@ def _process_pool(workers: int) -> ProcessPoolExecutor:
 
 
 class _Worker(SpawnProcess):
-    """A process that the pool kills when it breaks; it ignores the signal meant for that."""
+    """A worker that a broken pool has to kill, because it ignores the signal to terminate."""
 
     def terminate(self) -> None:
-        """Kill the process; it may wait for a lock that a dead worker held, or for its reader."""
+        """Kill the process, which may wait for a lock of a dead worker, or for a reader."""
         if not multiprocessing.connection.wait([self.sentinel], timeout=0.0):
-            self.kill()  # the others are leaving, with a status that says why
+            self.kill()  # one that is leaving keeps its status, which says why
 
 
 class _Spawning(SpawnContext):
@@ -204,7 +204,7 @@ class _ListeningPool(ProcessPoolExecutor):
         self._listener.start()
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit a call; the death of a worker that was started for it must be noticed, too."""
+        """Submit a call, and watch the worker that may have been started for it."""
         n_workers = len(self._processes or ())
         future = super().submit(function, *args, **kwargs)
         if n_workers and len(self._processes) > n_workers:
@@ -231,8 +231,8 @@ class _Here(logging.Handler):
 def _prepare_worker(messages: Any, level: int) -> None:
     """Send messages to the parent, ignore the signals that it handles, and exit when it dies.
 
-    A terminal and a batch system send them to all processes; a worker that obeyed would lose the
-    points it is computing.
+    Terminals and batch systems send these signals to all processes; a worker that obeyed would lose
+    the points that it computes.
     """
     messages.cancel_join_thread()  # a worker that ends does not wait for its messages to arrive
     log = logging.getLogger(_PACKAGE)
@@ -253,7 +253,7 @@ def _end_with(sentinel: Any) -> None:
 
 
 def _abandon(executor: Executor) -> set[int]:
-    """Shut an executor down and kill its workers; return the exit statuses of those dead before."""
+    """Shut an executor down and kill its workers; return the exit statuses of the already dead."""
     processes = list((getattr(executor, "_processes", None) or {}).values())  # shutdown drops them
     calls = getattr(executor, "_call_queue", None)
     dead = multiprocessing.connection.wait([process.sentinel for process in processes], timeout=0.0)
@@ -270,7 +270,7 @@ def _abandon(executor: Executor) -> set[int]:
 def _status(process: Any) -> int:
     """Return the exit status of a process that has closed its files.
 
-    The system gives the status out only a moment later, and to one of two threads that ask.
+    The system tells the status only a moment later, and only one of two threads that ask for it.
     """
     while process.exitcode is None:
         process.join(0.1)

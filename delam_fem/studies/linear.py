@@ -1,4 +1,4 @@
-"""The motion without contact to compare with: exact for cantilevers, of a fine mesh for stacks."""
+"""Compute motions without contact: exact for cantilevers, on a fine mesh for bonded stacks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.drive import Excitation, ForceExcitation, HarmonicExcitation
 from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import at_start, elastic, first_mode, keeping_closed, response
 from delam_fem.numerics.types import FloatArray
@@ -18,19 +17,22 @@ from delam_fem.simulation.loop import State
 
 FINE = 320
 """Elements of the mesh whose motion stands for the exact one of a bonded stack."""
+SETTLED = 0.001
+"""Share of a free motion of the slowest first mode that may be left where a motion is measured."""
 
 
 def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
     """Return the amplitudes at the reference probes without contact, under base or force.
 
-    Laminae pass through one another. NaN if the excitation is not harmonic.
+    Laminae pass through one another.
 
     Args:
         case: the case.
         frequency: frequencies of the excitation, shape (k,) [Hz].
 
     Returns:
-        Shape (n_laminae, k) [m].
+        Shape (n_laminae, k) [m]; NaN for excitations that are not harmonic, except a swept sine of
+        the base where the solution is exact.
     """
     n, given = len(case.lamina), case.excitation
     if _is_exact(case) and given.acts_on == "base":
@@ -48,9 +50,9 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
 def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -> State | None:
     """Return the state at t = 0 of the steady motion without clapping, which is linear.
 
-    A motion with contact that starts from that of closed delaminations settles far sooner than from
-    rest. None if the excitation is not harmonic, or nothing could be kept closed, as the laminae
-    are cantilevers of their own.
+    A motion with contact that starts from this state, with closed delaminations, settles far sooner
+    than from rest. None if the excitation is not harmonic, or if there is nothing to keep closed,
+    because the laminae are apart.
 
     Args:
         case: the case.
@@ -81,7 +83,7 @@ def _size(given: Excitation, frequency: float) -> float:
 def first_frequencies(case: Case) -> list[float]:
     """Return the angular frequencies of the first modes of all laminae [rad/s].
 
-    In a bonded stack they are all that of the structure with free delaminations.
+    In a bonded stack, each is the first frequency of the structure with free delaminations.
     """
     if _is_exact(case):
         return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
@@ -94,11 +96,22 @@ def first_frequencies(case: Case) -> list[float]:
     return [2.0 * math.pi * float(found[0])] * len(case.lamina)
 
 
+def slowest_decay(case: Case) -> float:
+    """Return the smallest rate D ω at which the first mode of a lamina dies out [1/s]."""
+    rates = zip(case.lamina, first_frequencies(case), strict=True)
+    return min(lamina.damping_ratio * omega for lamina, omega in rates)
+
+
+def settling_periods(case: Case, settled: float = SETTLED) -> int:
+    """Return after how many periods a share of a free motion is left; 0 without damping."""
+    decay = slowest_decay(case)
+    return math.ceil(-math.log(settled) / (decay * case.period)) if decay else 0
+
+
 @lru_cache(maxsize=4)
 def _fine(case_text: str) -> Structure:
-    """Return the structure of a case (as TOML): beams on a fine mesh, other models on their own."""
+    """Return the structure of a case (as TOML): beams on a fine mesh, others on their own."""
     case = Case.from_toml(case_text)
-    if case.model.kind != "beam":
-        return discretise.assemble(case)
-    n = max(FINE, 2 * (case.mesh.elements or 0))
-    return closed_form.assemble(case.with_overrides({"mesh.elements": n}))
+    if case.model.kind == "beam" and not case.is_of_points:
+        case = case.with_overrides({"mesh.elements": max(FINE, 2 * (case.mesh.elements or 0))})
+    return discretise.assemble(case, needs_dolfinx=False)

@@ -1,4 +1,4 @@
-"""Models of one case side by side: what is measured of each, tables, files, a picture."""
+"""Compare models of one case: what is measured of each, tables, files, a picture."""
 
 from __future__ import annotations
 
@@ -74,9 +74,11 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
                     "plane-stress,modes"
                 )
             from delam_fem.model.reduction import reduced_case
+            from delam_fem.model.stops import struck
 
             whole = found[-1]
-            structure = reduced_case(whole.case, modes, full=whole.structure).structure
+            reduction = reduced_case(whole.case, modes, full=whole.structure)
+            structure = struck(reduction.structure, whole.case)
             own, label = whole.case, f"{whole.name}, {modes} modes"
         else:
             own, label = with_model(case, name), name
@@ -109,16 +111,16 @@ class Motion:
     """The motion of one model at one frequency.
 
     Attributes:
-        frequency: of the excitation [Hz].
-        time: shape (n_steps,) [s].
+        frequency: frequency of the excitation [Hz].
+        time: times after each step, shape (n_steps,) [s].
         tips: displacements of the reference probes, shape (n_laminae, n_steps) [m].
-        strike: time of the first impact within a tenth of the length of the probes [s]; infinite if
+        strike: time of the first impact nearer to the probes than `NEAR` lengths [s]; infinite if
             there is none.
         summary: numbers of the second half of the run; see `diagnostics.summary_of`.
         energies: means over the periods of the second half, by the names in `ENERGIES` [J].
         residual: largest part of a period's energy that the ledger does not explain [-].
         x: positions along the contact line, shape (n_points,) [m].
-        impulse: mean impulse of a period and length, shape (n_points,) [N s/m].
+        impulse: mean impulse per period and length, shape (n_points,) [N s/m].
         cost: duration of a step by the clock [µs], and steps in a period.
     """
 
@@ -144,10 +146,10 @@ class Measured:
         pairs: number of contact pairs.
         seconds: processor time of the assembly [s].
         frequencies: natural frequencies, delaminations open, shape (k,) [Hz].
-        labels: what each of them belongs to.
+        labels: names of these frequencies.
         compliance: displacement of each reference probe under a unit force there, shape
             (n_laminae,) [m/N].
-        motions: one for each frequency.
+        motions: its motions, one for each frequency.
     """
 
     name: str
@@ -161,11 +163,11 @@ class Measured:
 
 
 def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes: int) -> Measured:
-    """Measure one model.
+    """Measure natural frequencies, compliance and motions of one model.
 
     Args:
         model: the model.
-        frequencies: of the excitation [Hz].
+        frequencies: frequencies of the excitation [Hz].
         periods: number of periods of each motion, which begins at rest.
         modes: number of natural frequencies of each lamina, or of a bonded stack.
 
@@ -226,7 +228,8 @@ def _first_strike(history: xr.Dataset) -> float:
     x = history["x"].to_numpy()
     apart = np.abs(x[history["event_node"].to_numpy()] - x[diagnostics.probe_node(history)])
     near = history["event_time"].to_numpy()[apart <= NEAR * np.ptp(x)]
-    closed = history["time"].to_numpy()[diagnostics.tip_closed(history)]
+    is_closed = diagnostics.ProbeMotion.of(history).is_closed.any(axis=0)
+    closed = history["time"].to_numpy()[is_closed]
     return float(min(near.min(initial=math.inf), closed.min(initial=math.inf)))
 
 
@@ -253,11 +256,11 @@ Rows = list[tuple[str, ...]]
 
 @dataclass(frozen=True)
 class ModelComparison(Finding):
-    """What several models make of one case; the first one is what the others are compared with.
+    """Results of several models of one case, of which the first is compared with the others.
 
     Attributes:
         case: the case.
-        models: what is measured of each.
+        models: results of each model.
     """
 
     case: Case
@@ -295,7 +298,7 @@ class ModelComparison(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         heading, first = ("", *(own.name for own in self.models)), self.models[0].motions
         models = [
             {
@@ -395,16 +398,16 @@ def compare_models(
 def difference_until(motion: Motion, first: Motion) -> tuple[float, float]:
     """Return the first strike of either motion [s], and the difference of the tips until then.
 
-    The difference is that of the largest of all tips and steps, relative to the largest
-    displacement of the same tip in the first motion.
+    The difference is the largest of all tips and steps, relative to the largest displacement of the
+    same tip in the motion `first` until then; tips that do not move there do not count.
     """
     end = min(motion.strike, first.strike)
     n = min(motion.time.size, first.time.size)
     before = first.time[:n] < end
     a, b = (m.tips[:, :n][:, before] for m in (motion, first))
-    if not a.size:
-        return end, 0.0
-    return end, float((np.abs(a - b).max(axis=1) / np.abs(b).max(axis=1)).max())
+    apart, size = (np.abs(values).max(axis=1, initial=0.0) for values in (a - b, b))
+    moves = size > 0.0
+    return end, float((apart[moves] / size[moves]).max(initial=0.0))
 
 
 def _column(motion: Motion, first: Motion, case: Case) -> dict[str, str]:

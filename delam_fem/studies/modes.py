@@ -24,7 +24,12 @@ from delam_fem.model.layout import Structure, nodal
 from delam_fem.model.linear import keeping_closed, lowest
 from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.figures.style import GAP_COLOUR, label_x, lamina_colours
+from delam_fem.results.figures.style import (
+    GAP_COLOUR,
+    label_x,
+    lamina_colours,
+    legend_outside,
+)
 from delam_fem.studies import options
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
@@ -32,7 +37,7 @@ from delam_fem.system.errors import CaseError
 Kind = Literal["free", "closed"]
 
 ALIKE = 0.95
-"""Modal assurance criterion above which a free and a closed mode have one shape."""
+"""Modal assurance criterion above which a free and a closed mode count as one shape."""
 COLUMNS, PANEL = 2, 2.4
 """Panels side by side in the picture, and the height of one [in]."""
 _MORE = 4
@@ -53,8 +58,9 @@ class StructureModes(Finding):
         spans: start and end of each delamination, shape (n_delaminations, 2) [m].
         openings: by how much each mode opens each delamination where it opens most, in parts of the
             largest deflection, shape (n, n_delaminations) [-].
-        partners: number from 0 of the mode of the other kind alike, or -1, shape (n,).
-        partner_frequencies: their frequencies, NaN without a partner, shape (n,) [Hz].
+        partners: number, from 0, of the mode of the other kind with the same shape, or -1, shape
+            (n,).
+        partner_frequencies: frequencies of these modes, NaN without a partner, shape (n,) [Hz].
     """
 
     kind: Kind
@@ -70,14 +76,14 @@ class StructureModes(Finding):
 
     @property
     def bilinear_frequencies(self) -> FloatArray:
-        """2 f_free f_closed / (f_free + f_closed), NaN without a partner, shape (n,) [Hz]."""
+        """Bilinear frequency of each mode with its partner, NaN without one, shape (n,) [Hz]."""
         f, g = self.frequencies, self.partner_frequencies
         with np.errstate(invalid="ignore"):
             return np.asarray(2.0 * f * g / (f + g))
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         there = self.partners >= 0
         other = "closed" if self.kind == "free" else "free"
         numbers: dict[str, object] = {
@@ -126,8 +132,7 @@ class StructureModes(Finding):
         for k, axes in enumerate(panels[:n]):
             self._draw(axes, k)
         label_x(panels[:n], "x [m]")
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper right", ncols=4, frameon=False)
+        legend_outside(figure, panels[0], 4, "outside upper right")
         figure.suptitle(f"Modes, delaminations {self.kind}", x=0.02, ha="left")
         return figure
 
@@ -260,12 +265,12 @@ class Modes(Finding):
 
     @property
     def relative_differences(self) -> FloatArray:
-        """(computed - exact) / exact, shape (n_laminae, n) [-]."""
+        """Relative differences (computed - exact) / exact, shape (n_laminae, n) [-]."""
         return self.frequencies / self.exact - 1.0
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         heading = ("lamina", "mode", "computed [Hz]", "exact [Hz]", "relative difference")
         rows = [
             (
@@ -329,22 +334,22 @@ def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Mode
         the structure alone.
 
     Raises:
-        CaseError: n is below 1 or above the number of dofs.
+        CaseError: n is below 1 or above the number of dofs, or `delaminations` is another word.
     """
     case = find_case(case).without_impactors
     structure = discretise.assemble(case)
-    if not case.is_apart or case.point_mass:
-        return structure_modes(structure, case, n, kind=delaminations)
     whole = structure_modes(structure, case, n, kind=delaminations)
+    if not case.is_apart or case.point_mass:
+        return whole
     return replace(modes_of(structure, case, n), structure=whole)
 
 
-def modes_of(structure: Structure, case: Case, n: int = 6) -> Modes:
+def modes_of(structure: Structure, case: Case, n: int) -> Modes:
     """Return the lowest modes of each lamina of a structure that is already assembled.
 
     Args:
         structure: the discretised laminae.
-        case: their exact properties.
+        case: the case, with the exact properties of the laminae.
         n: number of modes per lamina.
 
     Returns:

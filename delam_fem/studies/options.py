@@ -43,10 +43,10 @@ class Flag:
     is_several: bool = False
 
     def checked(self, name: str, value: Any) -> Any:
-        """Return a value as the field of a name holds it; a text may stand for each.
+        """Check a value of an option and return it in the type of its field, also from a text.
 
         Raises:
-            CaseError: it is not allowed.
+            CaseError: the value is not allowed.
         """
         if self.is_several:
             parts = value.split(",") if isinstance(value, str) else value
@@ -77,7 +77,7 @@ class Options:
     """Choices of a user, checked when they are made."""
 
     common: ClassVar[tuple[str, ...]] = ("resume", "overwrite")
-    """Options that a command has besides its own; without them it writes over its results."""
+    """Options that a command has besides its own; without any, it writes over earlier results."""
 
     def __post_init__(self) -> None:
         """Check each value that is given."""
@@ -261,6 +261,27 @@ class Modulate(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Tap(Measured):
+    """Tap along a lamina with the impactor of a case, and mark where taps last longer.
+
+    Attributes:
+        lamina: lamina that is tapped (default: the thinner outermost one).
+        spacing: distance of the taps [m].
+        first: position of the first tap [m].
+        noise_db: largest force of a tap over the root mean square of its noise [dB].
+        seed: seed of the noise.
+        measured: forces of taps at points of the lamina, instead of simulated ones; repeatable.
+            --channel, --units and --rate as for `measure read`.
+    """
+
+    lamina: Annotated[str | None, Flag(metavar="NAME")] = None
+    spacing: float = 0.01
+    first: float = 0.0
+    noise_db: float = 40.0
+    seed: Annotated[int, Flag(least=0)] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
 class Modes(Options):
     """List natural frequencies; laminae that are apart are compared with the exact cantilever.
 
@@ -414,13 +435,13 @@ class Converge(Options):
         direction: what to refine; points: contact points inside the elements; both: every mesh
             with every number of steps.
         laws: contact laws with their schemes, e.g. newton@moreau-jean, maybe with /lumped or
-            /consistent (default: five of them).
+            /consistent (default: five of them; beside elastic stops penalty).
         elements: elements per lamina (default: 5,10,…,160).
         meshes: mesh files instead of elements, coarse first.
         points: contact points per element (default: 1,2,4,8).
         steps: steps per period (default: 250,500,…,16000).
         periods: periods in the statistics.
-        limit_steps: steps per period of the limit; 0: no limit.
+        limit_steps: steps per period of the rigid limit; 0, or with elastic stops: no limit.
         engine: engine that computes the steps.
         judged: numbers that the verdict is about: tip_min, tip_max, amplitude (of the drive's
             frequency), modal_impulse; others are not judged (default: tip_min,tip_max).

@@ -1,36 +1,27 @@
-"""A study: its result, how that becomes files, and the one way to run it."""
+"""Define what a study is: its options, its result as files and page, and how it is run."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case, save_case
 from delam_fem.engines.cost import Cost
-from delam_fem.engines.session import Solution
-from delam_fem.results.figures.style import styled
-from delam_fem.results.folder import RESULT, json_ready, write_dataset
+from delam_fem.results.figures.style import save_figure
 from delam_fem.results.pages import html
-from delam_fem.results.schema import provenance
 from delam_fem.simulation.checkpoint import of_study
 from delam_fem.studies.options import Options
 from delam_fem.studies.sweeps.dataset import remove_results
 from delam_fem.system.docstrings import summary
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic, claimed, write_text
-
-if TYPE_CHECKING:
-    import xarray as xr
+from delam_fem.system.files import claimed, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -63,17 +54,17 @@ class Report:
     """What a study says of its result, in files and on the terminal.
 
     Attributes:
-        name: of the JSON file, without its suffix.
+        name: name of the JSON file, without its suffix.
         numbers: content of the JSON file; what is not finite becomes null there. None: the study
             writes its numbers itself.
         files: names of files in the folder that the study has written itself.
-        case: shown on the page and written as case.toml; None: neither.
+        case: case that the page shows and case.toml holds; None: neither.
         is_sweep: whether the folder is that of a sweep, whose own case.toml stays.
-        title: of the page; empty: there is no page.
-        tables: shown at the end.
-        sentences: what the numbers mean.
+        title: title of the page; empty: there is no page.
+        tables: tables at the end of the page.
+        sentences: sentences on what the numbers mean.
         remarks: warnings.
-        pictures: by the path of the file in the folder, without its suffix.
+        pictures: pictures by the path of the file in the folder, without its suffix.
         left: what is not computed, because the study was interrupted; empty: it is complete.
     """
 
@@ -98,15 +89,12 @@ class Report:
         written = [path for name in self.files if (path := directory / name).exists()]
         drawn = []
         if self.numbers is not None:
-            text = json.dumps(json_ready(self.numbers), indent=2, allow_nan=False)
-            written.append(write_text(directory / f"{self.name}.json", text + "\n"))
+            written.append(write_json(directory / f"{self.name}.json", self.numbers))
         links = [html.Paragraph(html.Link(path.name, path.name)) for path in written]
         for name, (draw, caption) in self.pictures.items():
             path = directory / f"{name}.png"
             path.parent.mkdir(exist_ok=True)
-            with styled(), atomic(path) as temporary:
-                draw().savefig(temporary)
-            written.append(path)
+            written.append(save_figure(draw, path))
             drawn.append(html.Gallery([html.embedded(path)], caption, caption))
         if self.title:
             text = " ".join([*self.sentences, *self.remarks])
@@ -127,18 +115,18 @@ class Report:
 
 
 class Finding:
-    """What a study found."""
+    """Result of a study, from which its report is made."""
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         raise NotImplementedError
 
     def save(self, directory: Path | str) -> list[Path]:
         """Write the numbers as JSON, the pictures and the page, and return their paths.
 
         Args:
-            directory: made where it is missing.
+            directory: folder of the files; it is made where it is missing.
 
         Raises:
             OSError: a file cannot be written.
@@ -156,7 +144,7 @@ class Place:
     """Where and how a study computes.
 
     Attributes:
-        folder: of the results, which is there.
+        folder: folder of the results, which exists.
         kept: folder for checkpoints, which is removed when the study is complete.
         resume: whether to go on with what is in the folder.
         workers: number of processes; None: one per core.
@@ -171,7 +159,7 @@ class Place:
 
     @property
     def sweeping(self) -> dict[str, Any]:
-        """Options with which a sweep is computed here."""
+        """Arguments `resume`, `workers` and `progress` of `run_sweep` and `run_ladder`."""
         return {"resume": self.resume, "workers": self.workers, "progress": self.progress}
 
 
@@ -181,9 +169,10 @@ class Study(Generic[Chosen, Found]):
 
     Attributes:
         options: class of its options.
-        compute: computes what it finds.
-        cost: returns what it is called and needs with a number of workers; None: it is cheap.
-        remove: removes the results in a folder, so that they are computed anew.
+        compute: function that computes the finding.
+        cost: function that returns the name and the cost of the computation with a number of
+            workers; None: it is cheap.
+        remove: function that removes the results in a folder, so that they are computed anew.
         takes_impactors: whether a case may have impactors.
     """
 
@@ -222,8 +211,8 @@ class Study(Generic[Chosen, Found]):
             options: those of `self.options`.
 
         Raises:
-            CaseError: an option, the case or the folder does not allow it.
-            KeyboardInterrupt: it was interrupted; `resume` goes on.
+            CaseError: an option, the case or the folder does not fit the study.
+            KeyboardInterrupt: the computation was interrupted; `resume` goes on.
         """
         case, chosen = find_case(case), self.options(**options)
         if folder is None:
@@ -243,7 +232,7 @@ class Study(Generic[Chosen, Found]):
         workers: int | None = None,
         progress: Progress | None = None,
     ) -> tuple[Found, list[Path]]:
-        """Compute the study in a folder; return what it finds and the files; see `__call__`."""
+        """Compute the study in a folder; return the finding and the files; see `__call__`."""
         self.require_no_blows(case)
         may = resume or overwrite or not options.common
         inputs = [*case.files.values(), *options.inputs]
@@ -258,68 +247,7 @@ class Study(Generic[Chosen, Found]):
                 return found, found.save(directory)
 
     def require_no_blows(self, case: Case) -> None:
-        """Refuse impactors that the study does not know."""
+        """Raise a CaseError if the case has impactors, and the study takes none."""
         if case.impactor and not self.takes_impactors:
             name = self.options.__name__.lower()
             raise CaseError(f"impactor: {name}: expected none, given {len(case.impactor)}")
-
-
-def save(solution: Solution, directory: str | Path, title: str = "Own operators") -> list[Path]:
-    """Write result.nc, summary.json, the histories of the probes, and report.html.
-
-    Several ranks have the same solution: let one of them write.
-
-    Args:
-        solution: of `solve`, with probes.
-        directory: made where it does not exist.
-        title: of the page.
-
-    Returns:
-        The files written.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    directory, data = Path(directory), solution.history.assign_attrs(provenance())
-    directory.mkdir(parents=True, exist_ok=True)
-    numbers = {
-        "outcome": solution.outcome,
-        "impacts": int(data.sizes["event"]),
-        "energy_residual": float(data.attrs["energy_residual"]),
-        "lowest_displacement": data["displacement"].min("time").values.tolist(),
-        "highest_displacement": data["displacement"].max("time").values.tolist(),
-        "probes": list(solution.names),
-    }
-    ledger = [
-        (str(data[name].attrs["long_name"]), *(f"{v:.6g}" for v in (values[-1], sum(values))))
-        for name in data
-        if str(name).startswith("energy_") and len(values := data[name].values)
-    ]
-    report = Report(
-        name="summary",
-        numbers=numbers,
-        files=[RESULT],
-        title=title,
-        sentences=[
-            f"{solution.outcome.capitalize()}, {numbers['impacts']} impacts in the window. The "
-            f"energy balance of a period is open by {numbers['energy_residual']:.2g} at most."
-        ],
-        tables=[Table("energy ledger [J]", ("", "last period", "all periods"), ledger)],
-        pictures={"figures/probes": (partial(_histories, data), "Displacements of the probes")},
-    )
-    return [write_dataset(data, directory / RESULT), *report.save(directory)]
-
-
-def _histories(data: xr.Dataset) -> Figure:
-    """Draw the displacements of the probes over time, and the instants of impacts."""
-    figure = Figure()
-    axes = figure.subplots()
-    for number in range(data.sizes["probe"]):
-        row = data["displacement"].isel(probe=number)
-        name = str(row["probe"].values) if "probe" in data.coords else f"probe {number + 1}"
-        axes.plot(data["time"], 1e3 * row, label=name)
-    low, _ = axes.get_ylim()
-    axes.plot(data["event_time"], np.full(data.sizes["event"], low), "|", color="k")
-    axes.set(xlabel="time [s]", ylabel="displacement [mm]")
-    axes.legend()
-    return figure

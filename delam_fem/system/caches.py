@@ -1,10 +1,9 @@
-"""Keep compiled libraries in private folders, sealed by checksums.
+"""Keep compiled libraries where no kill and no damage can spoil them, sealed by checksums.
 
-Keep the libraries that FFCx compiles where no kill and no damage can spoil them. FFCx writes into
-the folder that all processes read. If a process ends while it compiles, every later one waits for
-it and fails; an empty or truncated library ends the process that loads it. Here FFCx compiles each
-library in a private folder, which is sealed with a checksum and renamed when it is on the disk.
-What is stale or damaged is compiled anew.
+FFCx by itself writes into the folder that all processes read. If a process ends while it compiles,
+every later one waits for it and fails; an empty or truncated library ends the process that loads
+it. Here FFCx compiles each library in a private folder, which is sealed with a checksum and renamed
+when it is on the disk. What is stale or damaged is compiled anew.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class DamagedError(ValueError):
 
 
 def sealed(content: bytes) -> bytes:
-    """Return the content behind its checksum."""
+    """Return the content of a file with its checksum in front."""
     return hashlib.sha256(content).digest() + content
 
 
@@ -150,7 +149,7 @@ def _places(key: str) -> tuple[Path, Path, Path]:
 
 
 def _is_intact(folder: Path) -> bool:
-    """Return whether a folder has a library as it was sealed, and what FFCx looks for beside it."""
+    """Return whether a folder has an undamaged library, and the files that FFCx looks for."""
     if not folder.is_dir():
         return False
     try:
@@ -184,7 +183,7 @@ def _publish(private: Path, final: Path) -> None:
 
 @functools.cache
 def _announce() -> None:
-    """Say, once a process, why nothing seems to happen now."""
+    """Log, once per process, that the weak forms are being compiled."""
     _log.info("compiling the weak forms, once, some seconds")
 
 

@@ -1,7 +1,7 @@
 """Write files under temporary names, and claim the folder of a result for one process.
 
-Take a folder for the results of one process, and refuse a folder that holds others. The lock is on
-the folder itself, so that a process that is killed leaves nothing behind.
+A folder that holds other results is refused. The lock is on the folder itself, so that a process
+that is killed leaves nothing behind.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ import errno
 import fcntl
 import hashlib
 import io
+import json
 import logging
+import math
 import os
 import shutil
 from collections.abc import Collection, Iterator, Mapping
@@ -24,8 +26,8 @@ import numpy as np
 from delam_fem.system.errors import CaseError
 
 PREFIX = ".delam_fem-"
-"""Prefix of temporary names, which no file of a user has: what a killed process left is removed.
-The suffix stays the same, because writers choose the format by it."""
+"""Prefix of temporary names. No file of a user has it, so what a killed process left is removed.
+The suffix stays that of the final name, because writers choose the format by it."""
 
 
 _DIGEST = "digest"
@@ -75,12 +77,11 @@ def atomic_file(path: Path) -> Iterator[DiskFile]:
     Raises:
         OSError: the file cannot be written, for example because the disk is full.
     """
-    with atomic(path) as temporary, temporary.open("w+b", buffering=0) as raw:
-        file = DiskFile(raw)
+    with atomic(path) as temporary, DiskFile(temporary, "w+") as file:
         yield file
         if file.error is not None:
             raise file.error
-        os.fsync(raw.fileno())
+        os.fsync(file.fileno())
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -101,6 +102,31 @@ def write_text(path: Path, text: str) -> Path:
         file.flush()
         os.fsync(file.fileno())
     return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> Path:
+    """Write numbers and texts as JSON; see `json_ready` and `write_text`."""
+    return write_text(path, json.dumps(json_ready(content), indent=2, allow_nan=False) + "\n")
+
+
+def json_ready(value: Any, digits: int | None = None) -> Any:
+    """Return numbers as JSON knows them: no numpy types, None for what is not finite.
+
+    Args:
+        value: a number, a text, or such in mappings, sequences and arrays.
+        digits: number of significant digits to keep; None: all.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(entry, digits) for key, entry in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [json_ready(entry, digits) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if not isinstance(value, float):
+        return value
+    if not math.isfinite(value):
+        return None
+    return value if digits is None else float(f"{value:.{digits}g}")
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> Path:
@@ -142,42 +168,24 @@ def _digest(arrays: Mapping[str, Any]) -> str:
     return found.hexdigest()
 
 
-class DiskFile(io.RawIOBase):
+class DiskFile(io.FileIO):
     """A binary file that keeps the first failure instead of raising it.
 
-    HDF5 ends the process when it cannot write. It therefore writes to this file, which after a
+    HDF5 ends the process when it cannot write. It is therefore given this file, which after a
     failure takes everything and stores nothing.
 
     Attributes:
         error: the first failure; None: none so far.
     """
 
-    def __init__(self, raw: io.FileIO) -> None:
-        """Store the open file, which the caller closes."""
-        self._raw = raw
-        self.error: OSError | None = None
-
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def writable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seekable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move to a position."""
-        return self._raw.seek(offset, whence)
+    error: OSError | None = None
+    read = io.RawIOBase.read  # type: ignore[assignment]  # by means of `readinto`
 
     def truncate(self, size: int | None = None) -> int:
-        """Set the size, unless a write has failed."""
+        """Set the size of the file, unless a write has failed."""
         try:
             if self.error is None:
-                return self._raw.truncate(size)
+                return super().truncate(size)
         except OSError as error:
             self.error = error
         return size or 0
@@ -185,7 +193,7 @@ class DiskFile(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         """Read into a buffer; after a failure, what was never stored is read as zeros."""
         view = memoryview(buffer).cast("B")
-        count = self._raw.readinto(view) or 0
+        count = super().readinto(view) or 0
         if self.error is not None:
             view[count:] = bytes(len(view) - count)
             count = len(view)
@@ -197,7 +205,7 @@ class DiskFile(io.RawIOBase):
         size = len(view)
         try:
             while self.error is None and len(view):
-                view = view[self._raw.write(view) or 0 :]
+                view = view[super().write(view) or 0 :]
         except OSError as error:
             self.error = error
         return size
@@ -291,9 +299,9 @@ def _remove_empty(folders: list[Path]) -> None:
 
 @contextmanager
 def _locked(directory: Path) -> Iterator[None]:
-    """Hold the lock of a folder; a file system without locks is used without.
+    """Hold the lock of a folder; where the file system has no locks, nothing is locked.
 
-    A command and the run within it, in one thread, hold it together.
+    A command and the run within it, in one thread, hold the lock together.
     """
     real = directory.resolve()
     if real in _held.get():

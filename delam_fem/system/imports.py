@@ -3,9 +3,9 @@
 dolfinx up to 0.7 switches the process to RTLD_GLOBAL and leaves it so. Later versions, if Numba is
 installed, make llvmlite load PETSc, and HDF5 with it, in the same global way. In both cases the
 wheels of vtk, netCDF4 and h5py that are loaded afterwards pick up symbols of these libraries
-instead of their own and break. The import of dolfinx is therefore kept from both calls. Where it
-came first, what is loaded from now on prefers its own symbols; what was loaded between the two
-cannot be mended.
+instead of their own and break. The import of dolfinx is therefore kept from both calls. Where
+dolfinx was imported before this package, libraries that are loaded from now on prefer their own
+symbols; those loaded between the two imports cannot be mended.
 
 PETSc, Numba and matplotlib read settings in the folder where a process is started, and some of them
 run code or change results. Cases come from other people: the command reads none of them.
@@ -40,7 +40,7 @@ def _symbols_stay_local() -> Iterator[None]:
 
 @contextmanager
 def elsewhere() -> Iterator[None]:
-    """Leave the working folder for a while."""
+    """Leave the working folder until the context ends."""
     here = os.open(".", os.O_PATH)
     os.chdir("/")
     try:
@@ -52,7 +52,7 @@ def elsewhere() -> Iterator[None]:
 
 @contextmanager
 def _without_its_file() -> Iterator[None]:
-    """Import Numba elsewhere; it looks for its file of settings again when it compiles."""
+    """Keep Numba from its file of settings, both at its import and later, when it compiles."""
     with elsewhere():
         yield
     if config := sys.modules.get("numba.core.config"):
@@ -73,7 +73,7 @@ def added(variables: Mapping[str, str]) -> Iterator[None]:
 
 @contextmanager
 def _versions_from_metadata() -> Iterator[None]:
-    """Stand in for pkg_resources, which loads slowly and is asked for one version alone."""
+    """Replace pkg_resources, which loads slowly, for importers that ask it for a version alone."""
     if "pkg_resources" in sys.modules:
         yield
         return
@@ -112,7 +112,10 @@ class Within:
 
 @contextmanager
 def _local_and_elsewhere() -> Iterator[None]:
-    """Import dolfinx elsewhere, too: later versions ask petsc4py for the PETSc of `petsc.cfg`."""
+    """Import dolfinx outside the working folder, and with symbols that stay local.
+
+    Later versions of dolfinx ask petsc4py for the PETSc that `petsc.cfg` names.
+    """
     with elsewhere(), _symbols_stay_local():
         yield
 

@@ -30,19 +30,19 @@ _log = logging.getLogger(__name__)
 
 
 class _InnerLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """Code of one function, neither optimised nor made machine code."""
+    """Code of one function that is neither optimised nor turned into machine code."""
 
     def _optimize_final_module(self) -> None:
-        """Leave that to the function that Python calls, which contains this one."""
+        """Do nothing: the function that Python calls contains this code, and is optimised."""
 
     def _finalize_final_module(self) -> None:
-        """Be ready to be linked; there is no machine code to load."""
+        """Mark the code as ready to be linked; there is no machine code to load."""
         self._finalize_dynamic_globals()
         self._finalized = True
 
 
 def _refuse(function: Any, *arguments: Any) -> None:
-    """Refuse to run without machine code, which takes a hundred times as long."""
+    """Refuse a call from Python, which would take a hundred times as long without machine code."""
     name = function.func_name
     raise TypeError(f"{name} is for compiled code alone; Python calls a function of `kept`")
 
@@ -50,8 +50,8 @@ def _refuse(function: Any, *arguments: Any) -> None:
 class _Inner(Compiler):  # type: ignore[misc]
     """Compile a function that compiled code calls.
 
-    Numba would optimise each function with all that it calls, and make machine code of it, though
-    only that of the outermost function ever runs: half of the time of compilation.
+    Numba would optimise each function with all that it calls, and make machine code of it. Only the
+    machine code of the outermost function ever runs, so that half of the time would be wasted.
     """
 
     def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
@@ -64,7 +64,7 @@ class _Inner(Compiler):  # type: ignore[misc]
 
 
 class _KeptLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """Code of a function that Python calls, with all that it calls; no other code finds the latter.
+    """Code of a function that Python calls, with private copies of all functions that it calls.
 
     Numba names a function by its number within the process that compiled it. Files from two
     processes may hold different functions of one name, and the first that is loaded would serve
@@ -72,7 +72,7 @@ class _KeptLibrary(JITCodeLibrary):  # type: ignore[misc]
     """
 
     def _optimize_final_module(self) -> None:
-        """Hide what has been linked in, before it is optimised."""
+        """Hide the functions that have been linked in, then optimise."""
         for function in self._final_module.functions:
             if function.linkage == Linkage.linkonce_odr:
                 function.linkage = "internal"
@@ -92,7 +92,8 @@ class _Outermost(Compiler):  # type: ignore[misc]
 def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function that compiled code calls: its machine code is part of the caller's.
 
-    It is compiled for numbers of a type, where Numba would compile it for each literal as well.
+    The function is compiled for the types of its arguments alone; Numba would also compile it for
+    each literal value.
     """
 
     def compiled(function: Any) -> Any:
@@ -115,7 +116,8 @@ def kept(function: Callable[..., Any] | None = None, *, what: str = "", **option
 
     Args:
         function: the function.
-        what: what it computes and how long it takes to compile, for who waits; "": it is short.
+        what: what the function computes and how long it takes to compile, for a message to who
+            waits; "": no message, because it compiles fast.
         options: see `numba.njit`; `cache` is not among them.
 
     Returns:
@@ -135,8 +137,8 @@ def kept(function: Callable[..., Any] | None = None, *, what: str = "", **option
 def _kernels_stamp() -> str:
     """Return a text that changes with any module that machine code depends on.
 
-    It contains that of the functions it calls, and reads the members of named tuples by their
-    places (`state.View`); both may stand in other modules.
+    The machine code of a function contains that of the functions it calls, and reads the members of
+    named tuples by their places (`state.View`). Both may stand in other modules.
     """
     stamp = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):
@@ -147,17 +149,17 @@ def _kernels_stamp() -> str:
 
 
 class _TemporaryLocator(caching.UserWideCacheLocator):  # type: ignore[misc]
-    """Locator of the last resort: a temporary folder."""
+    """Locator of the last resort, which puts compiled code into a temporary folder."""
 
     def __init__(self, function: Any, path: str) -> None:
-        """Store the folder of a function from a source file."""
+        """Choose the folder for the code of a function from a source file."""
         super().__init__(function, path)
         kernels = temporary_folder() / "kernels"
         self._cache_path = str(kernels / self.get_suitable_cache_subpath(path))
 
 
 class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
-    """What a cache of compiled functions stores, and where."""
+    """Numba's way of storing compiled functions, with a last resort for where to store them."""
 
     _locator_classes: ClassVar[list[type]] = [
         *caching.CompileResultCacheImpl._locator_classes,
@@ -226,7 +228,7 @@ class _SealedCache(caching.FunctionCache):  # type: ignore[misc]
         )
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the machine code of a function for these types; None: it is compiled next."""
+        """Return the machine code for the types of a call; None: Numba compiles it next."""
         found = super().load_overload(sig, target_context)
         if found is None and self._what:
             _log.info("compiling %s; this is done once on this machine", self._what)

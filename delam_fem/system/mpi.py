@@ -1,12 +1,13 @@
-"""What MPI and the options of PETSc are asked.
+"""Import MPI and start PETSc, the one door to both, and check the options of PETSc.
 
-The one door to MPI: no other module imports `mpi4py.MPI`, whose import starts MPI. A process that
-no launcher has started needs no network. Open MPI nevertheless opens listening sockets on all
-interfaces, unless it is told before its start to stay alone. PETSc is started to leave signals to
-the package, and files in the working folder unread.
+No other module imports `mpi4py.MPI`, whose import starts MPI. A process that no launcher has
+started needs no network. Open MPI nevertheless opens listening sockets on all interfaces, unless it
+is told before its start to stay alone. PETSc is started so that it leaves signals to the package,
+and files in the working folder unread.
 
-The options of PETSc that have a prefix of the package are listed here, and whether they are read.
-Nothing is imported for that: the compiled engine, which reads no options, asks too.
+This module also lists the options of PETSc that have a prefix of the package, and says whether they
+are read. It imports nothing for that, because the compiled engine, which reads no options, asks
+too.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ which comes with PETSc, sets them so that a process keeps all memory that it has
 
 
 class _Alone:
-    """The one process of a machine without MPI, as far as a run on one process asks."""
+    """Stand-in for the communicator of a single process where MPI is not installed."""
 
     rank, size = 0, 1
 
@@ -60,7 +61,7 @@ _held: list[tuple[MPI.Intracomm, Any]] = []
 
 
 def start_petsc(comm: MPI.Intracomm | None = None) -> None:
-    """Start PETSc, unless it runs; the options in PETSC_OPTIONS count.
+    """Start PETSc, unless it runs already; the options in PETSC_OPTIONS count.
 
     Args:
         comm: communicator of PETSc; None: all ranks.
@@ -87,9 +88,9 @@ def hold(comm: MPI.Intracomm) -> None:
 
 
 def end_with_any(comm: MPI.Intracomm) -> None:
-    """End all ranks, with its traceback, when an exception that nobody catches ends one of them.
+    """End all ranks when an uncaught exception ends one of them, and show its traceback.
 
-    The others would wait for it forever. A script of one's own needs this as the command does.
+    The other ranks would wait forever. A script of one's own needs this as the command does.
     """
     if comm.size == 1 or sys.excepthook is not sys.__excepthook__:
         return  # in a notebook or debugger somebody else shows exceptions, and goes on

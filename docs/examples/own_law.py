@@ -4,7 +4,7 @@
 
 A law has two halves (`contact.laws.ContactLaw`, `contact.laws.Supervisor`). The first tells the
 engine what the law needs. The second is asked in steps with a closed gap and answers with a
-`Decision`, or with None. The engine "petsc", which `df.solve` takes by default, runs any such law.
+`Decision`, or with None. The engine "petsc", which `df.run` takes by default, runs any such law.
 """
 
 from dataclasses import dataclass
@@ -62,12 +62,10 @@ one = csr_matrix([[1.0]])
 mass_and_stop = df.Operators(one, 0.0 * one, one, df.BaseCoupling.none(1), one, np.zeros(1))
 start = df.State(np.array([[1.0], [0.0], [0.0]]), np.zeros(1, dtype=bool))  # let go at 1 m
 law = FadingRestitution(e0=0.8, v0=2.0)
-newmark = df.SCHEMES["newmark"]
-solution = df.solve(
-    mass_and_stop, law, newmark, time_step=1e-3, steps_per_period=12_000, periods=1, initial=start
-)
+length = {"time_step": 1e-3, "steps_per_period": 12_000, "periods": 1}
+run = df.run(mass_and_stop, law=law, scheme="newmark", initial=start, **length)
 
-computed = -solution.impacts.rate_pre
+computed = -run.history["event_velocity_before"].to_numpy()
 exact = [1.0]
 for _ in computed[1:]:
     exact.append(law.restitution(exact[-1]) * exact[-1])

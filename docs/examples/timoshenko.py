@@ -32,9 +32,9 @@ clamp = [  # the deflection follows the base, the turn rests
 stops = df.Gap(points=[[L / 2], [L]], along=(1.0, 0.0), at_rest=[0.006, 0.012])  # below the strip
 probes = {"middle": ([L / 2], (1.0, 0.0)), "tip": ([L], (1.0, 0.0))}
 strip = df.Operators.from_forms(mass, stiffness, (0.26, 0.0), base=clamp, gap=stops, probes=probes)
-law, base = df.Law("newton", restitution=0.1), df.HarmonicMotion(3.25, 0.0025)
-run = df.solve(strip, law, "moreau-jean", base, steps_per_period=500, periods=10)
-df.save(run, "timoshenko", "A Timoshenko strip between stops")
-tip, residual = run.history["displacement"].sel(probe="tip"), run.history.attrs["energy_residual"]
-print(f"{run.impacts.time.size} impacts, lowest tip {1e3 * float(tip.min()):.2f} mm")
-assert 0.0 <= -float(tip.min()) - 0.012 < 3e-4 and residual < 1e-6
+how = {"law": df.Law("newton", restitution=0.1), "drive": df.HarmonicMotion(3.25, 0.0025)}
+run = df.run(strip, scheme="moreau-jean", steps_per_period=500, periods=10, name="Strip", **how)
+run.save("timoshenko")
+tip = float(run.history["probe_displacement"].sel(probe="tip").min())
+print(f"{run.history.sizes['event']} impacts, lowest tip {1e3 * tip:.2f} mm")
+assert 0.0 <= -tip - 0.012 < 3e-4 and run.summary["energy_residual"] < 1e-6

@@ -31,7 +31,7 @@ from delam_fem.studies.orbits.maps import Nature, Passage, Slow
 from delam_fem.studies.orbits.newton import Ensemble
 
 DOUBLING, FOLD = "period doubling", "fold"
-TRUTHS = {"oscillators": (100, 1), "Hénon's maps with jumps": (100, 1)}
+TRUTHS = {"oscillators": (200, 1), "Hénon's maps with jumps": (200, 1)}
 """Truths of the long and of the short form."""
 NOMINAL = 0.95
 ROUGHNESS = (1e-4, 1e-3)

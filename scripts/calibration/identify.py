@@ -5,7 +5,8 @@ steps per period, tips at 1.25 and 3.25 Hz with noise of 0.1 mm, 1,000 simulatio
 the thick lamina is drawn within ± 10 %, and what four times as many steps change is added in part.
 *As modelled*: the simulations of the table, 200 after 200 left out of it. The note has the median
 width, that of the prior (both of 90 %), and at how many truths the program says that the motions
-are like those of no simulation.
+are like those of no simulation. Damping is sought itself, from half to twice that of the preset.
+Laminae that are apart have rigid clamps: `support.rotational_stiffness` is that of bonded beams.
 """
 
 from __future__ import annotations
@@ -14,17 +15,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from calibration.overlay import shaken
 from calibration.row import OWN, Row
 
 import delam_fem as df
-from delam_fem.engines.session import session_of
-from delam_fem.model.beams import closed_form
 from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.statistics import Table
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.identification import identify
 from delam_fem.studies.identification.identify import FINER, Experiment, Unknown, mismatch
-from delam_fem.studies.sweeps.point import probe_motion
 
 CASE = {
     "time.mass": "lumped",
@@ -38,11 +37,13 @@ UNKNOWNS = (
     Unknown("lamina.*.damping_ratio", 0.004, 0.016),
     Unknown("lamina.thin.bending_stiffness", 0.14, 0.18),
 )
-LEVEL = 0.9
+LEVEL, TURN = 0.9, 2.0 * np.pi
 THICK = "lamina.thick.bending_stiffness"
 STEPS = "time.steps_per_period"
 EXACT = "the case itself"
 RECORD = "the case itself, from records of the tips"
+NOISY = "noise differs between tips (log-normal, σ 0.7)"
+SHAKER = "shaker with 1 % of second harmonic"
 RIGS: dict[str, tuple[int, dict[str, float]]] = {
     EXACT: (60, {}),
     RECORD: (20, {}),
@@ -51,6 +52,8 @@ RIGS: dict[str, tuple[int, dict[str, float]]] = {
     "2,400 steps per period, towards the rigid limit": (40, {STEPS: 2400}),
     "20 elements, not 10": (40, {"mesh.elements": 20}),
     "EI of the thick lamina + 20 %, beyond the prior": (40, {THICK: 1.2 * 1.51}),
+    NOISY: (40, {}),
+    SHAKER: (40, {}),
 }
 """Number of truths and keys of each rig."""
 
@@ -73,19 +76,28 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     own = [kept[k] for k in part[:most]]
     found = judged(OWN, given, own, whole.parameters[:most], whole.statistics[:most])
     for number, (rig, (n, keys)) in enumerate(RIGS.items() if is_long else ()):
-        truths = given.draw(n, 10 + number)
+        truths, rng = given.draw(n, 10 + number), np.random.default_rng([7, number])
+        tables = [whole] * n
         if rig == RECORD:
             every = [recorded(given, truth, k) for k, truth in enumerate(truths)]
             seen = np.stack([values for values, _ in every])
             noise = float(np.median([noise for _, noise in every]))
-            own = replace(given, noise=noise).table(exact, parameters, 3, finer)
-            tables = [own] * n
+            tables = [replace(given, noise=noise).table(exact, parameters, 3, finer)] * n
+        elif rig == SHAKER:
+            motions = np.stack([distorted(given, truth, rng) for truth in truths])
+            seen = observed(identify.noisy(motions, given.error, rng))
         else:
             more = {key: np.full(n, value) for key, value in keys.items()}
             motions = given.simulate(truths, folder / f"rig-{number}", also=more, executor="serial")
-            rng = np.random.default_rng([7, number])
-            seen = observed(identify.noisy(motions, given.error, rng))
-            tables = [whole] * n
+            sizes = np.ones((*motions.shape[:3], 1))
+            if rig == NOISY:  # a table has the noise that its record shows
+                sizes = np.exp(0.7 * rng.standard_normal(sizes.shape))
+                shown = given.noise * np.sqrt((sizes**2).mean(axis=(2, 3))).max(axis=1)
+                tables = [
+                    replace(given, noise=noise).table(exact, parameters, 3, finer)
+                    for noise in shown.tolist()
+                ]
+            seen = observed(identify.noisy(motions, given.error * sizes, rng))
         found += judged(rig, given, tables, truths, seen)
     return found
 
@@ -100,20 +112,32 @@ def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatAr
     rng = np.random.default_rng([8, number])
     motions, noises = [], []
     for frequency in given.frequencies:
-        keys = {key: value for own, value in zip(given.unknowns, truth.tolist(), strict=True)
-                for key in own.keys(given.case)}  # fmt: skip
-        case = given.case.with_overrides(keys | {"excitation.frequency": frequency})
-        structure = closed_form.assemble(case)
-        with session_of(case, structure.operators) as opened:
-            opened.run()
-            tips = probe_motion(opened.recorder, structure).displacement
+        time, tips = moved(given, truth, frequency, 0.0, 0.0)
         tips = tips + given.noise * rng.standard_normal(tips.shape)
-        harmonics, noise = identify.of_history(
-            0.07 + case.time_step * np.arange(tips.shape[1]), tips, frequency
-        )
+        harmonics, noise = identify.of_history(0.07 + time, tips, frequency)
         motions.append(harmonics)
         noises.append(noise)
     return observed(np.stack(motions)[None])[0], max(noises)
+
+
+def distorted(given: Experiment, truth: FloatArray, rng: np.random.Generator) -> ComplexArray:
+    """Return the harmonics of motions under a base with a second harmonic of any phase [m]."""
+    found = []
+    for frequency in given.frequencies:
+        time, tips = moved(given, truth, frequency, 0.01, rng.uniform(0.0, TURN))
+        found.append(identify.of_history(time, tips, frequency)[0])
+    return np.stack(found)
+
+
+def moved(
+    given: Experiment, truth: FloatArray, frequency: float, shaker: float, phase: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return times, from any origin [s], and tips [m] of a case with values of the unknowns."""
+    keys = {key: value for own, value in zip(given.unknowns, truth.tolist(), strict=True)
+            for key in own.keys(given.case)}  # fmt: skip
+    case = given.case.with_overrides(keys | {"excitation.frequency": frequency})
+    tips = shaken(case, shaker, phase)
+    return case.time_step * np.arange(tips.shape[1]), tips
 
 
 def judged(

@@ -51,7 +51,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         also = {key: values[:n] for key, values in keys.items()}
         runs = computed(case, given, folder / f"rig-{number}", also)
         rng = np.random.default_rng([6, number])
-        whole = [k for k in range(n) if runs.is_there(k) and runs.is_there(n + k)]
+        whole = np.flatnonzero(np.isfinite(runs.rms.reshape(2, n)).all(axis=0)).tolist()
         noise, lines, judge = NOISE_DB, np.inf, known
         if rig == NOISY:  # the table has the noise that the first of the scans shows
             noise, lines = LOUD_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from trials.schemes import BOUNDED, CLOSED, END, MOREAU
 
-from delam_fem.contact.complementarity import solve_into
+from delam_fem.contact.complementarity import SOLVED, solve_into
 from delam_fem.system.kernels import njit
 
 
@@ -53,7 +53,7 @@ def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
     for i in range(chosen.size):
         for j in range(chosen.size):
             block[i, j] = W[chosen[i], chosen[j]]
-    if not solve_into(block, right, own):
+    if solve_into(block, right, own, np.empty(chosen.size)) != SOLVED:
         own[:] = np.nan
     for i in range(chosen.size):
         p[chosen[i]] = own[i]

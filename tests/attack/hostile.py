@@ -282,7 +282,7 @@ def a_ladder(rng: random.Random, folder: Path) -> None:
         _write(path, Convergence(ladder, results))
         _WHOLE["ladder"] = path.read_bytes()
     path.write_bytes(damaged(rng, _WHOLE["ladder"]))
-    for key, result in load_results(folder).items():
+    for key, result in load_results(folder / RESULT)[0].items():
         assert result.statistics == {"tip": (0.5 * int(key[1:]), 0.1)}
 
 

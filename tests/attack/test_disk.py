@@ -60,6 +60,7 @@ def require_few_lines(errors: str, most: int) -> None:
         assert word not in errors, errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "size",
     [

@@ -36,7 +36,8 @@ DEADLY = ("QUIT", "ILL", "ABRT", "FPE", "KILL", "USR1", "SEGV", "USR2", "ALRM")
 """Signals that end the process at once."""
 CLOSED = (">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-", ">/dev/full", "2>/dev/full")
 TERMINAL = """
-import fcntl, os, sys, termios
+import fcntl, os, signal, sys, termios
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # tests that nohup started would ignore it
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 os.execv(sys.argv[1], sys.argv[1:])
 """
@@ -146,6 +147,7 @@ def test_closed_and_full_streams(closed: str, tmp_path: Path) -> None:
     assert history(tmp_path / "run").attrs["outcome"] == "completed"
 
 
+@pytest.mark.slow
 def test_the_terminal_is_closed(tmp_path: Path) -> None:
     """The kernel sends SIGHUP, and every later write fails."""
     controller, terminal = pty.openpty()
@@ -175,6 +177,7 @@ def listening(process: int) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_a_run_holds_its_folder_and_opens_no_socket(tmp_path: Path) -> None:
     line = run_line(tmp_path / "run", "--overwrite", keys=LONG | FIELDLESS)
     first = start(line)
@@ -191,6 +194,7 @@ def test_a_run_holds_its_folder_and_opens_no_socket(tmp_path: Path) -> None:
         assert periods_kept(tmp_path / "run") > 0
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     ("keys", "expected"),
@@ -206,11 +210,14 @@ def test_two_ranks_end(keys: dict[str, object], expected: int, tmp_path: Path) -
     mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2"]
     begin = time.monotonic()
     status, errors = ended(
-        [*mpirun, *run_line(tmp_path / "run", "-q", keys=CASE | FIELDLESS | FEW | keys)]
+        [
+            *mpirun,
+            *run_line(tmp_path / "run", "-q", "--no-figures", keys=CASE | FIELDLESS | FEW | keys),
+        ]
     )
     assert status == expected, errors
     assert time.monotonic() - begin < LIMIT
-    assert (tmp_path / "run" / "report.html").exists() == (expected != 2)
+    assert (tmp_path / "run" / "summary.json").exists() == (expected != 2)
     assert not (tmp_path / "run" / "checkpoint.npz").exists()
 
 

@@ -79,6 +79,7 @@ def attacked(*kinds: str, share: int = 1) -> list[dict[str, object]]:
     return [json.loads(line) for line in done.stdout.splitlines()[-len(kinds) :]]
 
 
+@pytest.mark.slow
 def test_some_hostile_inputs() -> None:
     kinds = [kind for kind in KINDS if kind not in COMPUTING]
     found = attacked(*kinds, share=SHARE)

@@ -179,6 +179,7 @@ def attack(kind: str, most: int, tmp_path: Path) -> dict[str, int]:
     return stages
 
 
+@pytest.mark.slow
 def test_a_kill_while_computing_and_one_while_writing(tmp_path: Path) -> None:
     folder, case = tmp_path / "run", df.preset("paper", CASE)
     line = command("run", "paper", "--checkpoint-seconds=0", "-q", "-o", folder, keys=CASE)

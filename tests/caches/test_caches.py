@@ -134,6 +134,7 @@ def test_a_seal_shows_every_change() -> None:
             opened(damage(sealed(b"some longer content")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("suffix", "damage"),
     [
@@ -154,6 +155,7 @@ def test_damaged_machine_code_is_compiled_anew(kernel: Path, suffix: str, damage
     assert python(kernel, cwd=kernel.parent).stdout == "1\n"
 
 
+@pytest.mark.slow
 def test_without_any_folder_machine_code_goes_to_a_temporary_one(kernel: Path) -> None:
     folder = kernel.parent
     (folder / "cache").write_text("no folder")
@@ -165,6 +167,7 @@ def test_without_any_folder_machine_code_goes_to_a_temporary_one(kernel: Path) -
     assert len(found[0].stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["empty", pytest.param("truncated", marks=pytest.mark.nightly)])
 def test_damaged_forms_are_compiled_anew(compiled_forms: Path, tmp_path: Path, damage: str) -> None:
     shutil.copytree(compiled_forms, tmp_path, dirs_exist_ok=True)
@@ -178,6 +181,7 @@ def test_damaged_forms_are_compiled_anew(compiled_forms: Path, tmp_path: Path, d
     assert third.returncode == 0 and ": damaged (" not in third.stderr
 
 
+@pytest.mark.slow
 def test_a_kill_while_forms_are_compiled_spoils_nothing(tmp_path: Path) -> None:
     (tmp_path / "forms.py").write_text(FORMS)
     cache = tmp_path / "cache" / "fenics" / "delam_fem"
@@ -344,6 +348,7 @@ print(*(globals()[name](3) for name in sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_functions_of_one_name_in_two_files_stay_apart(tmp_path: Path) -> None:
     """Two processes count their functions alike; a third one loads the code of both."""
     program = tmp_path / "namesakes.py"

@@ -132,6 +132,7 @@ def test_a_finished_run_is_extended_in_its_folder(fake: FakeRun) -> None:
     assert (refused.exit_code, len(fake.extensions)) == (2, 2)
 
 
+@pytest.mark.slow
 def test_report_is_made_again_without_computing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
 from delam_fem.studies.convergence.analysis import NO_LIMIT
-from delam_fem.studies.convergence.run import load_results
+from delam_fem.studies.convergence.run import RESULT, load_results
 
 
 def invoke(*arguments: str | Path) -> tuple[int, str, str]:
@@ -30,6 +30,7 @@ SMALL = (
 )
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path: Path) -> None:
     sizes = ("--in", "both", "--elements", "5,10", "--steps", "250,500")
     status, out, _ = invoke(*SMALL, *sizes, "-o", tmp_path)
@@ -40,7 +41,7 @@ def test_the_command(tmp_path: Path) -> None:
     said = "No run is known to be within 1 % of the limit of the tip extremes: none that was"
     assert text.startswith(f"# Convergence of case default\n\n{said}")
     assert said in out and out.index(said) > out.index("contact work [mJ]")
-    assert len(load_results(tmp_path)) == 2 * 2 * 2 + 2
+    assert len(load_results(tmp_path / RESULT)[0]) == 2 * 2 * 2 + 2
     assert (tmp_path / "figures" / "error_over_cost.png").is_file()
     page = (tmp_path / "report.html").read_text("utf-8")
     assert "10 of 10 runs are there." in page and said in page

@@ -97,8 +97,11 @@ def test_what_a_diagram_needs(kind: str, keys: dict[str, object], text: str) -> 
         require_drawable("plane", small_sweep(axis=axes))
     with pytest.raises(CaseError, match="a map shows one direction"):
         require_drawable("plane", small_sweep(axis=axes, record=record, order="both"))
+    with pytest.raises(CaseError, match="a map shows one direction"):
+        require_drawable("lyapunov", small_sweep(axis=axes, record={"lyapunov": 9}, order="both"))
 
 
+@pytest.mark.slow
 def test_numbers_alone_and_their_figures_later() -> None:
     first = invoke("run", "paper", *SMALL, "-o", "a", "-q")
     second = invoke("run", "paper", *SMALL, "-o", "b", "--no-figures", "-q", "--log", "b.log")
@@ -120,18 +123,20 @@ def test_a_log_file_that_cannot_be_written_is_told() -> None:
 
 def test_a_message_is_shown_once_and_logged_each_time(capsys: pytest.CaptureFixture[str]) -> None:
     log = logging.getLogger("delam_fem.somewhere")
-    token = messages._wanted.set(messages.Wanted(log_file=Path("x.log")))
+    token = messages._wanted.set(messages.Wanted(verbose=True, log_file=Path("x.log")))
     try:
         with messages.shown(quiet=False, is_first=True):
             for _ in range(3):
                 log.warning("soft springs")
             log.info("note")
             log.debug("detail")
+            with progress(Console(stderr=True, quiet=True)) as report:
+                report(5, 5)  # a bar shows it
     finally:
         messages._wanted.reset(token)
-    assert capsys.readouterr().err.splitlines() == ["warning: soft springs", "note"]
+    assert capsys.readouterr().err.splitlines() == ["warning: soft springs", "note", "detail"]
     text = Path("x.log").read_text(encoding="utf-8")
-    assert text.count("WARNING soft springs") == 3 and "DEBUG   detail" in text
+    assert text.count("WARNING soft springs") == 3 and "DEBUG   point 5 of 5" in text
 
 
 def test_a_warning_is_not_glued_to_the_bar(monkeypatch: pytest.MonkeyPatch) -> None:

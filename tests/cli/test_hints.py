@@ -96,6 +96,7 @@ def test_a_window_is_no_longer_than_the_run() -> None:
     assert invoke("check", "paper", *keys[:2]).exit_code == 0  # the preset has 10
 
 
+@pytest.mark.slow
 def test_units_of_branches_are_read_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "USUAL", replace(search.USUAL, copies=4))  # no impacts scatter here
     bad = refused("orbit", "follow", "paper", "--from", "9.5 mm", "--to", "10")
@@ -147,6 +148,7 @@ def test_a_quiet_console_writes_nothing_at_all(tmp_path: Path) -> None:
     assert (tmp_path / "out").read_bytes() == b""
 
 
+@pytest.mark.slow
 def test_solids_and_ribbons_lie_at_the_same_height() -> None:
     few = {"mesh.elements": 4, "time.periods": 1, "time.steps_per_period": 60}
     plane = preset("default", few | {"model.kind": "plane-stress"})
@@ -160,6 +162,7 @@ def test_solids_and_ribbons_lie_at_the_same_height() -> None:
     assert heights[0] == pytest.approx(heights[1], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_quiet_run_on_a_terminal_prints_no_escapes() -> None:
     master, terminal = os.openpty()
     command = [sys.executable, "-m", "delam_fem", "run", "paper", *SMALL, "-q", "--no-figures"]

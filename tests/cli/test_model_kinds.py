@@ -22,7 +22,7 @@ FOLLOW = {
     "identify keys", "identify natural", "detect excite", "detect pod", "detect infer",
 }  # fmt: skip
 """Commands that compute whatever model a case has."""
-REFUSE = {"compare", "show operators", "converge", "detect scan", "detect modulate"}
+REFUSE = {"compare", "show operators", "converge", "detect scan", "detect modulate", "detect tap"}
 """Commands that cannot, at least in a part of what they do."""
 
 

@@ -8,16 +8,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stand_ins import Seen, seen, setting
 
-from delam_fem.contact.rules import Impacts
+from delam_fem.contact.laws import SCHEMES, Law, Supervisor
+from delam_fem.numerics.types import FloatArray
 
 E = 0.25
 GAMMA = 1e-2
 ROUND_OFF = 1e-12
 
 
-def law(n: int = 3, *, coupled: bool = False, threshold: float | None = GAMMA) -> Impacts:
-    W = np.diag(np.arange(1.0, n + 1)) + 0.5 * coupled
-    return Impacts(setting(W), restitution=E, coupled=coupled, threshold_velocity=threshold)
+def law(
+    n: int = 3,
+    *,
+    coupled: bool = False,
+    threshold: float | None = GAMMA,
+    W: FloatArray | None = None,
+) -> Supervisor:
+    """Return Newton's law, with springs for slow pairs if there is a threshold."""
+    impulse = "consistent" if coupled else "lumped"
+    if threshold is None:
+        chosen = Law("newton", E, impulse)
+    else:
+        chosen = Law("newton-penalty", E, impulse, threshold_velocity=threshold)
+    W = np.diag([1.0, 2.0, 3.0]) + 0.5 * coupled if W is None else W
+    return chosen.supervisor(SCHEMES["newmark"], setting(W))
 
 
 def test_only_closed_approaching_pairs_are_hit() -> None:
@@ -94,7 +107,7 @@ def test_coupled_impulses_fulfil_the_law(
     rates: list[float], closed: list[bool], factor: list[float]
 ) -> None:
     B = np.reshape(factor, (4, 4)) + 2.0 * np.eye(4)
-    supervisor = Impacts(setting(B @ B.T), restitution=E, coupled=True)
+    supervisor = law(coupled=True, threshold=None, W=B @ B.T)
     given_rates, none = np.array(rates), np.zeros(4, dtype=bool)
     decision = supervisor.examine(Seen(np.where(closed, -1.0, 1.0), given_rates, none))
     expected_hit = np.flatnonzero(np.array(closed) & (given_rates < 0.0))

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 import delam_fem as df
 from delam_fem.case.excitation import HalfSine
+from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.network import point_load
 from delam_fem.pipeline import run
@@ -107,7 +108,7 @@ def test_short_blow_changes_the_velocity_like_an_impulse() -> None:
     structure = closed_form.assemble(case)
     o, duration = structure.operators, 1e-7
     blow = HalfSine(10.0, duration)
-    end = df.solve(
+    end = solve(
         o, df.Law("none"), df.SCHEMES["moreau-jean"], blow, steps_per_period=200, periods=1,
         time_step=duration / 200,
     ).state  # fmt: skip

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 import delam_fem as df
 from delam_fem.contact.laws import SCHEMES, Decision, Kinematics, Scheme, Setting
 from delam_fem.engines import session as session_module
-from delam_fem.engines.session import ENGINES, EngineName
+from delam_fem.engines.session import ENGINES, EngineName, solve
 
 STEPS = 2000
 NEWMARK, MOREAU = SCHEMES["newmark"], SCHEMES["moreau-jean"]
@@ -41,7 +41,7 @@ def test_linear_motion_is_the_exact_one(engine: EngineName, scheme: Scheme) -> N
     dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
     U = np.linalg.solve(dynamic.toarray(), -o.base.stiffness * 0.01)
     start = np.array([U.imag, omega * U.real, -(omega**2) * U.imag])
-    found = df.solve(
+    found = solve(
         o,
         df.Law("none"),
         scheme,
@@ -73,7 +73,7 @@ def test_an_impact_leaves_with_its_restitution(engine: EngineName) -> None:
         probes=sp.csr_matrix([[1.0]]),
     )
     start = df.State(np.array([[0.0], [1.0], [0.0]]), np.zeros(1, dtype=bool))
-    found = df.solve(
+    found = solve(
         o,
         df.Law("newton", restitution=0.4),
         NEWMARK,
@@ -110,7 +110,7 @@ class Sticky:
 
 
 def test_a_law_of_ones_own() -> None:
-    found = df.solve(
+    found = solve(
         two_masses(gap=0.01),
         Sticky(),
         NEWMARK,
@@ -148,19 +148,19 @@ def test_what_cannot_be_solved_is_refused(
 ) -> None:
     given: dict[str, float | None] = {"time_step": 1e-3} | more
     with pytest.raises(df.CaseError, match=text):
-        df.solve(two_masses(), law, scheme, steps_per_period=10, periods=1, engine=engine, **given)
+        solve(two_masses(), law, scheme, steps_per_period=10, periods=1, engine=engine, **given)
 
 
 def test_a_run_stops_when_it_is_asked_to_and_goes_on_from_its_state() -> None:
     o, law, motion = two_masses(gap=0.01), df.Law("newton", restitution=0.5), None
     start = df.State(np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), np.zeros(1, dtype=bool))
     given = {"time_step": 1e-3, "steps_per_period": 100, "engine": "compiled"}
-    whole = df.solve(o, law, NEWMARK, motion, periods=4, initial=start, **given)
-    first = df.solve(
+    whole = solve(o, law, NEWMARK, motion, periods=4, initial=start, **given)
+    first = solve(
         o, law, NEWMARK, motion, periods=4, initial=start, stop=lambda done: done == 2, **given
     )
     assert first.outcome == "interrupted"
-    rest = df.solve(o, law, NEWMARK, motion, periods=2, initial=first.state, **given)
+    rest = solve(o, law, NEWMARK, motion, periods=2, initial=first.state, **given)
     assert rest.displacement[1:] == pytest.approx(whole.displacement[201:], abs=1e-12)
 
 

@@ -277,7 +277,7 @@ def test_what_does_not_go_together_is_told() -> None:
 
         orbit(case_of({}))
     assert {name for name, entry in STUDIES.items() if _takes(entry.home)} == {
-        "modes", "orbit find", "orbit follow",
+        "modes", "orbit find", "orbit follow", "detect tap",
     }  # fmt: skip
 
 

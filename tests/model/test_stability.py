@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -35,6 +37,11 @@ def test_a_closed_spring_shortens_the_limit() -> None:
     K[-1, -1] += 300.0
     highest = np.sqrt(np.linalg.eigvalsh(K / 2.0).max())
     assert largest_stable_time_step(chain(), 300.0) == pytest.approx(2.0 / highest, rel=1e-12)
+
+
+def test_the_weight_of_a_pair_multiplies_its_spring() -> None:
+    weighted = dataclasses.replace(chain(), pair_weights=np.array([3.0]))
+    assert largest_stable_time_step(weighted, 100.0) == largest_stable_time_step(chain(), 300.0)
 
 
 @pytest.mark.parametrize(("factor", "times"), [(1.001, 2), (2.5, 3)])

@@ -64,7 +64,8 @@ def test_a_slow_base_presses_on_an_elastic_stop_on_the_ground(side: str, place: 
     exact = np.maximum(q - GAP, 0.0) / (x**3 / (3.0 * EI) + 1.0 / K)
     found = forces(result)[0]
     assert np.abs(found - exact).max() < 0.01 * exact.max()
-    assert result.summary["energy_residual"] < 1e-9
+    # round-off, whatever the step: u is that of the ground's frame, so almost rigid
+    assert result.summary["energy_residual"] < 1e-7
 
 
 def test_a_slow_base_carries_its_stop_along() -> None:
@@ -164,7 +165,7 @@ def test_engines_agree(row: dict[str, Any]) -> None:
 
 def test_dolfinx_assembles_the_same_stops() -> None:
     case = case_of(
-        [{"position": 0.8 * L, "side": "both"}, {"start": 0.3, "end": L, "on": "ground"}]
+        [{"position": 0.4 * L, "side": "both"}, {"start": 0.3, "end": L, "on": "ground"}]
     )
     found, expected = discretise.assemble(case).operators, closed_form.assemble(case).operators
     np.testing.assert_allclose(
@@ -219,6 +220,66 @@ def test_bad_stops_are_told(change: dict[str, Any], expected: str) -> None:
     stop = {key: v for key, v in ({"position": L} | change).items() if v is not None}
     with pytest.raises(CaseError, match=expected):
         case_of(stop)
+
+
+@pytest.mark.parametrize(("own", "order"), [(ELASTIC, 2.0), ({}, 1.0)], ids=["elastic", "rigid"])
+def test_errors_vanish_with_the_step(own: dict[str, Any], order: float) -> None:
+    """As between laminae: order 2 of springs, 1 of impacts."""
+    is_elastic, found = bool(own), []
+    for steps in (500, 1000, 2000, 16000):
+        case = case_of(
+            {"position": L, "gap": 2.3e-4, "on": "ground"} | own,
+            lamina=[LAMINA | {"damping_ratio": 0.05}], mesh={"elements": 2},
+            contact={"law": "penalty", "penalty_damping": 5e-3} if is_elastic else RIGID,
+            excitation=SHAKER | {"amplitude": 3e-4},
+            time={"steps_per_period": steps, "periods": 1}, output={"window_periods": 1},
+        )  # fmt: skip
+        history = run(case, engine="compiled").history
+        found.append(history["tip_displacement"][0, steps // 4 - 1 :: steps // 4].to_numpy())
+    errors = [np.abs(one - found[-1]).max() for one in found[:-1]]
+    assert abs(0.5 * math.log2(errors[0] / errors[2]) - order) < 0.5, errors
+
+
+AT_ONE_PLACE = r"stop\.2\.{}: expected another place or side of lamina one than that of stop 1"
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "key"),
+    [
+        ({"position": L}, {}, "position"),
+        ({"position": 0.3, "side": "both"}, {"position": 0.3, "gap": 2 * GAP}, "position"),
+        (
+            {"start": 0.2, "end": 0.4, "side": "below"},
+            {"position": 0.3, "side": "both"},
+            "position",
+        ),
+        ({"position": 0.3, "stiffness": K}, {"position": 0.3}, "position"),
+        ({"start": 0.2, "end": 0.4}, {"start": 0.3, "end": L}, "start"),
+    ],
+)
+def test_two_stops_at_one_place_are_told(
+    first: dict[str, Any], second: dict[str, Any], key: str
+) -> None:
+    with pytest.raises(CaseError, match=AT_ONE_PLACE.format(key)):
+        case_of([first, second])
+    apart = case_of([first | {"side": "above"}, second | {"side": "below"}])
+    assert len(apart.stop) == 2
+
+
+def test_elastic_stops_at_one_place_are_springs_one_after_the_other() -> None:
+    """Twice k beyond the second gap; catches a pair that is dropped."""
+    slow = {"kind": "harmonic", "amplitude": A, "frequency": 0.02}
+    k = 100.0
+    stop = {"position": L, "on": "ground", "stiffness": k}
+    case = case_of(
+        [stop, stop | {"gap": 1.5 * GAP}], excitation=slow,
+        time={"steps_per_period": 4000, "periods": 1},
+    )  # fmt: skip
+    first, second = (own.max() for own in forces(run(case, engine="compiled")))
+    give = L**3 / (3.0 * EI)
+    tip = (A + give * k * 2.5 * GAP) / (1.0 + 2.0 * give * k)
+    assert first == pytest.approx(k * (tip - GAP), rel=0.01)
+    assert second == pytest.approx(k * (tip - 1.5 * GAP), rel=0.01)
 
 
 def test_what_does_not_go_together_is_told() -> None:

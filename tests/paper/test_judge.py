@@ -365,6 +365,12 @@ def test_planes_are_judged_by_their_numbers(
     assert found == ["does not hold" if k == failing else "holds" for k in range(4)]
 
 
+def test_a_plane_without_one_periodic_points_is_no_scale() -> None:
+    none = but(plane_numbers(0.8, 0.1), share={"one-periodic": 0.0, "higher order": 1.0})
+    *_, sensitive = parameters.PLANES.judge(planes(none, decade(0.4, 0.4, 0.4)))
+    assert sensitive.verdict == "does not hold"
+
+
 def test_undecided_points_make_a_share_uncertain() -> None:
     unsure = plane_numbers(0.4, 0.1)
     unsure = but(unsure, share={"one-periodic": 0.4, "undecided": 0.3})
@@ -383,7 +389,7 @@ sys.modules["matplotlib"] = None  # an import of it fails
 
 from delam_fem.paper.lab import Laboratory, Plan
 from delam_fem.paper.reproduce import FIGURES
-from delam_fem.results.folder import json_ready
+from delam_fem.system.files import json_ready
 from delam_fem.studies.executors import Serial
 
 lab = Laboratory(Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0)), Serial())
@@ -400,6 +406,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_numbers_and_verdicts_need_no_matplotlib() -> None:
     slow = {"2a", "2b", "5", "6", "14", "15", "gamma"}  # their modules are imported, as all are
     names = [name for name in FIGURES if name not in slow]

@@ -18,6 +18,8 @@ OF_A_FORCE = ("force",)
 """Variables of runs that a force drives."""
 OF_STOPS = ("event_stop", *(name for name in VARIABLES if name.startswith(("stop_", "impactor_"))))
 """Variables of runs with stops."""
+OF_OPERATORS = ("event_pair", "dof_displacement", "dof_velocity")
+"""Variables of runs without a case."""
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +44,10 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
     assert described(run) == [
         (row.name, tuple(d for d in row.dims if d != INTERFACE), row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name not in ("event_interface", *OF_A_FORCE, *OF_STOPS)
+        if row.name not in ("event_interface", *OF_A_FORCE, *OF_STOPS, *OF_OPERATORS)
         and not row.name.startswith("probe_")
     ]
-    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe", "stop", "impactor"}
+    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe", "stop", "impactor", "dof"}
     assert "interface" not in run.variables
 
 
@@ -66,9 +68,9 @@ def test_three_laminae_have_all_variables() -> None:
     assert described(history) == [
         (row.name, row.dims, row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name not in (*OF_A_FORCE, *OF_STOPS)
+        if row.name not in (*OF_A_FORCE, *OF_STOPS, *OF_OPERATORS)
     ]
-    assert set(history.dims) == DIMENSIONS.keys() - {"stop", "impactor"}
+    assert set(history.dims) == DIMENSIONS.keys() - {"stop", "impactor", "dof"}
     assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
     assert history["interface"].values.tolist() == ["thick-thin", "thin-top"]
 

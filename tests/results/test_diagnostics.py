@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 import stack
+import xarray as xr
 from stack import three_laminae
 from synthetic import (
     AMPLITUDES,
@@ -15,16 +16,21 @@ from synthetic import (
     tip_motion,
 )
 
+from delam_fem.case.definition import Case
 from delam_fem.results import diagnostics
-from delam_fem.results.folder import json_ready
+from delam_fem.system.files import json_ready
 
 ROUND_OFF = 1e-10
 """Relative to the largest amplitude: a transform of a thousand samples loses few digits."""
 
 
+def harmonics_of(history: xr.Dataset, case: Case) -> np.ndarray | None:
+    return diagnostics.ProbeMotion.of(history).harmonics(case.steps_per_period)
+
+
 def test_harmonics_of_the_window_are_those_put_in() -> None:
     case = small_case()
-    found = diagnostics.window_harmonics(synthetic_history(case), case)
+    found = harmonics_of(synthetic_history(case), case)
     expected = np.zeros_like(found)
     expected[:, :3] = AMPLITUDES
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUND_OFF * AMPLITUDES.max())
@@ -172,7 +178,7 @@ def test_impacts_count_although_the_gap_stays_open_and_only_those_at_the_tip() -
     case = small_case()
     history = synthetic_history(case, tip_strikes=(0.25, 0.75))
     assert diagnostics.tip_gap(history).min() > 0.0
-    closed = np.flatnonzero(diagnostics.tip_closed(history))
+    closed = np.flatnonzero(diagnostics.ProbeMotion.of(history).is_closed.any(axis=0))
     assert closed.tolist() == [STEPS // 4 - 1, 3 * STEPS // 4 - 1]
 
 
@@ -196,7 +202,7 @@ def test_swept_sine_has_no_harmonics_and_no_periodicity() -> None:
 def test_interrupted_window_is_cut_to_its_last_whole_periods() -> None:
     case = small_case()
     history = synthetic_history(case).isel(time=slice(0, 3 * STEPS - 7))
-    found = diagnostics.window_harmonics(history, case)
+    found = harmonics_of(history, case)
     np.testing.assert_allclose(found[:, :3], AMPLITUDES, atol=ROUND_OFF * AMPLITUDES.max())
     assert diagnostics.last_periods(history, case).sizes["time"] == 2 * STEPS
     assert diagnostics.last_periods(history, case, 1).sizes["time"] == STEPS
@@ -262,7 +268,7 @@ def test_three_laminae_meet_at_the_node_of_their_probes() -> None:
         atol=1e-15,
     )
     assert diagnostics.phase_portrait(history, case, 2).shape == (3, 2, 2 * STEPS)
-    harmonics = diagnostics.window_harmonics(history, case)
+    harmonics = harmonics_of(history, case)
     assert harmonics is not None
     np.testing.assert_allclose(harmonics[:, 0], stack.AMPLITUDES, rtol=1e-12)
 
@@ -323,7 +329,9 @@ def test_a_twentieth_of_a_period_parts_contacts(apart: float, contacts: float) -
 )
 def test_impacts_count_in_the_window_alone(strike: float, steps: list[int]) -> None:
     history = synthetic_history(small_case(), tip_strikes=(strike,))
-    assert np.flatnonzero(diagnostics.tip_closed(history)).tolist() == steps
+    assert (
+        np.flatnonzero(diagnostics.ProbeMotion.of(history).is_closed.any(axis=0)).tolist() == steps
+    )
 
 
 def test_a_gap_of_exactly_zero_is_closed() -> None:
@@ -346,7 +354,7 @@ def test_whole_periods_are_the_last_ones() -> None:
     cut = motion.whole_periods(300)
     assert cut.tolist() == motion.displacement[:, -600:].tolist()
     short = history.isel(time=slice(0, STEPS - 1))
-    assert diagnostics.window_harmonics(short, case) is None
+    assert harmonics_of(short, case) is None
     assert diagnostics.last_periods(short, case).sizes["time"] == 0
     assert diagnostics.last_periods(short, case, 3).sizes["time"] == STEPS - 1
     assert diagnostics.last_periods(history, case, 2)["time"][0] == history["time"][2 * STEPS]

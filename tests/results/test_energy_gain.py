@@ -29,7 +29,7 @@ def kept(gains: list[float], losses: list[float]) -> SimpleNamespace:
 
 
 def said(case: Case, gains: list[float], losses: list[float]) -> str | None:
-    return gain_warning(case, kept(gains, losses))  # type: ignore[arg-type]
+    return gain_warning(kept(gains, losses), may_add=may_add_energy(case))  # type: ignore[arg-type]
 
 
 def test_dissipative_impacts_are_not_mentioned() -> None:

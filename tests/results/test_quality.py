@@ -48,6 +48,13 @@ def test_springs_that_no_step_resolves_are_told(stiffness: float) -> None:
     assert warned(preset("paper", rigid), 0.0) == ""
 
 
+def test_a_stop_that_no_step_resolves_is_told() -> None:
+    keys = {"lamina": "thin", "position": 0.1, "side": "above", "gap": 0.01, "stiffness": 1e14}
+    law = {"law": "penalty", "penalty_stiffness": 1e3}
+    case = preset("paper", {"stop": [keys], "contact": law})
+    assert "stop.1.stiffness = 1e+14 N/m turns a node" in warned(case, 0.0)
+
+
 def test_a_motion_with_an_open_balance_is_not_completed(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -7,6 +7,8 @@ import re
 import numpy as np
 import pytest
 from project import script
+from scipy.linalg import expm
+from scipy.optimize import brentq, root
 
 others = script("against_others")
 
@@ -53,6 +55,39 @@ def by_waves(until: float, dt: float) -> float:
         free += dt * (of_free + force[i] / impedance)
         held += dt * (of_held - force[i] / impedance)
     return float(free)
+
+
+def test_the_mode_between_stops_is_that_of_its_arcs() -> None:
+    """Two linear motions, with the stop and without, each by the exponential of its matrix."""
+
+    def matrix(stop: float) -> np.ndarray:
+        rates = np.zeros((5, 5))  # of both displacements, both velocities, and 1
+        rates[0, 2] = rates[1, 3] = 1.0
+        rates[2] = [-2.0 - stop, 1.0, 0.0, 0.0, stop]
+        rates[3, :2] = 1.0, -1.0
+        return rates
+
+    def quarter(start: np.ndarray) -> np.ndarray:
+        state = np.array([*start, 0.0, 0.0, 1.0])
+        leaves = brentq(lambda t: (expm(t * matrix(30.0)) @ state)[0] - 1.0, 1e-6, 0.5)
+        flight = expm((0.25 / others.NONLINEAR_MODE - leaves) * matrix(0.0))
+        return flight @ expm(leaves * matrix(30.0)) @ state
+
+    start = root(lambda start: quarter(start)[:2], [1.0045, -0.617], tol=1e-13).x
+    [test] = [test for test in others.TESTS if "arcs" in test.title]
+    energy, first = test.theirs.values()
+    assert start[0] == pytest.approx(first, abs=1e-8)
+    assert 0.5 * np.sum(quarter(start)[2:4] ** 2) == pytest.approx(energy, abs=1e-6)
+
+
+def test_smoothed_stops_act_before_they_are_touched_and_as_springs_far_behind() -> None:
+    for x in (-0.5, 0.2, 0.5):
+        assert others.smoothed_stop(x) == pytest.approx(0.005 * x / (1.0 - x**2), rel=1e-3)
+    for x in (-2.0, 3.0):
+        sharp = 30.0 * (x - np.sign(x))
+        assert others.smoothed_stop(x) == pytest.approx(sharp, rel=1e-3)
+    first = float(others.smoothed_mode()["first"])
+    assert first == pytest.approx(0.8139, abs=1e-4)
 
 
 def test_the_numbers_of_the_bars_are_those_of_their_waves() -> None:

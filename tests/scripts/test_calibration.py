@@ -58,6 +58,12 @@ def test_the_page_is_that_of_its_numbers() -> None:
     assert set(PUBLISHED) == set(page.PARTS)
 
 
+def test_each_part_has_every_rig_or_says_why_not() -> None:
+    assert {name for name in PUBLISHED if page.lacking(PUBLISHED[name]["rows"])} == set(
+        page.WHY_NOT
+    )
+
+
 def test_a_part_replaces_its_own_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     numbers = tmp_path / "calibration.json"
     numbers.write_text(json.dumps({"other": {"cpu_s": 1, "rows": []}}))

@@ -34,21 +34,23 @@ def test_dense_steps_are_those_of_the_package() -> None:
     np.testing.assert_allclose(dense, own, rtol=0.0, atol=SAME)
 
 
-@pytest.mark.parametrize("arguments", [(0.1, False), (0.1, True)])
-def test_exact_steps_are_exact_without_contact(arguments: tuple[float, bool]) -> None:
-    found = []
-    for n in (100, 200):
-        case = trials.case_of(n, 2)
-        operators = closed_form.assemble(case).operators
-        operators = dataclasses.replace(operators, gap0=np.full(operators.n_pairs, 5.0))
-        bases = motion_of(case)(0)
-        m = ts.exact_matrices(ts.Problem.of(operators), case.time_step, *arguments)
-        u, v, a = np.zeros((3, operators.n_dofs))
-        W, step = m.of.H @ m.push, compiled(steps.exact_step)
-        for j in range(1, n + 1):
-            step(m, W, u, v, a, bases[j - 1], bases[j])
-        found.append(u)
-    np.testing.assert_allclose(*found, rtol=0.0, atol=1e-5)  # the load is linear within a step
+@pytest.mark.slow
+def test_exact_steps_are_exact_without_contact() -> None:
+    step = compiled(steps.exact_step)
+    for arguments in ((0.1, False), (0.1, True)):
+        found = []
+        for n in (100, 200):
+            case = trials.case_of(n, 2)
+            operators = closed_form.assemble(case).operators
+            operators = dataclasses.replace(operators, gap0=np.full(operators.n_pairs, 5.0))
+            bases = motion_of(case)(0)
+            m = ts.exact_matrices(ts.Problem.of(operators), case.time_step, *arguments)
+            u, v, a = np.zeros((3, operators.n_dofs))
+            W = m.of.H @ m.push
+            for j in range(1, n + 1):
+                step(m, W, u, v, a, bases[j - 1], bases[j])
+            found.append(u)
+        np.testing.assert_allclose(*found, rtol=0.0, atol=1e-5)  # the load is linear within a step
 
 
 def test_all_modes_are_the_whole_problem() -> None:

@@ -17,7 +17,6 @@ def test_errors_of_trials_are_relative_to_the_amplitude() -> None:
     assert trials.table(found, limit).rows == (("way", "-20.00", "10.0"),)
 
 
-@pytest.mark.slow
 @pytest.mark.nightly
 def test_trials_in_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("penetration recovered without work", "newton@moreau-jean")

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from stand_ins import setting
 
-from delam_fem.contact.laws import Decision
-from delam_fem.contact.rules import Impacts
+from delam_fem.contact.laws import SCHEMES, Decision, Law
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.loop import StepByStep, simulate
 from delam_fem.simulation.recorder import Energies, Recorder
@@ -76,7 +75,8 @@ def motion(period: int) -> np.ndarray:
 
 
 def engine(ball: Ball, e: float = 0.5) -> StepByStep:
-    return StepByStep(ball, Impacts(setting(np.eye(1)), restitution=e, coupled=False))
+    law = Law("newton", e, "lumped")
+    return StepByStep(ball, law.supervisor(SCHEMES["newmark"], setting(np.eye(1))))
 
 
 def test_ball_falls_bounces_and_loses_what_the_ledger_says() -> None:

@@ -79,6 +79,7 @@ def cluster(tmp_path: Path) -> dict[str, str]:
     return {**os.environ, **here, "PYTHONPATH": str(ROOT)}
 
 
+@pytest.mark.slow
 def test_the_script_computes_and_merges(tmp_path: Path, cluster: dict[str, str]) -> None:
     out = tmp_path / "a folder" / "out"
     file = tmp_path / "job.sh"
@@ -98,6 +99,7 @@ def test_the_script_computes_and_merges(tmp_path: Path, cluster: dict[str, str])
     data.close()
 
 
+@pytest.mark.slow
 def test_a_job_whose_time_is_up_goes_back_into_the_queue(
     tmp_path: Path, cluster: dict[str, str]
 ) -> None:

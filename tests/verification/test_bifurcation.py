@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from delam_fem.engines.session import session
 from delam_fem.simulation.refinement import Span
 from delam_fem.studies.sweeps.grid import sweep_of
-from delam_fem.studies.sweeps.point import Exponent, largest_exponent, mean_growth
+from delam_fem.studies.sweeps.point import BLOCKS, STUDENT, Exponent, largest_exponent, mean_growth
 from delam_fem.studies.sweeps.run import run_sweep
 
 LINEAR = 2e-3
@@ -133,7 +133,6 @@ def chaotic(omega: float, s: float, e: float, n_impacts: int) -> float:
     return growth / duration
 
 
-@pytest.mark.slow
 def test_the_exponent_of_chaos_is_roughly_found() -> None:
     """Chaos of the impact oscillator with e = 0.8; a stable motion has at most 0 there."""
     exact = chaotic(*CHAOS, 2000)
@@ -166,7 +165,6 @@ def test_a_distance_below_a_step_of_motion_misses_the_shift_of_the_impact() -> N
     assert abs(found) < 0.1 * abs(exact)
 
 
-@pytest.mark.slow
 def test_the_fold_and_the_period_doubling(tmp_path: Path) -> None:
     """Between 3.47 and 3.56 Hz two motions live, one contact a period or one in two."""
     data = {
@@ -189,3 +187,8 @@ def test_the_fold_and_the_period_doubling(tmp_path: Path) -> None:
     assert (doubled.strobe_scatter < 0.02).all()
     thick = found.tip_amplitude.sel(lamina="thick", frequency=3.52).to_numpy()
     assert thick[0] > 1.5 * thick[1]
+
+
+def test_errors_from_ten_blocks_are_widened_as_students_table_says() -> None:
+    """t of 95.45 % with 9 degrees of freedom is 2.32 (GUM, table G.2)."""
+    assert (BLOCKS, 2.0 * STUDENT) == (10, pytest.approx(2.32, abs=5e-3))

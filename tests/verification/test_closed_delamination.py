@@ -10,7 +10,7 @@ from embedded_judge import moreau_jean
 
 import delam_fem as df
 from delam_fem.case.excitation import base_motion
-from delam_fem.engines.session import Solution
+from delam_fem.engines.session import Solution, solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
@@ -37,7 +37,7 @@ def motion(
     given = {"steps_per_period": 200, "engine": "compiled", "window_periods": 2} | more
     e = given.pop("restitution", 0.0)
     A = 0.1 / (2.0 * np.pi * frequency) ** 2
-    return df.solve(
+    return solve(
         o, df.Law(law, restitution=e), df.SCHEMES["moreau-jean"], df.HarmonicMotion(frequency, A),
         periods=periods, **given,
     )  # fmt: skip
@@ -58,7 +58,7 @@ def operators() -> Operators:
 def test_first_impacts_are_those_of_the_judge() -> None:
     case = df.preset("embedded", COARSE | {"time.periods": 3, "contact.restitution": 0.3})
     x = node_coordinates(case)
-    o = judge.assemble_stack(case, x, observed=len(x) // 2)
+    o = judge.assemble(case, x, observed=len(x) // 2)
     times = np.arange(3 * 200 + 1) * case.time_step
     u, count = moreau_jean(o, base_motion(case).states(times), case.time_step, 0.3)
     expected = u @ o.probes.T.toarray()

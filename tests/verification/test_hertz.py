@@ -60,7 +60,6 @@ def test_sphere_on_a_rigid_plane() -> None:
     assert found.radius == pytest.approx(SPHERE, rel=APPROACH)
 
 
-@pytest.mark.slow
 @pytest.mark.nightly
 def test_sphere_on_a_finer_mesh() -> None:
     found, stiffness = contact(3, SPHERE, 8)
@@ -70,7 +69,6 @@ def test_sphere_on_a_finer_mesh() -> None:
     assert profile < 0.02
 
 
-@pytest.mark.slow
 @pytest.mark.nightly
 def test_difference_to_hertz_vanishes_with_the_size_of_the_contact() -> None:
     """Normals of the round body lean outwards, which Hertz leaves out: an error of order a/R."""

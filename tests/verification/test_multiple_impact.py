@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 import delam_fem as df
 from delam_fem.contact.laws import SchemeName
-from delam_fem.engines.session import EngineName
+from delam_fem.engines.session import EngineName, solve
 
 OUTCOMES = {
     ("newmark", 1.0): (0.0, 0.0, 1.0),
@@ -41,7 +41,7 @@ def test_three_carts(scheme: SchemeName, e: float, time_step: float, engine: Eng
     )  # fmt: skip
     start = np.zeros((3, 3))
     start[1, 0] = 1.0
-    found = df.solve(
+    found = solve(
         carts, df.Law("newton", restitution=e), df.SCHEMES[scheme], time_step=time_step,
         steps_per_period=round(0.2 / time_step), periods=1, engine=engine,
         initial=df.State(start, np.zeros(2, np.bool_)),

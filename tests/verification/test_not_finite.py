@@ -12,7 +12,7 @@ from stack import three_laminae
 from synthetic import PERIODS, small_case
 
 import delam_fem as df
-from delam_fem.engines.session import EngineName
+from delam_fem.engines.session import EngineName, solve
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics import statistics
 from delam_fem.numerics.settling import judge
@@ -57,7 +57,7 @@ def test_a_motion_with_an_infinite_energy_is_not_completed(bad: float, engine: E
     """Only the second mass moves so; the probe sees nothing of it. (1e200 m)² overflows."""
     start = np.zeros((3, 2))
     start[0, 1] = bad
-    found = df.solve(
+    found = solve(
         apart(), df.Law("none"), df.SCHEMES["newmark"], df.HarmonicMotion(1e-3, 1.0),
         steps_per_period=50, periods=2, engine=engine,
         initial=df.State(start, np.zeros(0, np.bool_)),
@@ -109,7 +109,7 @@ def test_a_gain_of_elastic_impacts_is_told() -> None:
     ledger[1, LEDGER.index("impact_loss")] = -1e-9
     impulse = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 1e-9]])
     kept: Any = SimpleNamespace(n_closed=2, impulse=impulse, ledger=ledger)
-    text = gain_warning(df.preset("default", {"contact.restitution": 1.0}), kept)
+    text = gain_warning(kept, may_add=False)
     assert text is not None and "impacts added 1e-09 J" in text
 
 

@@ -38,6 +38,7 @@ def strikes(run: ReferenceRun, steps_before: int) -> np.ndarray:
     return np.array([run.tip_velocity[:, step - steps_before] for _, step in hardest.values()])
 
 
+@pytest.mark.slow
 def test_no_tip_contact_at_1_25() -> None:
     run = motion(1.25)
     last = run.tip_displacement[:, -LAST * N :]
@@ -58,6 +59,7 @@ def test_thin_beats_the_thick_at_1_60() -> None:
     assert np.all(np.abs(thin) > 3.0 * np.abs(thick))  # whichever instant: the thin one strikes
 
 
+@pytest.mark.slow
 def test_opposite_velocities_at_3_25() -> None:
     run = motion(3.25)
     before = strikes(run, STEPS_BEFORE)

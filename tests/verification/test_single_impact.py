@@ -11,8 +11,8 @@ import pytest
 from problems import Law, simulate
 
 from delam_fem.case.files import preset
-from delam_fem.contact.laws import Setting
-from delam_fem.contact.rules import Impacts
+from delam_fem.contact import laws
+from delam_fem.contact.laws import SCHEMES, Impulse, Setting
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
@@ -43,7 +43,7 @@ def compliance(o: Operators) -> FloatArray:
 @pytest.mark.parametrize("impulse", ["consistent", "lumped"])
 @pytest.mark.parametrize("e", [0.0, 0.1, 0.7, 1.0])
 @pytest.mark.parametrize("pair", [0, 2, 4])
-def test_energy_of_a_single_impact(impulse: str, e: float, pair: int) -> None:
+def test_energy_of_a_single_impact(impulse: Impulse, e: float, pair: int) -> None:
     o = laminae(mass=impulse)
     W = compliance(o)[pair, pair]
     gap0 = o.gap0.copy()
@@ -54,7 +54,7 @@ def test_energy_of_a_single_impact(impulse: str, e: float, pair: int) -> None:
     v -= o.gap_matrix[pair].toarray().ravel() * (abs(o.gap_matrix[pair] @ v) + 0.5)  # approaching
     stepper = Newmark(o, SHORT, coupled_impulses=impulse == "consistent")
     setting = Setting(o.n_pairs, stepper.compliance)
-    law = Impacts(setting, restitution=e, coupled=impulse == "consistent")
+    law = laws.Law("newton", e, impulse).supervisor(SCHEMES["newmark"], setting)
     stepper.begin(np.zeros((2, 3)))
     stepper.restore(np.array([0.0 * v, v, 0.0 * v]))
     stepper.advance()
@@ -85,7 +85,7 @@ def test_lumped_impulse_on_a_consistent_mass_does_not_lose_that() -> None:
         v[[4, 14]] = 1.0, -1.0  # u of node 3 of both laminae
         stepper = Newmark(o, SHORT)
         setting = Setting(o.n_pairs, stepper.compliance)
-        law = Impacts(setting, restitution=0.1, coupled=False)
+        law = laws.Law("newton", 0.1, "lumped").supervisor(SCHEMES["newmark"], setting)
         stepper.begin(np.zeros((2, 3)))
         stepper.restore(np.array([0.0 * v, v, 0.0 * v]))
         stepper.advance()

@@ -1,1 +1,1 @@
-"""The compiled engine: it computes whole periods in code that Numba compiles."""
+"""The compiled engine, which computes whole periods in code that Numba compiles."""

@@ -1,9 +1,9 @@
 """Linear algebra in compiled code, in lane order or in band order.
 
-Sparse rows and a banded factorisation, for systems that do not fit the lane order. This is scalar
-code without assumptions on the operators, for example for a mass on a spring, a bar, or laminae
-that have their own damping. The dofs are in reverse Cuthill–McKee order, which keeps the band
-narrow.
+Band order is for systems that do not fit the lane order (lanes.py), for example a mass on a spring,
+a bar, or laminae whose damping is not Rayleigh's: sparse rows and a banded factorisation, scalar
+code without assumptions on the operators. The dofs are in reverse Cuthill–McKee order, which keeps
+the band narrow.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from delam_fem.contact.laws import MOREAU
 from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.lanes import R, Z, fma, lane, load, splat, store
-from delam_fem.engines.compiled.state import MOREAU
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import kept, njit
 
@@ -66,7 +66,7 @@ def dense_rows(matrix: sp.spmatrix) -> Rows:
 
 
 def band_order(pattern: sp.spmatrix) -> IntArray:
-    """Return the place of each dof in an order with a narrow band, shape (n,)."""
+    """Return the place of each dof in reverse Cuthill–McKee order, shape (n,)."""
     csr = sp.csr_matrix(abs(pattern))
     order = reverse_cuthill_mckee(csr, symmetric_mode=False)
     place = np.empty(order.size, dtype=np.int64)
@@ -99,6 +99,7 @@ def factorise(matrix: sp.spmatrix) -> Band:
 def _factorise(value, width):  # type: ignore[no-untyped-def]
     """Replace a band by its factors; return the row of a zero pivot, or -1."""
     n = value.shape[0]
+    # entry (i, j) is at value[i, j - i + width]; row k > i loses its entry in column i
     for i in range(n):
         if value[i, width] == 0.0:
             return i
@@ -113,9 +114,10 @@ def _factorise(value, width):  # type: ignore[no-untyped-def]
 
 @njit
 def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
-    """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
+    """Solve A x = r by the factors of a band; `right` and `out` number the fields r and x of X."""
     r, x, width, value = right * size, out * size, band.width, band.value
     row = 2 * width + 1
+    # L y = r downwards, then U x = y upwards, both in the place of x
     for i in range(size):
         total = X[r + i]
         for j in range(max(0, i - width), i):
@@ -165,7 +167,7 @@ def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
 
 @njit(forceinline=True)
 def both_products(matrix, row, X, size):  # type: ignore[no-untyped-def]
-    """Return the entry `row` of A u and of A v."""
+    """Return the entries `row` of A u and of A v, in one pass over the row of A."""
     if matrix.width > 0:
         return row_product(matrix, row, X, 0), row_product(matrix, row, X, size)
     u = v = 0.0
@@ -243,26 +245,24 @@ def require_compliance(system, law, memory, pair):  # type: ignore[no-untyped-de
 
 @njit
 def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
-    X, n_pairs = memory.X, system.n_pairs
+    """Compute the column of W = H B⁻¹ Hᵀ that belongs to a pair.
+
+    B is A for the θ-scheme, otherwise M. With lumped impulses only W_kk is computed.
+    """
+    X, n_pairs, H, W = memory.X, system.n_pairs, system.gap_rows, memory.compliance
     first = system.coarseness * n_pairs * n_pairs + pair
-    clear(X, system.size, R)
-    spread_one(system, X, pair, 1.0)
-    if law.kind >= MOREAU:
-        solve_step(system, X)
+    if law.is_coupled:
+        clear(X, system.size, R)
+        spread_one(system, X, pair, 1.0)
+        if law.kind == MOREAU:
+            solve_step(system, X)
+        else:
+            solve_mass(system, X)
+        for i in range(n_pairs):
+            W[first + i * n_pairs] = row_product(H, i, X, Z * system.size)
     else:
-        solve_mass(system, X)
-    for i in range(n_pairs):
-        memory.compliance[first + i * n_pairs] = row_product(system.gap_rows, i, X, Z * system.size)
+        single = 0.0
+        for entry in range(H.start[pair], H.start[pair + 1]):
+            single += H.value[entry] ** 2 * system.inverse_lumped[H.column[entry]]
+        W[first + pair * n_pairs] = single
     memory.is_known[system.coarseness * n_pairs + pair] = 1
-
-
-@njit
-def compliance_block(system, law, memory, n):  # type: ignore[no-untyped-def]
-    """Return W = H B⁻¹ Hᵀ of the n hit pairs, with B = A for the θ-scheme and M otherwise."""
-    W, hit, n_pairs = memory.compliance, memory.hit, system.n_pairs
-    first, block = system.coarseness * n_pairs * n_pairs, np.empty((n, n))
-    for j in range(n):
-        require_compliance(system, law, memory, hit[j])
-        for i in range(n):
-            block[i, j] = W[first + hit[i] * n_pairs + hit[j]]
-    return block

@@ -1,11 +1,10 @@
 """Contact in compiled code: pairs that are hit or rest, and the springs of those that rest.
 
-Springs of resting pairs in compiled code, and the accelerations that they cause. A step is first
-computed without springs and then corrected by their forces (N2 of petsc/newmark.py). If pairs have
-weights w, the springs act on gaps times √w.
+A step is first computed without the springs of resting pairs and then corrected by their forces (N2
+of petsc/newmark.py). If pairs have weights w, the springs act on gaps times √w.
 
-The decisions are those of the laws in contact/. They are carried out as in engines/petsc, in the
-same order. Only few steps have contact, so the code is scalar and runs over sparse rows.
+The decisions are those of contact/rules.py. They are carried out as in engines/petsc, in the same
+order. Only few steps have contact, so the code is scalar and runs over sparse rows.
 """
 
 from __future__ import annotations
@@ -13,12 +12,12 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.rules import CLOSED
+from delam_fem.contact.laws import IMPACTS, MOREAU, NONE
+from delam_fem.contact.rules import CLOSED, candidates, decide, renew_resting
 from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.algebra import (
     clear,
-    compliance_block,
     require_compliance,
     row_product,
     solve_mass,
@@ -31,14 +30,11 @@ from delam_fem.engines.compiled.state import (
     COMPLETED,
     CONTACT_DAMPED,
     IMPACT,
-    IMPACTS,
     IS_SEEN,
-    MOREAU,
     N_EVENTS,
     N_HITS,
     N_RESTING,
     N_SPRINGS,
-    PENALTY,
     RELEASED,
     SLOT,
 )
@@ -149,7 +145,7 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
 
 @njit
 def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
-    """Correct the candidate of a step by the springs.
+    """Correct the candidate state of a step by the forces of the springs.
 
     In lane order Δz = -Δt A⁻¹ Hᵀ λ; in band order Δa = -A⁻¹ Hᵀ λ.
     """
@@ -182,7 +178,7 @@ def damp(system, law, memory, log):  # type: ignore[no-untyped-def]
 
 @njit
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
-    """Update the list of spring pairs from `resting`."""
+    """Update the list of pairs with a spring from `memory.resting`."""
     n = 0
     for k in range(system.n_pairs):
         if memory.resting[k]:
@@ -210,10 +206,6 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
         X[lk.A * size + i] = X[Z * size + i]
 
 
-NOT_FINITE, UNSOLVED = -complementarity.NOT_FINITE, -complementarity.NOT_FOUND
-"""Failures of a law: velocities that are not finite, impulses that were not found."""
-
-
 @njit
 def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
     """Write an impact of n pairs into the event buffers."""
@@ -228,80 +220,8 @@ def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _single_impulse(system, law, memory, lacking):  # type: ignore[no-untyped-def]
-    """Store p = max(0, -q/W) and W p of the only hit pair; return COMPLETED or NOT_FINITE."""
-    if not np.isfinite(lacking):
-        return NOT_FINITE
-    require_compliance(system, law, memory, memory.hit[0])
-    n_pairs = system.n_pairs
-    first = system.coarseness * n_pairs * n_pairs
-    own = memory.compliance[first + memory.hit[0] * (n_pairs + 1)]
-    memory.impulse[0] = max(0.0, -lacking / own)
-    memory.change[0] = own * memory.impulse[0]
-    return COMPLETED
-
-
-@njit
-def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
-    """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; store p and W p."""
-    if n == 1:
-        return _single_impulse(system, law, memory, q[0])
-    lasts = system.is_touching and law.kind == MOREAU and system.coarseness == 0
-    if lasts and _lasting_impulses(system, law, memory, n, q):
-        return COMPLETED
-    W = compliance_block(system, law, memory, n)
-    right, p = np.empty(n), np.zeros(n)
-    for j in range(n):
-        right[j] = q[j]
-        if not np.isfinite(q[j]):
-            return NOT_FINITE
-    if not complementarity.solve_into(W, right, p):
-        return UNSOLVED
-    for i in range(n):
-        change = 0.0
-        for j in range(n):
-            change += W[i, j] * p[j]
-        memory.impulse[i], memory.change[i] = p[i], change
-    return COMPLETED
-
-
-@njit
-def _lasting_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
-    """Solve as `_coupled_impulses`, from the last step's solution; return whether that worked.
-
-    Where pairs are closed at rest, contact lasts for many steps and hardly changes.
-    """
-    n_pairs, W, hit, p = system.n_pairs, memory.compliance, memory.hit, memory.impulse
-    for j in range(n):
-        require_compliance(system, law, memory, hit[j])
-        if not np.isfinite(q[j]):
-            return False
-    if not complementarity.solve_again(W, n_pairs, hit, n, q, p, memory.again):
-        return False
-    for i in range(n):
-        change = 0.0
-        for j in range(n):
-            change += W[hit[i] * n_pairs + hit[j]] * p[j]
-        memory.change[i] = change
-    return True
-
-
-@njit
-def _separate_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
-    """Compute impulse and gap rate after of each hit pair as if it were alone (paper eq. 14)."""
-    H = system.gap_rows
-    for j in range(n):
-        inverse_mass = 0.0
-        for entry in range(H.start[memory.hit[j]], H.start[memory.hit[j] + 1]):
-            inverse_mass += H.value[entry] ** 2 * system.inverse_lumped[H.column[entry]]
-        rate = memory.rate_pre[j]
-        memory.impulse[j] = -(1.0 + law.restitution) * rate / inverse_mass
-        memory.rate_post[j] = -law.restitution * rate
-
-
-@njit
 def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
-    """Change the velocities by the impulses; return the change of kinetic energy [J]."""
+    """Change the velocities by impulses between two steps; return the change of energy [J]."""
     X, size = memory.X, system.size
     spread(system, X, memory.hit, memory.impulse, n, 1.0)
     if law.is_coupled:
@@ -320,105 +240,11 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     return energy
 
 
-@njit(forceinline=True)
-def _gap(system, memory, k):  # type: ignore[no-untyped-def]
-    """Return the gap of a pair; `modes.measure_cells` has written it if pairs are in elements."""
-    if system.is_within:
-        return memory.gap[k]
-    return system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
-
-
-@njit(forceinline=True)
-def _rate(system, memory, k):  # type: ignore[no-untyped-def]
-    """Return the gap rate of a pair; see `_gap`."""
-    if system.is_within:
-        return memory.rate[k]
-    return row_product(system.gap_rows, k, memory.X, system.size)
-
-
 @njit
-def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
-    """Release open springs, hit closed approaching pairs, rest slow pairs (`rules.Impacts`)."""
-    X, resting = memory.X, memory.resting
-    n, is_same = 0, True
-    if system.is_within:
-        modes.measure_cells(system.points, system.size, X, 0.0, False, memory.gap, memory.rate)
-    for k in range(system.n_pairs):
-        gap = _gap(system, memory, k)
-        if resting[k] and not gap <= 0.0:
-            is_same = False
-        memory.gap[k] = gap
-        if gap <= 0.0 and not resting[k]:
-            rate = _rate(system, memory, k)
-            if rate < 0.0:
-                memory.hit[n], memory.rate_pre[n] = k, rate
-                n += 1
-    if n == 0 and is_same:
-        return COMPLETED
-    if n:
-        if law.is_coupled:
-            for j in range(n):
-                memory.residual[j] = memory.rate_pre[j] + law.restitution * memory.rate_pre[j]
-            status = _coupled_impulses(system, law, memory, n, memory.residual)
-            if status != COMPLETED:
-                return status
-            for j in range(n):
-                memory.rate_post[j] = memory.rate_pre[j] + memory.change[j]
-        else:
-            _separate_impulses(system, law, memory, n)
-        _note(memory, log, tick, n, _apply_impulses(system, law, memory, n))
-        for j in range(n):
-            is_same &= memory.rate_post[j] >= law.threshold
-    if not is_same:
-        memory.totals[RELEASED] -= spring_energy(system, law, memory)
-        for k in range(system.n_pairs):
-            if not memory.gap[k] <= 0.0:
-                resting[k] = 0
-        for j in range(n):
-            resting[memory.hit[j]] = 1 if memory.rate_post[j] < law.threshold else 0
-        list_springs(system, memory)
-        memory.totals[RELEASED] += spring_energy(system, law, memory)
-    if not system.is_chained:
-        renew_acceleration(system, law, memory)
-    return COMPLETED
-
-
-@njit
-def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
-    """Put springs on exactly the closed pairs (`rules.PenaltySprings`)."""
-    is_same = True
-    if system.is_within:
-        modes.measure_cells(
-            system.points, system.size, memory.X, 0.0, False, memory.gap, memory.rate
-        )
-    for k in range(system.n_pairs):
-        memory.gap[k] = _gap(system, memory, k)
-        is_same &= (memory.gap[k] <= 0.0) == (memory.resting[k] != 0)
-    if is_same:
-        return
-    memory.totals[RELEASED] -= spring_energy(system, law, memory)
-    for k in range(system.n_pairs):
-        memory.resting[k] = 1 if memory.gap[k] <= 0.0 else 0
-    list_springs(system, memory)
-    memory.totals[RELEASED] += spring_energy(system, law, memory)
-    if not system.is_chained:
-        renew_acceleration(system, law, memory)
-
-
-@njit
-def _push_within_step(system, law, memory, log, tick, n):  # type: ignore[no-untyped-def]
-    """Add the impulses of n pairs to a θ-step; a pair with a zero impulse does not count as hit."""
-    X, size = memory.X, system.size
-    n_pushed, energy = 0, 0.0
-    for j in range(n):
-        if memory.impulse[j] > 0.0:
-            memory.hit[n_pushed], memory.impulse[n_pushed] = memory.hit[j], memory.impulse[j]
-            memory.rate_pre[n_pushed] = memory.rate_pre[j]
-            memory.rate_post[n_pushed] = memory.rate_post[j]
-            n_pushed += 1
-    if n_pushed == 0:
-        return
-    spread(system, X, memory.hit, memory.impulse, n_pushed, 1.0)
+def _push_within_step(system, memory, n):  # type: ignore[no-untyped-def]
+    """Add impulses to a θ-step; return the change of energy [J]."""
+    X, size, energy = memory.X, system.size, 0.0
+    spread(system, X, memory.hit, memory.impulse, n, 1.0)
     if system.is_modal:
         modes.push(system, X, R)
         memory.counts[IS_SEEN] = 0
@@ -429,19 +255,16 @@ def _push_within_step(system, law, memory, log, tick, n):  # type: ignore[no-unt
             X[i] += system.scheme.p * z
             X[size + i] += z
             X[lk.P * size + i] += z
-    for j in range(n_pushed):
+    for j in range(n):
         energy += memory.impulse[j] * 0.5 * (memory.rate_pre[j] + memory.rate_post[j])
-        if memory.rate_pre[j] > -law.threshold:
-            memory.resting[memory.hit[j]] = 1
-            memory.counts[N_RESTING] += 1
-    _note(memory, log, tick, n_pushed, energy)
+    return energy
 
 
 @njit
 def widen_contact(system, memory):  # type: ignore[no-untyped-def]
-    """Write the free gap rates; reduce the predicted gaps by the tolerance `rules.CLOSED`.
+    """Reduce the predicted gaps by the tolerance `rules.CLOSED`; return the smallest one.
 
-    Return the smallest gap.
+    The gap rates without impulses, which the tolerance follows from, go to `memory.free`.
     """
     fastest, smallest = 0.0, np.inf
     for k in range(system.n_pairs):
@@ -455,40 +278,71 @@ def widen_contact(system, memory):  # type: ignore[no-untyped-def]
 
 
 @njit
-def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
-    """Add the impulses of the pairs whose predicted gap is closed (`rules.StepImpacts`).
+def _look(system, law, memory):  # type: ignore[no-untyped-def]
+    """Write the gaps that the law examines, and the gap rates of the closed pairs.
 
-    `memory.gap` and `memory.rate` hold the values at the start of the step, `memory.free` those of
-    `widen_contact`.
+    A step of the θ-scheme has predicted the gaps from its start, with `memory.rate`, and
+    `widen_contact` has written `memory.free` if pairs touch at rest.
     """
-    n, is_done, lacking = 0, True, memory.residual
-    for k in range(system.n_pairs):
-        if memory.gap[k] <= 0.0:
-            if system.is_touching:
-                free = memory.free[k]
-            else:
-                free = row_product(system.gap_rows, k, memory.X, system.size)
-            memory.hit[n], memory.rate_pre[n], memory.rate_post[n] = k, memory.rate[k], free
-            lacking[n] = free + law.restitution * memory.rate[k]
-            is_done &= lacking[n] >= 0.0
-            n += 1
-    if is_done:
-        return COMPLETED
-    status = _coupled_impulses(system, law, memory, n, lacking)
-    if status == COMPLETED:
-        for j in range(n):
-            memory.rate_post[j] += memory.change[j]
-        _push_within_step(system, law, memory, log, tick, n)
-    return status
+    X, size, gap, H = memory.X, system.size, memory.gap, system.gap_rows
+    if law.kind == MOREAU:
+        for k in range(0 if system.is_touching else system.n_pairs):
+            if gap[k] <= 0.0:
+                memory.free[k] = row_product(H, k, X, size)
+    elif system.is_within:
+        modes.measure_cells(system.points, size, X, 0.0, False, gap, memory.rate)
+    else:
+        for k in range(system.n_pairs):
+            gap[k] = system.gap0[k] + row_product(H, k, X, 0)
+            if gap[k] <= 0.0 and law.kind == IMPACTS and not memory.resting[k]:
+                memory.rate[k] = row_product(H, k, X, size)
 
 
-@njit(inline="always")
+@njit
 def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
-    """Apply the law at the end of a step, at a tick; return COMPLETED, NOT_FINITE or UNSOLVED."""
-    if law.kind == IMPACTS:
-        return examine_impacts(system, law, memory, log, tick)
-    if law.kind == PENALTY:
-        examine_penalty(system, law, memory)
-    elif law.kind == MOREAU:
-        return examine_moreau(system, law, memory, log, tick)
+    """Apply the law at the end of a step, at a tick, as `rules.Rules` does it.
+
+    Returns:
+        COMPLETED, or a failure: the negative result of `complementarity.solve_among`.
+    """
+    if law.kind == NONE:
+        return COMPLETED
+    _look(system, law, memory)
+    n_pairs, gap, hit, resting = system.n_pairs, memory.gap, memory.hit, memory.resting
+    before, after, lacking = memory.rate_pre, memory.rate_post, memory.residual
+    free = memory.free if law.kind == MOREAU else memory.rate
+    n, changes = candidates(
+        (law.kind, law.restitution), n_pairs, gap, memory.rate, free, resting, hit, before, after,
+        lacking,
+    )  # fmt: skip
+    if n == 0 and not changes:
+        return COMPLETED
+    if n:
+        for j in range(n):
+            require_compliance(system, law, memory, hit[j])
+        lasts = system.is_touching and law.kind == MOREAU and system.coarseness == 0
+        if not lasts:  # impacts are few: no pair keeps its side from one to the next
+            complementarity.forget(memory.again, hit, n)
+        W = memory.compliance, system.coarseness * n_pairs * n_pairs, n_pairs
+        n, result = decide(
+            (law.kind, law.is_coupled, law.restitution), W, hit, n, hit, before, after, lacking,
+            memory.impulse, memory.change, memory.again,
+        )  # fmt: skip
+        if result != complementarity.SOLVED:
+            return -result
+    if n:
+        if law.kind == MOREAU:
+            energy = _push_within_step(system, memory, n)
+        else:
+            energy = _apply_impulses(system, law, memory, n)
+        _note(memory, log, tick, n, energy)
+    if renew_resting((law.kind, law.threshold), n_pairs, gap, n, hit, before, after, resting):
+        if law.kind == MOREAU:
+            memory.counts[N_RESTING] = 1
+        else:  # the list is still that of the springs before
+            memory.totals[RELEASED] -= spring_energy(system, law, memory)
+            list_springs(system, memory)
+            memory.totals[RELEASED] += spring_energy(system, law, memory)
+    if law.kind != MOREAU and not system.is_chained:
+        renew_acceleration(system, law, memory)
     return COMPLETED

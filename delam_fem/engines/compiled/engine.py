@@ -3,18 +3,19 @@
 It implements `simulation.loop.Engine`. Laws, schemes, energy ledger and records are the same as in
 the PETSc engine, and so are the results, to round-off. This file translates between the Python
 objects of the time loop and the arrays of compiled code. The method is in steps.py and contact.py,
-the kernels are in lanes.py and algebra.py.
+the kernels are in lanes.py, modes.py and algebra.py.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.laws import LAWS, ContactLaw, Law, Scheme
+from delam_fem.contact.laws import IMPACTS, LAWS, ContactLaw, Law, LawNumbers, Scheme
 from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled import state, steps, system
 from delam_fem.engines.compiled.state import (
@@ -22,130 +23,24 @@ from delam_fem.engines.compiled.state import (
     DISSIPATED,
     N_EVENTS,
     N_HITS,
-    LawNumbers,
     Log,
     View,
     packed,
 )
 from delam_fem.engines.compiled.system import Problem, StepNumbers
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import (
     LEDGER,
     LEVEL,
     N_BASE,
     Columns,
-    Energies,
     Jumps,
     PeriodRecord,
     Recorder,
 )
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
-
-
-class CompiledStepper:
-    """A problem, its scheme, its law and its state.
-
-    Attributes:
-        system, law, memory: what compiled functions work on; the system is that of fine steps.
-        address: where the table of this `Problem` lies.
-        unknowns: what the internal numbers of the fields are.
-        seen_u: m_b·u, c_b·u, k_b·u and the probes of u at the last `observe`, shape
-            (3 + n_probes,).
-        seen_v: the probes of v at the last `observe`, shape (n_probes,).
-    """
-
-    def __init__(
-        self, operators: Operators, schemes: Sequence[StepNumbers], law: LawNumbers
-    ) -> None:
-        """Factorise the matrices; the state is at rest.
-
-        Args:
-            operators: the semi-discrete problem.
-            schemes: the time integration with coarse, middle and fine steps.
-            law: the contact law.
-        """
-        self.law, self._has_acceleration = law, schemes[-1].has_acceleration
-        built = [system.build(operators, scheme) for scheme in schemes]
-        coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
-        self.system, self.unknowns = fine, built[-1][1]
-        self.memory = state.memory(self.system.size, operators.n_pairs, self.system.n_probes)
-        corner = np.array(operators.base.corner, dtype=float)
-        self._problem = Problem(coarse, middle, fine, law, self.memory, corner)
-        self._table = packed(self._problem)
-        self.address = int(self._table.ctypes.data)
-        self.seen_u, self.seen_v = self.memory.seen_u, self.memory.seen_v
-
-    @property
-    def dissipated(self) -> float:
-        """Energy that damping has taken from the free dofs so far [J]."""
-        return float(self.memory.totals[DISSIPATED])
-
-    @dissipated.setter
-    def dissipated(self, value: float) -> None:
-        self.memory.totals[DISSIPATED] = value
-
-    @property
-    def contact_damped(self) -> float:
-        """Energy that contact dampers have taken so far [J]."""
-        return float(self.memory.totals[CONTACT_DAMPED])
-
-    @contact_damped.setter
-    def contact_damped(self, value: float) -> None:
-        self.memory.totals[CONTACT_DAMPED] = value
-
-    @property
-    def resting(self) -> BoolArray:
-        """Pairs at rest, shape (n_pairs,)."""
-        return self.memory.resting.astype(np.bool_)
-
-    def observe(self) -> None:
-        """Update `seen_u` and `seen_v` from the current state."""
-        steps.observe_now(self.address)
-
-    def energies(self) -> Energies:
-        """Return the energies of the whole system, base included, in the fixed frame [J]."""
-        steps.store_energies(self.address)
-        return Energies(*self.memory.stored.tolist())
-
-    def state(self) -> FloatArray:
-        """Return (u, v, a) of all dofs, with a from the equation of motion, shape (3, n)."""
-        self.renew_acceleration()
-        return self.unknowns.outward(self._fields())
-
-    def internal(self) -> FloatArray | None:
-        """Return the fields in modes, shape (3, size); None if the unknowns are the dofs."""
-        return self._fields().copy() if self.system.is_modal else None
-
-    def restore(
-        self, motion: FloatArray, resting: BoolArray, internal: FloatArray | None = None
-    ) -> None:
-        """Take over (u, v, a), shape (3, n), and the pairs at rest.
-
-        The numbers of `internal` count if they are those of this motion; they have its round-off.
-        """
-        self.memory.X[:] = 0.0
-        fields = self._fields()
-        if internal is not None and internal.shape == fields.shape and self.system.is_modal:
-            is_own = np.array_equal(self.unknowns.outward(internal), motion)
-        else:
-            is_own = False
-        fields[:] = internal if is_own else self.unknowns.inward(motion)
-        self.memory.resting[:] = resting
-        if self._has_acceleration:  # the θ-scheme has no springs
-            steps.list_springs(self.address)
-
-    def renew_acceleration(self) -> None:
-        """Compute a from the equation of motion; do nothing with the θ-scheme, which has no a."""
-        if self._has_acceleration:
-            steps.renew(self.address)
-
-    def _fields(self) -> FloatArray:
-        """Return u, v, a in internal order, shape (3, size)."""
-        size = self.system.size
-        return self.memory.X[: (lk.A + 1) * size].reshape(3, size)
-
 
 OF_BLOCK = ("u", "v", "is_divided", "frames", "contact", "resting", "damped", "levels", "ends")
 """Members of a block that compiled code writes; see `state.Log`."""
@@ -153,21 +48,21 @@ _IMPACT, _RELEASED = LEDGER.index("impact_loss"), LEDGER.index("spring_released"
 
 
 class Block:
-    """Arrays for a block of periods; the last of them, one per slot, can become records.
+    """Arrays for a block of periods; the last periods, one per slot, can become records.
 
     Attributes:
         n_slots: number of slots.
         base_states: (q, q', q'') of the base at the steps of each period, shape (N + 1, 3).
-        addresses: those of the members of `OF_BLOCK`.
+        addresses: addresses of the members of `OF_BLOCK`.
     """
 
-    def __init__(self, stepper: CompiledStepper, recorder: Recorder, n_periods: int) -> None:
+    def __init__(self, engine: Compiled, recorder: Recorder, n_periods: int) -> None:
         """Allocate the arrays."""
         self.n_slots = n_slots = min(n_periods, recorder.window_periods)
         self._window_periods, self._frame_steps = recorder.window_periods, recorder.frame_steps
-        self._unknowns, self._ticks_per_step = stepper.unknowns, recorder.refine
+        self._unknowns, self._ticks_per_step = engine.unknowns, recorder.refine
         rows, n_frames = recorder.steps_per_period + 1, recorder.frame_steps.size
-        size, n_seen, n_pairs = stepper.system.size, stepper.system.n_probes, stepper.resting.size
+        size, n_seen, n_pairs = engine.system.size, engine.system.n_probes, engine.system.n_pairs
         self.u = np.empty((n_slots, rows, N_BASE + n_seen))
         self.v = np.empty((n_slots, rows, n_seen))
         self.is_divided = np.zeros((n_slots, rows), dtype=np.uint8)
@@ -194,7 +89,7 @@ class Block:
             recorder: recorder with their rows, before it takes the block.
         """
         rows = slice(recorder.n_closed, recorder.n_closed + n_periods)
-        self._ledger, self._effort = recorder.ledger[rows], recorder.effort[rows]
+        self._ledger = recorder.ledger[rows]
         self._n = n_periods
         _, n_events, n_hits = self.ends[n_periods - 1].tolist() if n_periods else (0, 0, 0)
         self._events = events.part((0, n_events), (0, n_hits)).copy()
@@ -224,7 +119,6 @@ class Block:
             impact=-float(self._ledger[j, _IMPACT]),
             n_steps=n_steps,
             is_divided=self.is_divided[slot],
-            effort=self._effort[j],
             ticks_per_step=self._ticks_per_step,
             resting=self.resting[slot].astype(np.bool_),
             damped=self.damped[slot],
@@ -232,7 +126,7 @@ class Block:
 
 
 EVENTS, HITS = 4096, 16384
-"""Room in the event buffers besides that of one step. A full buffer is enlarged."""
+"""Room in the buffers for events and for hits, besides that of one step; full ones are enlarged."""
 
 _PLACES = {name: place for name, (place, _) in View(Log).members.items()}
 _OF_BLOCK = [_PLACES[name] for name in ("n_slots", "base_states", *OF_BLOCK)]
@@ -262,8 +156,13 @@ def compiled_engine(
     Raises:
         ValueError: the law is not in the table, or it acts on a lumped mass that is missing.
     """
-    numbers = law_numbers(law, scheme)
-    if numbers.kind == state.IMPACTS and not numbers.is_coupled:
+    if not isinstance(law, Law):
+        raise ValueError(
+            f'engine "compiled": expected one of the laws {", ".join(LAWS)}, given {law.name!r}; '
+            'use engine "petsc" for a law of your own'
+        )
+    numbers = law.numbers(scheme)
+    if numbers.kind == IMPACTS and not numbers.is_coupled:
         operators.require_lumped_mass()
     sizes = [step_numbers(scheme, time_step / n) for n in (1, refinement.middle, refinement.factor)]
     return Compiled(operators, sizes, numbers, refinement)
@@ -276,37 +175,16 @@ def step_numbers(scheme: Scheme, time_step: float) -> StepNumbers:
     return StepNumbers.newmark(time_step, scheme.beta, scheme.gamma)
 
 
-def law_numbers(law: ContactLaw, scheme: Scheme) -> LawNumbers:
-    """Return the numbers of a contact law that compiled code needs.
-
-    Raises:
-        ValueError: the law is not in the table.
-    """
-    if not isinstance(law, Law):
-        raise ValueError(
-            f'engine "compiled": expected one of the laws {", ".join(LAWS)}, given {law.name!r}; '
-            'use engine "petsc" for a law of your own'
-        )
-    e, (stiffness, damping), slow = law.restitution, law.spring, law.threshold_velocity
-    within = scheme.has_impulses_within
-    return {
-        "none": LawNumbers(state.NONE),
-        "newton": LawNumbers(state.MOREAU, True, e, threshold=slow)
-        if within
-        else LawNumbers(state.IMPACTS, law.is_coupled, e),
-        "newton-penalty": LawNumbers(state.IMPACTS, law.is_coupled, e, stiffness, threshold=slow),
-        "penalty": LawNumbers(state.PENALTY, stiffness=stiffness, damping=damping),
-    }[law.name]
-
-
 class Compiled:
-    """The compiled engine; its stepper holds the state.
+    """The compiled engine: a problem, its scheme, its law and its state.
 
     Attributes:
         operators: the semi-discrete problem.
-        stepper: the state, in the form that a recorder reads.
+        system, memory: what compiled functions work on; the system is that of fine steps.
+        unknowns: meaning of the internal numbers of the fields.
+        address: address of the table of this `Problem`.
         n_shares: 1: this process has all dofs.
-        steps_at_once: few enough to be stopped in time, and many beside what a call costs.
+        steps_at_once: steps of a call: few enough to stop in time, many beside the cost of a call.
     """
 
     n_shares = 1
@@ -331,25 +209,57 @@ class Compiled:
             ArithmeticError: a matrix is singular.
         """
         self.operators, self._refinement = operators, refinement
-        self.stepper = CompiledStepper(operators, schemes, law)
-        self._run = steps.prepared(refinement.factor > 1)
-        self.stepper.observe()  # loads this code too, before the clock of a run starts
-        self.stepper.energies()
+        self._has_acceleration = schemes[-1].has_acceleration
+        built = [system.build(operators, scheme) for scheme in schemes]
+        coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
+        self.system, self.unknowns = fine, built[-1][1]
+        self.memory = state.memory(fine.size, operators.n_pairs)
+        corner = np.array(operators.base.corner, dtype=float)
+        self._problem = Problem(coarse, middle, fine, law, self.memory, corner)
+        self._problem_table = packed(self._problem)
+        self.address = int(self._problem_table.ctypes.data)
         r = refinement.factor
+        self._run = steps.prepared(r > 1)
         self._events = Columns.room(EVENTS + r, HITS + r * operators.n_pairs)
         self._spare: Block | None = None
         self._recorder: Recorder | None = None
 
     def state(self) -> State:
-        """Return the current state."""
-        s = self.stepper
-        return State(s.state(), s.resting, (s.dissipated, s.contact_damped), s.internal())
+        """Return the current state, with a from the equation of motion."""
+        self.renew_acceleration()
+        fields, totals = self._fields(), self.memory.totals
+        losses = float(totals[DISSIPATED]), float(totals[CONTACT_DAMPED])
+        internal = fields.copy() if self.system.is_modal else None
+        resting = self.memory.resting.astype(np.bool_)
+        return State(self.unknowns.outward(fields), resting, losses, internal)
 
     def restore(self, state: State, base_state: FloatArray) -> None:
-        """Take over a state unchanged; see `simulation.loop.Engine`."""
-        self.stepper.memory.base[:] = base_state
-        self.stepper.restore(state.motion, state.resting, state.internal)
-        self.stepper.dissipated, self.stepper.contact_damped = state.losses
+        """Take over a state unchanged; see `simulation.loop.Engine`.
+
+        The numbers of `internal` count if the motion follows from them: they have the round-off of
+        the run that stored them.
+        """
+        memory, fields, internal = self.memory, self._fields(), state.internal
+        memory.base[:], memory.X[:] = base_state, 0.0
+        if internal is not None and internal.shape == fields.shape and self.system.is_modal:
+            is_own = np.array_equal(self.unknowns.outward(internal), state.motion)
+        else:
+            is_own = False
+        fields[:] = internal if is_own else self.unknowns.inward(state.motion)
+        memory.resting[:] = state.resting
+        memory.totals[[DISSIPATED, CONTACT_DAMPED]] = state.losses
+        if self._has_acceleration:  # the θ-scheme has no springs
+            steps.list_springs(self.address)
+
+    def renew_acceleration(self) -> None:
+        """Compute a from the equation of motion; do nothing with the θ-scheme, which has no a."""
+        if self._has_acceleration:
+            steps.renew(self.address)
+
+    def _fields(self) -> FloatArray:
+        """Return u, v, a in internal order, shape (3, size)."""
+        size = self.system.size
+        return self.memory.X[: (lk.A + 1) * size].reshape(3, size)
 
     def whole(self, share: FloatArray) -> FloatArray:
         """Return the values as they are: this process has all dofs."""
@@ -366,17 +276,17 @@ class Compiled:
         Raises:
             ArithmeticError: no impulses were found, or velocities before an impact are not finite.
         """
-        s, first = self.stepper, recorder.n_closed
-        block = self._block(recorder, n_periods)
+        first, block = recorder.n_closed, self._block(recorder, n_periods)
         block.base_states = np.ascontiguousarray(base_states)
         self._table[_OF_BLOCK] = [
             block.n_slots, block.base_states.ctypes.data, *block.addresses
         ]  # fmt: skip
-        s.memory.counts[[N_EVENTS, N_HITS]] = 0
-        done, step, ending = self._run(s.address, self._address, first, (0, 0), n_periods)
+        self.memory.counts[[N_EVENTS, N_HITS]] = 0
+        run = partial(self._run, self.address, self._address, first)
+        done, step, ending = run((0, 0), n_periods)
         while ending == state.FULL:
             self._enlarge()
-            done, step, ending = self._run(s.address, self._address, first, (done, step), n_periods)
+            done, step, ending = run((done, step), n_periods)
         block.end(done, self._events, recorder)
         self._spare = cast("Block | None", recorder.take(block))
         complementarity.require_solved(max(0, -ending))
@@ -386,7 +296,7 @@ class Compiled:
         """Return a block with room for some periods; make the table of a new recorder."""
         block, self._spare = self._spare, None
         if recorder is not self._recorder or block is None or not block.has_room(n_periods):
-            block = Block(self.stepper, recorder, n_periods)
+            block = Block(self, recorder, n_periods)
         if recorder is not self._recorder:
             self._recorder, self._table = recorder, packed(self._log(recorder, block))
             self._address = int(self._table.ctypes.data)

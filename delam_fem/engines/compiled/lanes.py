@@ -1,13 +1,13 @@
 """Two laminae as four chains of nodes, computed side by side by vectors of four numbers.
 
-Vectors of four doubles in compiled code, so that one instruction works on four chains. Numba by
-itself leaves loops over four lanes scalar: they are too short for its loop vectoriser, and
+Compiled code works on vectors of four doubles, so that one instruction works on four chains. Numba
+by itself leaves loops over four lanes scalar: they are too short for its loop vectoriser, and
 vectorisation of straight code is off. `float64x4` is LLVM's <4 x double>. On a machine without
-registers of that width it takes two or four instructions.
+registers of that width an operation takes two or four instructions.
 
-A step in lane order: sweeps over the rows, four chains at a time. All fields of
-the state are in one array X; field number k begins at k times the size. The θ-scheme, and the
-average acceleration as its case θ = 1/2, is a step from (u, v) to
+A step in lane order is a few sweeps over the rows, four chains at a time. All fields of the state
+are in one array X; field number k begins at k times the size. The θ-scheme, and the average
+acceleration as its case θ = 1/2, is a step from (u, v) to
 
     A v_θ = M v + θ Δt (f_θ - K u),   A = M + θ Δt C + θ² Δt² K
     u⁺ = u + Δt v_θ,   v⁺ = v_θ/θ - ρ v,   ρ = 1/θ - 1
@@ -23,10 +23,10 @@ right. With z = v_θ/θ = v⁺ + ρ v the step becomes
 with s = c_K/(θ Δt c_M). L4 needs no product with a matrix if M is diagonal. A step computes no
 accelerations; they follow from the equation of motion.
 
-The storage of two laminae: four chains of nodes that run from both ends to the middle. Each lamina
-is a chain of 2×2 blocks (u, φ) that are coupled to their neighbours only. Eliminating it
-from the clamp and from the tip at once, up to the middle, makes two chains of half the length. Two
-laminae make four chains, and these are the four lanes of a vector:
+The four chains of two laminae run from both ends to the middle. Each lamina is a chain of 2×2
+blocks (u, φ) that are coupled to their neighbours only. Eliminating it from the clamp and from the
+tip at once, up to the middle, makes two chains of half the length. Two laminae make four chains,
+and these are the four lanes of a vector:
 
     row      lane 0 (lamina 1)   lane 1 (lamina 1)   lane 2 (lamina 2)   lane 3 (lamina 2)
     0        node 1              node n              node 1              node n
@@ -35,8 +35,8 @@ laminae make four chains, and these are the four lanes of a vector:
     m - 1    node m              node m + 1          node m              node m + 1
 
 The row that follows the last row is the last row with its neighbouring lanes swapped, so that every
-kernel in lanes.py treats the middle as any other row. A "tape" holds coefficients row by row
-in the order in which a kernel reads them.
+kernel treats the middle as any other row. A "tape" holds coefficients row by row in the order in
+which a kernel reads them.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def _address(context, builder, signature, values):  # type: ignore[no-untyped-de
 
 @intrinsic
 def load(typing, pointer, index):  # type: ignore[no-untyped-def]
-    """Return the four numbers that begin at an index of a pointer."""
+    """Return the vector of the four numbers that begin at an index behind a pointer."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
@@ -107,7 +107,7 @@ def load(typing, pointer, index):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def store(typing, pointer, index, value):  # type: ignore[no-untyped-def]
-    """Write four numbers that begin at an index of a pointer."""
+    """Write the four numbers of a vector, beginning at an index behind a pointer."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
@@ -144,19 +144,6 @@ def fma(typing, a, b, c):  # type: ignore[no-untyped-def]
     return float64x4(a, b, c), code
 
 
-def _elementwise(name: str):  # type: ignore[no-untyped-def]
-    """Return an intrinsic that applies an LLVM instruction to two vectors."""
-
-    @intrinsic
-    def function(typing, a, b):  # type: ignore[no-untyped-def]
-        def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-            return getattr(builder, name)(*values)
-
-        return float64x4(a, b), code
-
-    return function
-
-
 def _shuffled(order: tuple[int, ...]):  # type: ignore[no-untyped-def]
     """Return an intrinsic that reorders the lanes of a vector."""
 
@@ -171,7 +158,25 @@ def _shuffled(order: tuple[int, ...]):  # type: ignore[no-untyped-def]
     return function
 
 
-_add, _sub, _mul = (_elementwise(name) for name in ("fadd", "fsub", "fmul"))
+def _overloaded(symbol, name):  # type: ignore[no-untyped-def]
+    """Make an operator of Python an LLVM instruction where both sides are vectors."""
+
+    @intrinsic
+    def function(typing, a, b):  # type: ignore[no-untyped-def]
+        def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
+            return getattr(builder, name)(*values)
+
+        return float64x4(a, b), code
+
+    @overload(symbol)
+    def of_vectors(a, b):  # type: ignore[no-untyped-def]
+        if a == float64x4 and b == float64x4:
+            return lambda a, b: function(a, b)
+        return None
+
+
+for _pair in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _overloaded(*_pair)  # type: ignore[no-untyped-call]
 swap_neighbours = _shuffled((1, 0, 3, 2))
 swap_halves = _shuffled((2, 3, 0, 1))
 
@@ -197,27 +202,6 @@ def lane(typing, a, index):  # type: ignore[no-untyped-def]
     return types.float64(a, index), code
 
 
-@overload(operator.add)
-def _overload_add(a, b):  # type: ignore[no-untyped-def]
-    if a == float64x4 and b == float64x4:
-        return lambda a, b: _add(a, b)
-    return None
-
-
-@overload(operator.sub)
-def _overload_sub(a, b):  # type: ignore[no-untyped-def]
-    if a == float64x4 and b == float64x4:
-        return lambda a, b: _sub(a, b)
-    return None
-
-
-@overload(operator.mul)
-def _overload_mul(a, b):  # type: ignore[no-untyped-def]
-    if a == float64x4 and b == float64x4:
-        return lambda a, b: _mul(a, b)
-    return None
-
-
 U, V, A, Y, Z, R, P = range(7)
 """Numbers of the fields: u, v, a, half-solved, solution, right-hand side, z = v⁺ + ρ v."""
 N_FIELDS = 7
@@ -230,7 +214,7 @@ ROW = 8
 
 @njit(forceinline=True)
 def total(a):  # type: ignore[no-untyped-def]
-    """Return the sum of the lanes."""
+    """Return the sum of the four lanes of a vector."""
     return (lane(a, 0) + lane(a, 1)) + (lane(a, 2) + lane(a, 3))
 
 
@@ -271,12 +255,15 @@ def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type
 
     Each row gets y_j = r_j - L_j y_{j-1}.
     """
+    # Row i/8 of a field holds u in numbers i … i+3, one per lane, and φ in i+4 … i+7; row 0 alone
+    # carries the load of the base, as only the nodes beside the clamps are coupled to it.
     s, v, y = load(c, 4 * S), V * size, Y * size
     w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
     y0, y1 = fma(load(load_tape, 0), w0, force0), fma(load(load_tape, 4), w1, force1)
     store(X, y, y0)
     store(X, y + 4, y1)
     for i in range(8, size, 8):
+        # a row of `solution` has 48 numbers, six times the 8 of a field: -L, D⁻¹, -U, 16 each
         t = 6 * i
         w0 = fma(s, load(X, v + i), load(X, i))
         w1 = fma(s, load(X, v + i + 4), load(X, i + 4))
@@ -298,6 +285,8 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
     w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
     for i in range(0, size, 8):
         t, j = 6 * i, i + 8
+        # B w needs the rows before, here and after; behind the last row comes itself with its lanes
+        # swapped, because chains 0 and 1, and 2 and 3, meet there
         if j < size:
             next0 = fma(s, load(X, v + j), load(X, j))
             next1 = fma(s, load(X, v + j + 4), load(X, j + 4))
@@ -337,6 +326,7 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
     z0_next = z1_next = loss0 = loss1 = splat(0.0)
     gap = splat(np.inf)
     for i in range(last, -1, -8):
+        # 48 numbers of `solution` and 28 of `form` belong to the 8 of a row of a field
         t, q = 6 * i, i // 2 * 7
         y0, y1 = load(X, y + i), load(X, y + i + 4)
         next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
@@ -349,18 +339,22 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
         if keeps:
             store(X, P * size + i, z0)
             store(X, P * size + i + 4, z1)
+        # zᵀ C z counts the coupling of two rows at the earlier one, for both; where chains meet,
+        # each lane counts its own side
         if i == last:
             z0_next, z1_next = swap_neighbours(z0), swap_neighbours(z1)
         flow0, flow1 = _flow(form, q, (z0, z1), (z0_next, z1_next))
         loss0, loss1 = fma(z0, flow0, loss0), fma(z1, flow1, loss1)
         z0_next, z1_next = z0, z1
+        # lanes 0 and 1 have the upper minus the lower lamina, plus the gap at rest; lanes 2 and 3
+        # have the negative of that, but infinite gaps at rest
         gap = smaller(swap_halves(u0) - u0 + load(rest, i // 2), gap)
     return total(loss0 + loss1), least_lane(gap)
 
 
 @njit(forceinline=True)
 def step(system, X, base_state, keeps):  # type: ignore[no-untyped-def]
-    """Compute a candidate state; return zᵀ C z and the smallest gap.
+    """Compute a candidate state in lane order; return zᵀ C z and the smallest gap.
 
     `base_state` is (q, q', q'') of the base at θ. For `keeps` see `finish`.
     """
@@ -398,7 +392,7 @@ def least_lane(gap):  # type: ignore[no-untyped-def]
 
 @njit
 def loss(X, size, form):  # type: ignore[no-untyped-def]
-    """Return pᵀ C p, where p is the field P."""
+    """Return zᵀ C z in lane order, where z is the field P."""
     first, last = P * size, size - 8
     p0_next = swap_neighbours(load(X, first + last))
     p1_next = swap_neighbours(load(X, first + last + 4))
@@ -414,7 +408,7 @@ def loss(X, size, form):  # type: ignore[no-untyped-def]
 
 @njit(forceinline=True)
 def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest gap at the displacements u + ahead v."""
+    """Return the smallest gap in lane order at the displacements u + ahead v."""
     gap, time = splat(np.inf), splat(ahead)
     for i in range(0, size, 8):
         u = fma(time, load(X, size + i), load(X, i))
@@ -439,6 +433,7 @@ def smallest_margin(X, size, rest, reach):  # type: ignore[no-untyped-def]
     gap, time, zero = splat(np.inf), splat(-reach), splat(0.0)
     for i in range(0, size, 8):
         u, v = load(X, i), load(X, size + i)
+        # U - reach |U̇| = U + min(-reach U̇, reach U̇)
         rate = swap_halves(v) - v
         shift = smaller(time * rate, zero - time * rate)
         gap = smaller(swap_halves(u) - u + load(rest, i // 2) + shift, gap)
@@ -447,7 +442,7 @@ def smallest_margin(X, size, rest, reach):  # type: ignore[no-untyped-def]
 
 @njit
 def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
-    """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
+    """Solve A x = r by a solution tape; `right` and `out` number the fields r and x of X."""
     r, x = right * size, out * size
     y0, y1 = load(X, r), load(X, r + 4)
     store(X, x, y0)
@@ -513,6 +508,7 @@ def lane_order(n_elements: int) -> IntArray:
 
 def chains(matrix: sp.csr_matrix, order: IntArray) -> Chains | None:
     """Return a matrix in lane order, or None if it couples more than neighbours of a lamina."""
+    # which block has the entry in row (row, i, lane) and column (row + step, j, other)
     m = -(-matrix.shape[0] // (4 * BLOCK))
     entries = sp.coo_matrix(matrix)
     entries.sum_duplicates()
@@ -584,6 +580,7 @@ def form_tape(matrix: Chains) -> FloatArray:
     Each row has D00, D01 + D10, D11 and its coupling to the next row from both sides.
     """
     D, both = matrix.middle, matrix.after.copy()
+    # x_rᵀ F_r x_{r+1} + x_{r+1}ᵀ B_{r+1} x_r is one product with F_r + B_{r+1}ᵀ
     both[:-1] += matrix.before[1:].swapaxes(-1, -2)  # at the middle each lane has its own side
     diagonal = np.stack([D[..., 0, 0], D[..., 0, 1] + D[..., 1, 0], D[..., 1, 1]], axis=1)
     coupling = both.transpose(0, 2, 3, 1).reshape(len(D), 4, LANES)
@@ -609,6 +606,7 @@ def solution_tape(matrix: Chains) -> FloatArray:
     D[is_empty] = np.eye(BLOCK)
     lower, inverse, upper = (np.zeros_like(D) for _ in range(3))
     for j in range(m):
+        # block LU of a tridiagonal matrix, all four chains at once: the arrays are (lanes, 2, 2)
         if j:
             lower[j] = -matrix.before[j] @ inverse[j - 1]
             D[j] += lower[j] @ matrix.after[j - 1]

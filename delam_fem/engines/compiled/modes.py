@@ -1,7 +1,8 @@
 """Gaps that depend on several unknowns: points inside elements in lane order, and modes.
 
-Contact points inside the elements of two laminae in lane order cost little more than the elements.
-The gap at a point of a cell is a mean of values at both ends a, b of the cell, with weights c:
+Contact points inside the elements of two laminae in lane order cost little more than the elements
+alone. The gap at a point of a cell is a mean of values at both ends a, b of the cell, with weights
+c:
 
     U = c₁ (G_a + t S_a) + c₃ (G_b - t' S_b) + δ,   t = c₂/c₁,   t' = -c₄/c₃                    (P1)
 
@@ -24,8 +25,8 @@ The gap operator becomes the dense matrix H Φ, so this pays for few pairs. Redu
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,7 +55,7 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import njit
 
 WHOLE = 1e-12
-"""The weights of both ends add up to 1 but for this."""
+"""Largest difference of the sum of the weights of both ends from 1."""
 GUARD = 1e-12
 """Allowance for round-off, relative to the largest gap at rest."""
 
@@ -66,7 +67,7 @@ class Points(NamedTuple):
         n: number of free nodes of a lamina.
         control: G and S at rest, -t', t of each row of the lane order, shape (16 m,).
         place: place of u of the lower lamina at each node in lane order, shape (n,).
-        bound: the same four numbers of each node, shape (n, 4).
+        bound: the four numbers of `control`, node by node, shape (n, 4).
         first: number of the first point of each cell in the arrays that follow, shape (n + 1,).
         pair: pair of each point, shape (n_pairs,).
         weight: c₁ to c₄ of each point, shape (n_pairs, 4).
@@ -124,6 +125,8 @@ def _cells(o: Operators, n: int) -> tuple[IntArray, FloatArray] | None:
     if abs(lower + upper).max() != 0.0 or np.any(np.diff(H.indptr) == 0):
         return None
     node = upper.col // 2
+    # cell k lies between the free nodes k - 1 and k; the dofs of node k are 2 k and 2 k + 1. A row
+    # of H has entries at both ends of one cell, c₁ to c₄ in the columns 2 k - 2 … 2 k + 1.
     cell, start = np.zeros(o.n_pairs, dtype=np.int64), np.full(o.n_pairs, n)
     np.maximum.at(cell, upper.row, node)
     np.minimum.at(start, upper.row, node)
@@ -166,6 +169,7 @@ def _slopes(cell: IntArray, weight: FloatArray, gap0: FloatArray, n: int) -> Flo
     """
     _, by_start, _, by_end = weight.T
     local, h, inside = np.ones(cell.size), np.zeros(n), by_start > 0.0
+    # of cubic shapes: by_start = h X (1 - X)², by_end = -h X² (1 - X), so X and h follow from them
     bend = (by_start - by_end)[inside]  # h X (1 - X), where by_start = h X (1 - X)²
     local[inside] = -by_end[inside] / bend
     h[cell[inside]] = bend / (local * (1.0 - local))[inside]
@@ -181,6 +185,7 @@ def lowest_control(X, size, control, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest control value (P2) at the displacements u + ahead v."""
     least, time = splat(np.inf), splat(ahead)
     for i in range(0, size, 8):
+        # 16 numbers of `control` belong to a row: G, S, -t', t at rest of its node in each chain
         u = fma(time, load(X, size + i), load(X, i))
         phi = fma(time, load(X, size + i + 4), load(X, i + 4))
         gap = swap_halves(u) - u + load(control, 2 * i)
@@ -236,6 +241,7 @@ def measure_cells(points, size, X, ahead, is_closing, gap, rate):  # type: ignor
     U = S = dU = dS = 0.0
     for k in range(points.n):
         at, rest = points.place[k], 4 * k
+        # the upper lamina is two lanes behind the lower one; slopes are four numbers behind u
         V, T = X[at + 2] - X[at], X[at + 6] - X[at + 4]
         at += size
         dV, dT = X[at + 2] - X[at], X[at + 6] - X[at + 4]
@@ -262,7 +268,7 @@ def see_cells(system, memory, ahead, touch):  # type: ignore[no-untyped-def]
     """Return the smallest gap at u + ahead v, or a smaller number above `touch`.
 
     `touch` is 0 or less. Unless the result is larger, write the gaps and the gap rates of all
-    pairs; see `measure`.
+    pairs; see `measure_cells`.
     """
     X, size = memory.X, system.size
     least = lowest_control(X, size, system.points.control, ahead)
@@ -273,7 +279,7 @@ def see_cells(system, memory, ahead, touch):  # type: ignore[no-untyped-def]
 
 @njit(forceinline=True)
 def see_cells_approach(system, memory, ahead):  # type: ignore[no-untyped-def]
-    """Do the same as `see` for U + min(ahead U̇, 0), with `touch` = 0.
+    """Return the smallest U + min(ahead U̇, 0), or a smaller number above 0; see `see_cells`.
 
     The values go to `present_gap` and `present_rate`: `gap` and `rate` are those of the law.
     """
@@ -289,7 +295,7 @@ MOST_DOFS = 320
 NOT_DIAGONAL = 1e-9
 """Largest entry of Φᵀ C Φ beside its diagonal, relative to the diagonal, that is round-off."""
 MANY = 8
-"""Unknowns of a mean gap from which dense rows are taken."""
+"""Mean number of unknowns in a gap above which dense rows are taken."""
 _REFINEMENTS = 2
 """Steps of Ogita and Aishima; each squares the error of the modes."""
 
@@ -347,28 +353,23 @@ class Modes:
 
 Coordinates = Places | Modes
 
-_KEPT: deque[tuple[Operators, tuple[Operators, Modes] | None]] = deque(maxlen=4)
-"""Results of the last calls of `in_modes`."""
 
-
+@lru_cache(maxsize=4)
 def in_modes(o: Operators) -> tuple[Operators, Modes] | None:
-    """Return a problem in its modes, or None if that does not pay or damping couples them."""
-    for known, result in _KEPT:
-        if known is o:
-            return result
+    """Return a problem in its modes, or None if that does not pay or damping couples them.
+
+    The last results are kept.
+    """
     if is_reduced(o):
         shapes = np.eye(o.n_dofs, ROW * -(-o.n_dofs // ROW))
-        result = filled_up(o), Modes(shapes, shapes)
-    else:
-        result = _transformed(o) if _pays(o) else None
-    _KEPT.append((o, result))
-    return result
+        return filled_up(o), Modes(shapes, shapes)
+    return _transformed(o) if _pays(o) else None
 
 
 def is_reduced(o: Operators) -> bool:
     """Return whether M, C and K are diagonal and gaps depend on many of the unknowns.
 
-    So it is where the unknowns are those of a reduced model (model/reduction).
+    Operators of a reduced model (model/reduction.py) are like that.
     """
     matrices = (sp.coo_matrix(matrix) for matrix in (o.mass, o.damping, o.stiffness))
     is_diagonal = all(not matrix.data[matrix.row != matrix.col].any() for matrix in matrices)
@@ -376,7 +377,7 @@ def is_reduced(o: Operators) -> bool:
 
 
 def filled_up(o: Operators) -> Operators:
-    """Return diagonal operators with unknowns without any effect up to a multiple of `ROW`."""
+    """Return diagonal operators, filled up to a multiple of `ROW` by unknowns without effect."""
     n, size = o.n_dofs, ROW * -(-o.n_dofs // ROW)
     columns = ((0, 0), (0, size - n))
 
@@ -387,12 +388,13 @@ def filled_up(o: Operators) -> Operators:
         return sp.csr_matrix(np.pad(matrix.toarray(), columns))
 
     base = np.pad(np.stack([o.base.mass, o.base.damping, o.base.stiffness]), columns)
+    shift = None if o.base.shift is None else np.append(o.base.shift, np.zeros(size - n))
     return replace(
         o,
         mass=diagonal(o.mass, 1.0),
         damping=diagonal(o.damping, 0.0),
         stiffness=diagonal(o.stiffness, 0.0),
-        base=replace(o.base, mass=base[0], damping=base[1], stiffness=base[2]),
+        base=replace(o.base, mass=base[0], damping=base[1], stiffness=base[2], shift=shift),
         gap_matrix=rows(o.gap_matrix),
         lumped_mass=None if o.lumped_mass is None else np.append(o.lumped_mass, np.ones(size - n)),
         probes=rows(o.probes),
@@ -409,15 +411,11 @@ def _pays(o: Operators) -> bool:
     if not 0 < n <= MOST_DOFS:
         return False
     pattern = sp.coo_matrix(abs(o.mass) + abs(o.stiffness) + abs(o.damping))
-    in_step = 2.0 * pattern.nnz / n + 4.0 * _width(pattern)
-    return bool(2.0 * o.n_pairs + 12.0 < 4.0 * in_step)
-
-
-def _width(pattern: sp.coo_matrix) -> int:
-    """Return the number of entries on each side of the diagonal, in a good order of the dofs."""
     order = sp.csgraph.reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=False)
     place = np.argsort(order)
-    return int(abs(place[pattern.row] - place[pattern.col]).max(initial=0))
+    width = int(abs(place[pattern.row] - place[pattern.col]).max(initial=0))  # of the band
+    in_step = 2.0 * pattern.nnz / n + 4.0 * width
+    return bool(2.0 * o.n_pairs + 12.0 < 4.0 * in_step)
 
 
 def _transformed(o: Operators) -> tuple[Operators, Modes] | None:
@@ -451,7 +449,7 @@ def _transformed(o: Operators) -> tuple[Operators, Modes] | None:
 
 
 def _product(rows: FloatArray, Phi: Long) -> FloatArray:
-    """Return rows times Φ."""
+    """Return the product of rows with Φ, computed in extended precision."""
     return np.asarray(rows.astype(np.longdouble) @ Phi, dtype=float)
 
 
@@ -474,6 +472,8 @@ def _modes(K: FloatArray, M: FloatArray) -> tuple[Long, Long]:
     identity = np.eye(len(first), dtype=np.longdouble)
     for _ in range(_REFINEMENTS):
         lacking, stiff = identity - _congruent(M, shapes), _congruent(K, shapes)
+        # with Φᵀ M Φ = I - E and S = Φᵀ K Φ, to first order: λ_i = S_ii / (1 - E_ii), and Φ (I + F)
+        # is better, F_ij = (S_ij + λ_j E_ij) / (λ_j - λ_i), or E_ij / 2 for a cluster and i = j
         squares = stiff.diagonal() / (1.0 - lacking.diagonal())
         apart = squares - squares[:, None]
         off = stiff - np.diag(stiff.diagonal())
@@ -488,7 +488,7 @@ def _modes(K: FloatArray, M: FloatArray) -> tuple[Long, Long]:
 
 @njit
 def advance(system, X, base_state):  # type: ignore[no-untyped-def]
-    """Compute the candidate state of a step (G1 to G3 with diagonal matrices); return zᵀ C z."""
+    """Compute the candidate state of a step in modes (G1 to G3 of system.py); return zᵀ C z."""
     q, dq, ddq = base_state
     size, scheme, base, held = system.size, system.scheme, system.base, P * system.size
     diagonals = system.modal
@@ -498,6 +498,7 @@ def advance(system, X, base_state):  # type: ignore[no-untyped-def]
     minus, flow = splat(-1.0), splat(0.0)
     for i in range(0, size, 4):
         u, v, c = load(X, i), load(X, size + i), load(diagonals, size + i)
+        # a = (f - C v - K (u + (Δt + g) v)) / A, f = -(m q" + c q' + k q); z = v⁺ + ρ v
         right = fma(by_ddq, load(base, i), by_dq * load(base, size + i))
         right = fma(by_q, load(base, 2 * size + i), right)
         right = fma(minus * load(diagonals, 2 * size + i), fma(ahead, v, u), right)
@@ -514,7 +515,7 @@ def advance(system, X, base_state):  # type: ignore[no-untyped-def]
 
 @njit
 def see(system, memory):  # type: ignore[no-untyped-def]
-    """Write the gaps and gap rates of the state, unless they are known."""
+    """Write the gaps and gap rates of the state in modes, unless they are known."""
     if memory.counts[IS_SEEN]:
         return
     X, size, H = memory.X, system.size, system.gap_rows.value
@@ -532,7 +533,7 @@ def see(system, memory):  # type: ignore[no-untyped-def]
 
 @njit
 def measure(system, memory, ahead):  # type: ignore[no-untyped-def]
-    """Write the gaps at u + ahead v and the gap rates of all pairs; return the smallest gap."""
+    """Write gaps at u + ahead v and gap rates of all pairs in modes; return the smallest gap."""
     see(system, memory)
     smallest = np.inf
     for k in range(system.n_pairs):
@@ -544,7 +545,7 @@ def measure(system, memory, ahead):  # type: ignore[no-untyped-def]
 
 @njit
 def loss(system, X):  # type: ignore[no-untyped-def]
-    """Return zᵀ C z, where z is the field P."""
+    """Return zᵀ C z in modes, where z is the field P."""
     size, flow = system.size, splat(0.0)
     for i in range(0, size, 4):
         z = load(X, P * size + i)
@@ -554,7 +555,7 @@ def loss(system, X):  # type: ignore[no-untyped-def]
 
 @njit
 def solve(system, X, right, out):  # type: ignore[no-untyped-def]
-    """Solve A z = r; `right` and `out` are the numbers of the fields r and z of X."""
+    """Solve A z = r in modes; `right` and `out` number the fields r and z of X."""
     size = system.size
     for i in range(0, size, 4):
         store(X, out * size + i, load(X, right * size + i) * load(system.modal, i))

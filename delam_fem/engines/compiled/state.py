@@ -1,4 +1,4 @@
-"""The arrays that compiled code changes while it runs, and their hand-over as one address.
+"""The arrays that compiled code changes while it runs, and how it gets them as one address.
 
 Numba takes a named tuple apart leaf by leaf in each call, and passes the leaves on one by one: with
 some 250 of them a call costs 70 µs, and compiling takes minutes. `packed` writes the leaves once
@@ -23,7 +23,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
 from numba.np.numpy_support import from_dtype
 
-from delam_fem.contact.complementarity import Again
+from delam_fem.contact.complementarity import Again, nothing_known
 from delam_fem.engines.compiled.lanes import N_FIELDS, aligned_zeros
 from delam_fem.numerics.types import FloatArray, IntArray
 
@@ -130,36 +130,12 @@ def packed(values: Any) -> IntArray:
     return np.array(leaves, dtype=np.int64)
 
 
-NONE, IMPACTS, PENALTY, MOREAU = range(4)
-"""Kinds of laws. "newton" is IMPACTS without a threshold; MOREAU goes with the θ-scheme."""
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
 """Indices into `Memory.totals`."""
 N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING, IS_SEEN, SLOT, OLD_EVENTS, OLD_HITS = range(9)
 """Indices into `Memory.counts`."""
 COMPLETED, DIVERGED, FULL = 0, 1, 2
-"""Results of a loop, besides the failures that contact.py defines."""
-
-
-class LawNumbers(NamedTuple):
-    """The numbers of a contact law that compiled code needs.
-
-    Attributes:
-        kind: NONE, IMPACTS, PENALTY or MOREAU.
-        is_coupled: whether simultaneous impacts influence one another ("consistent").
-        restitution: e [-].
-        stiffness: stiffness of a pair's spring [N/m].
-        damping: damping of a pair's spring [N s/m].
-        threshold: speed limit for resting pairs [m/s]. IMPACTS: a pair that leaves slower than this
-            rests on a spring; -inf: never. MOREAU: a pair that approaches slower than this counts
-            as resting.
-    """
-
-    kind: int
-    is_coupled: bool = False
-    restitution: float = 0.0
-    stiffness: float = 0.0
-    damping: float = 0.0
-    threshold: float = -np.inf
+"""Results of a loop, besides failures, which are negative (`contact.examine`)."""
 
 
 class Memory(NamedTuple):
@@ -171,13 +147,10 @@ class Memory(NamedTuple):
         kept: u, v, a before a step that may be undone, shape (3 size,).
         near: whether a gap is small according to a coarse step, shape (n_pairs,).
         seen: m_b·u, c_b·u, k_b·u at the end of the last step, shape (3,).
-        seen_u, seen_v: what the last `observe` has seen; see `CompiledStepper`.
-        flows: sums over divided steps for the work of the base (`energy.add_flows`), shape (4,).
+        flows: sums over divided steps for the work of the base (`recorder.add_flows`), shape (4,).
         effort: numbers of steps and contacts (`recorder.EFFORT`), shape (5,).
         totals: energies so far: dissipated, damped in contacts, by impacts, released by springs,
             shape (4,) [J].
-        stored: kinetic, strain and spring energy of the whole system [J], and m_b·v, at the last
-            call of `store_energies`, shape (4,).
         counts: numbers of springs, of filled entries in the buffers for events, hits and frames,
             and of pairs at rest with the θ-scheme; in modes, whether `present_gap` and
             `present_rate` are those of the state; slot of the period, and numbers of events and
@@ -204,12 +177,9 @@ class Memory(NamedTuple):
     kept: FloatArray
     near: npt.NDArray[np.uint8]
     seen: FloatArray
-    seen_u: FloatArray
-    seen_v: FloatArray
     flows: FloatArray
     effort: IntArray
     totals: FloatArray
-    stored: FloatArray
     counts: IntArray
     resting: npt.NDArray[np.uint8]
     pairs: IntArray
@@ -249,7 +219,7 @@ class Log(NamedTuple):
         n_events, n_hits: sizes of the event buffers.
         time_step: Δt of a coarse step [s].
         limit: gap or displacement beyond which a motion counts as diverged [m].
-        coupling: see `energy.write_ledger`, shape (4,).
+        coupling: see `recorder.write_ledger`, shape (4,).
         frame_steps: steps whose state is kept, shape (n_frames,).
         base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
         u: m_b·u, c_b·u, k_b·u and the probes of u at each step, shape (n_slots, N + 1, 3 +
@@ -261,7 +231,7 @@ class Log(NamedTuple):
         resting: pairs at rest when each period began, shape (n_slots, n_pairs).
         damped: energy that the damper of each pair has taken in the period, shape (n_slots,
             n_pairs) [J].
-        levels: energies (`energy.LEVEL`) at the start of the first period and at the end of each,
+        levels: energies (`recorder.LEVEL`) at the start of the first period and the end of each,
             shape (n_periods + 1, 6).
         ends: at the end of each period of the block its number of steps, and the numbers of events
             and hits in the buffers, shape (n_periods, 3).
@@ -310,7 +280,7 @@ class Log(NamedTuple):
     effort: IntArray
 
 
-def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
+def memory(size: int, n_pairs: int) -> Memory:
     """Allocate the memory of a problem; the state is at rest."""
     return Memory(
         X=aligned_zeros(N_FIELDS * size),
@@ -318,12 +288,9 @@ def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
         kept=np.zeros(3 * size),
         near=np.zeros(n_pairs, dtype=np.uint8),
         seen=np.zeros(3),
-        seen_u=np.zeros(3 + n_probes),
-        seen_v=np.zeros(n_probes),
         flows=np.zeros(4),
         effort=np.zeros(5, dtype=np.int64),
         totals=np.zeros(4),
-        stored=np.zeros(4),
         counts=np.zeros(9, dtype=np.int64),
         resting=np.zeros(n_pairs, dtype=np.uint8),
         pairs=np.zeros(n_pairs, dtype=np.int64),
@@ -343,5 +310,5 @@ def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
         direction=np.zeros(n_pairs),
         image=np.zeros(n_pairs),
         free=np.zeros(n_pairs),
-        again=Again.of(n_pairs),
+        again=nothing_known(n_pairs),
     )

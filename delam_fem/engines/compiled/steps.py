@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numba import carray, types
 
+from delam_fem.contact.laws import MOREAU, NONE
 from delam_fem.engines.compiled import algebra, contact, modes
 from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled.algebra import both_products, measure, row_product
@@ -19,13 +20,11 @@ from delam_fem.engines.compiled.state import (
     FULL,
     IMPACT,
     IS_SEEN,
-    MOREAU,
     N_EVENTS,
     N_FRAMES,
     N_HITS,
     N_RESTING,
     N_SPRINGS,
-    NONE,
     OLD_EVENTS,
     OLD_HITS,
     RELEASED,
@@ -46,6 +45,7 @@ OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
 def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
     """Compute the candidate state in band order; return zᵀ C z and the smallest gap."""
     X, size, column, scheme = memory.X, system.size, system.base, system.scheme
+    # G1: ũ and ṽ take the places of u and v; Y has ũ + g ṽ, and P begins z = v⁺ + ρ v
     q, dq, ddq = base_state
     for i in range(size):
         v, a = X[size + i], X[lk.A * size + i]
@@ -53,6 +53,7 @@ def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
         X[size + i] += scheme.c3 * a
         X[lk.Y * size + i] = X[i] + scheme.g * X[size + i]
         X[lk.P * size + i] = X[size + i] + scheme.rho * v
+    # G2: the load of the base, f = -(m q" + c q' + k q), is part of the right-hand side
     for i in range(size):
         load = column[i] * ddq + column[size + i] * dq + column[2 * size + i] * q
         load += row_product(system.stiffness, i, X, lk.Y * size)
@@ -69,7 +70,7 @@ def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
 
 @njit
 def loss(system, X):  # type: ignore[no-untyped-def]
-    """Return zᵀ C z, where z is the field P."""
+    """Return zᵀ C z of a step in any order of the unknowns, where z is the field P."""
     if system.is_chained:
         return lk.loss(X, system.size, system.form)
     if system.is_modal:
@@ -79,7 +80,7 @@ def loss(system, X):  # type: ignore[no-untyped-def]
 
 @njit
 def smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest gap at the displacements u + ahead v."""
+    """Return the smallest gap of all pairs at the displacements u + ahead v."""
     if system.is_chained and not system.is_within:
         return lk.smallest_gap(X, system.size, system.rest, ahead)
     smallest = np.inf
@@ -96,7 +97,7 @@ def look_ahead(system, law, memory, is_clear):  # type: ignore[no-untyped-def]
     """Return the smallest predicted gap (theta.py, J2); store gaps and rates if one is closed.
 
     Return infinity for laws that look at the gaps at the end of the step, and if the state is clear
-    (`refined._is_clear`): then no predicted gap is closed.
+    (`_is_clear`): then no predicted gap is closed.
     """
     if memory.counts[N_RESTING]:
         forget_resting(system, memory)
@@ -115,7 +116,7 @@ def look_ahead(system, law, memory, is_clear):  # type: ignore[no-untyped-def]
 
 @njit
 def forget_resting(system, memory):  # type: ignore[no-untyped-def]
-    """Report no pair as resting; only for the θ-scheme, where resting pairs carry no spring."""
+    """Report no pair as resting any more; for the θ-scheme, where resting pairs have no spring."""
     memory.counts[N_RESTING] = 0
     for k in range(system.n_pairs):
         memory.resting[k] = 0
@@ -161,18 +162,9 @@ def see_base(system, memory):  # type: ignore[no-untyped-def]
 
 @njit(forceinline=True)
 def observe(system, memory, log, step):  # type: ignore[no-untyped-def]
-    """Record what `observe_into` sees at the end of a step."""
+    """Record the end of a step: m_b·u, c_b·u, k_b·u and the probes of u; the probes of v."""
     row = memory.counts[SLOT] * (log.n_steps + 1) + step
-    observe_into(system, memory, log.u, log.v, row)
-
-
-@njit(forceinline=True)
-def observe_into(system, memory, u, v, row):  # type: ignore[no-untyped-def]
-    """Write the recorded quantities into row `row` of u and v.
-
-    u gets m_b·u, c_b·u, k_b·u and the probes of u; v gets the probes of v.
-    """
-    X, base, n = memory.X, memory.base, system.n_probes
+    X, base, n, u, v = memory.X, memory.base, system.n_probes, log.u, log.v
     first_u, first_v = row * (3 + n), row * n
     _base_rows(system, X, u, first_u)
     if system.is_selecting:
@@ -192,14 +184,15 @@ def observe_into(system, memory, u, v, row):  # type: ignore[no-untyped-def]
 
 @njit
 def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped-def]
-    """Compute one candidate, with springs if any; return zᵀ C z and the smallest gap.
+    """Compute one candidate state, with springs if any; return zᵀ C z and the smallest gap.
 
     For `is_clear` see `look_ahead`.
     """
     X, predicted = memory.X, look_ahead(system, law, memory, is_clear)
     base_state = mix_base(system, memory.base, new_base)
-    if system.is_chained:
-        flow, smallest = lk.step(system, X, base_state, True)
+    if system.is_chained:  # z is needed for springs, and where impulses may change the step
+        keeps = predicted <= 0.0 or memory.counts[N_SPRINGS] > 0
+        flow, smallest = lk.step(system, X, base_state, keeps)
     elif system.is_modal:
         flow, smallest = modes.advance(system, X, base_state), np.inf
         memory.counts[IS_SEEN] = 0
@@ -213,7 +206,8 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
     if law.kind == MOREAU:
         return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
     if system.is_within:
-        return flow, modes.see_cells(system, memory, 0.0, 0.0)
+        touch = -np.inf if law.kind == NONE else 0.0
+        return flow, modes.see_cells(system, memory, 0.0, touch)
     return flow, smallest
 
 
@@ -228,6 +222,7 @@ def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     first = n * system.n_pairs
     for k in range(system.n_pairs):
         log.contact[first + k] = RESTING if memory.resting[k] else OPEN
+    # impacts of this step are the last ones in the buffers: go back until one is before it
     event, last = counts[N_EVENTS] - 1, counts[N_HITS]
     while event >= counts[OLD_EVENTS] and log.event_tick[event] > (step - 1) * log.refine:
         for j in range(last - log.event_size[event], last):
@@ -243,7 +238,7 @@ def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no
     """Apply the law to a candidate that touches, and account for damping.
 
     Args:
-        system: of the step.
+        system: the system with the size of the step.
         law: contact law.
         memory: state.
         log: record of the period.
@@ -252,7 +247,7 @@ def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no
         smallest: its smallest gap [m].
 
     Returns:
-        COMPLETED, or a failure of the law, see contact.py.
+        COMPLETED, or a failure of the law (`contact.examine`).
     """
     status = COMPLETED
     if law.damping != 0.0 and memory.counts[N_SPRINGS] > 0:
@@ -275,7 +270,7 @@ N_COARSE, N_MIDDLE, N_FINE, N_CONTACTS, N_UNFORESEEN = range(5)
 
 @njit
 def _is_clear(system, memory, reach):  # type: ignore[no-untyped-def]
-    """Return whether surely no gap is small up to a time ahead or back (F1).
+    """Return whether it is certain that no gap is small up to a time ahead or back (F1).
 
     One pass over the state after a step answers for this step and for the next. Where gaps take
     longer to see, or pairs rest on springs or touch at rest, the answer is no.
@@ -321,7 +316,7 @@ def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-d
 
 @njit
 def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
-    """Do the same as `_mark_near` for pairs inside the elements."""
+    """Return and mark the same as `_mark_near` for pairs inside the elements."""
     X, found = memory.X, False
     n_springs = memory.counts[N_SPRINGS]
     if modes.see_cells_approach(system, memory, ahead) <= 0.0:
@@ -346,8 +341,8 @@ def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped
 def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: ignore[no-untyped-def]
     """Make a coarse or middle step that ends at a tick; undo it if a gap is small.
 
-    `near` tells the pairs whose gap is small in a coarse step. `was_clear` tells whether the state
-    is known to be clear (`_is_clear`) for steps of this size.
+    A coarse step marks the pairs with a small gap in `memory.near`. `was_clear` tells whether the
+    state is known to be clear (`_is_clear`) for steps of this size.
 
     Returns:
         COMPLETED, NEAR if the step was undone, or a failure of the law; whether the new state is
@@ -361,6 +356,7 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
         is_near = _mark_near(system, memory, reach, level, log.slow)
         if is_near and level != COARSE:
             return NEAR, False
+    # lane order and modes need no acceleration to go on, bands do
     n_kept = (2 if system.is_chained or system.is_modal else 3) * system.size
     for i in range(n_kept):
         memory.kept[i] = X[i]
@@ -418,6 +414,8 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
     dt = r * fine.scheme.time_step
     before, is_first, is_clear = base_at(log.base_states, step - 1), True, False
     see_base(fine, memory)
+    # m middle steps; each that is undone becomes r/m fine ones; ticks count fine steps from the
+    # start of the period
     for j in range(1, m + 1):
         after = _base_in(log.base_states, step, j / m, dt)
         if m > 1:
@@ -447,113 +445,52 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
 
 
 @njit(inline="always")
-def run_refined(coarse, middle, fine, law, memory, log, first):  # type: ignore[no-untyped-def]
-    """Compute steps, and divide those near contact; see `run_plain`."""
-    counts, r, floor, is_clear = memory.counts, log.refine, -log.limit, False
-    for step in range(first, log.n_steps + 1):
-        if counts[N_EVENTS] + r > log.n_events or counts[N_HITS] + r * fine.n_pairs > log.n_hits:
-            return step - 1, FULL
-        new_base = base_at(log.base_states, step)
-        status, is_clear = _leap(coarse, law, memory, log, new_base, COARSE, step * r, is_clear)
-        if status == COMPLETED:
-            memory.effort[N_COARSE] += 1
-        elif status == NEAR:
-            log.is_divided[counts[SLOT] * (log.n_steps + 1) + step] = 1
-            status = _divide(middle, fine, law, memory, log, step, floor)
-        if status != COMPLETED:
-            return step - 1, status
-        observe(fine, memory, log, step)
-        n_frames = counts[N_FRAMES]
-        if n_frames < log.n_frames and log.frame_steps[n_frames] == step:
-            keep_frame(fine, memory, log, step)
-    return log.n_steps, COMPLETED
+def _step_of_one_size(p, log, step, was_clear):  # type: ignore[no-untyped-def]
+    """Make a step that is never divided; return how it ends, see `_fine_step`, and False."""
+    new_base = base_at(log.base_states, step)
+    return _fine_step(p.fine, p.law, p.memory, log, new_base, step, -log.limit), False
 
 
-@njit
-def _glide(system, law, memory, log, span, touch):  # type: ignore[no-untyped-def]
-    """Compute steps in lane order while all gaps are larger than `touch`, without springs.
+@njit(inline="always")
+def _step_of_three_sizes(p, log, step, was_clear):  # type: ignore[no-untyped-def]
+    """Make a step, divided if it is near contact.
 
     Returns:
-        The first step whose candidate touches, which is not yet recorded, with its zᵀ C z and
-        smallest gap. If no candidate touches: the step after the last one, 0 and infinity.
+        COMPLETED, DIVERGED or a failure of the law; whether the new state is clear (`_is_clear`).
     """
-    X, totals, weight = memory.X, memory.totals, system.scheme.weight
-    first, last = span
-    for step in range(first, last + 1):
-        predicted = look_ahead(system, law, memory, False)
-        base_state = mix_base(system, memory.base, base_at(log.base_states, step))
-        flow, smallest = lk.step(system, X, base_state, predicted <= touch)
-        if law.kind == MOREAU:
-            smallest = predicted
-        elif system.is_within:
-            smallest = modes.see_cells(system, memory, 0.0, touch)
-        if smallest <= touch:
-            return step, flow, smallest
-        totals[DISSIPATED] += weight * flow
-        observe(system, memory, log, step)
-    return last + 1, 0.0, np.inf
+    law, memory, new_base = p.law, p.memory, base_at(log.base_states, step)
+    tick = step * log.refine
+    status, is_clear = _leap(p.coarse, law, memory, log, new_base, COARSE, tick, was_clear)
+    if status == COMPLETED:
+        memory.effort[N_COARSE] += 1
+    elif status == NEAR:
+        log.is_divided[memory.counts[SLOT] * (log.n_steps + 1) + step] = 1
+        status = _divide(p.middle, p.fine, law, memory, log, step, -log.limit)
+    return status, is_clear
 
 
 @njit
-def _plain_steps(p, log, first):  # type: ignore[no-untyped-def]
-    """Compute the steps of a period from the first; see `run_plain`."""
-    system, law, memory, floor = p.fine, p.law, p.memory, -log.limit
-    counts, step, touch = memory.counts, first, floor if law.kind == NONE else 0.0
-    while step <= log.n_steps:
-        if counts[N_EVENTS] == log.n_events or counts[N_HITS] + system.n_pairs > log.n_hits:
-            return step - 1, FULL
-        n_frames, last = counts[N_FRAMES], log.n_steps
-        if n_frames < log.n_frames and log.frame_steps[n_frames] >= step:
-            last = log.frame_steps[n_frames]
-        if system.is_chained and counts[N_SPRINGS] == 0:
-            step, flow, smallest = _glide(system, law, memory, log, (step, last), touch)
-        else:
-            new_base = base_at(log.base_states, step)
-            flow, smallest = advance(system, law, memory, new_base, False)
-        if step <= last:
-            if smallest < floor:
-                return step - 1, DIVERGED
-            status = end_step(system, law, memory, log, step, flow, smallest)
-            if status != COMPLETED:
-                return step - 1, status
-            observe(system, memory, log, step)
-            step += 1
-        if step > last and n_frames < log.n_frames and log.frame_steps[n_frames] == last:
-            keep_frame(system, memory, log, last)
-    return log.n_steps, COMPLETED
+def _store_level(p, log, j):  # type: ignore[no-untyped-def]
+    """Write the energies stored now and lost so far (`recorder.LEVEL`) as number j of a block.
 
-
-@njit
-def _divided_steps(p, log, first):  # type: ignore[no-untyped-def]
-    """Do the same where steps near contact are divided."""
-    return run_refined(p.coarse, p.middle, p.fine, p.law, p.memory, log, first)
-
-
-@njit
-def _store_energies(p):  # type: ignore[no-untyped-def]
-    """Store the energies of the whole system, base included, in the fixed frame, and m_b·v."""
+    They are those of the whole system, base included, in the fixed frame.
+    """
     system, memory, mass, stiffness = p.fine, p.memory, p.corner[0], p.corner[2]
-    X, size, stored, q, dq = memory.X, system.size, memory.stored, memory.base[0], memory.base[1]
+    X, size, q, dq, levels, first = (
+        memory.X, system.size, memory.base[0], memory.base[1], log.levels, 6 * j
+    )  # fmt: skip
     momentum = attachment = 0.0
     for i in range(size):
         momentum += system.base[i] * X[size + i]
         attachment += system.base[2 * size + i] * X[i]
     kinetic = 0.5 * algebra.form(system.mass, size, X, size)
     strain = 0.5 * algebra.form(system.stiffness, size, X, 0)
-    stored[0] = kinetic + dq * momentum + 0.5 * mass * dq * dq
-    stored[1] = strain + q * attachment + 0.5 * stiffness * q * q
-    stored[2] = contact.spring_energy(system, p.law, memory)
-    stored[3] = momentum
-
-
-@njit
-def _store_level(p, log, j):  # type: ignore[no-untyped-def]
-    """Write the energies stored now and lost so far as the level number j of a block."""
-    _store_energies(p)
-    for i in range(4):
-        log.levels[6 * j + i] = p.memory.stored[i]
-    log.levels[6 * j + 4] = p.memory.totals[DISSIPATED]
-    log.levels[6 * j + 5] = p.memory.totals[CONTACT_DAMPED]
+    levels[first] = kinetic + dq * momentum + 0.5 * mass * dq * dq
+    levels[first + 1] = strain + q * attachment + 0.5 * stiffness * q * q
+    levels[first + 2] = contact.spring_energy(system, p.law, memory)
+    levels[first + 3] = momentum
+    levels[first + 4] = memory.totals[DISSIPATED]
+    levels[first + 5] = memory.totals[CONTACT_DAMPED]
 
 
 @njit
@@ -592,8 +529,8 @@ def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
 def _sum(x, first, n, least):  # type: ignore[no-untyped-def]
     """Return the sum of n numbers, smaller ones raised to the least, added in pairs of halves.
 
-    It is NumPy's sum bit for bit, so that both engines count impacts alike; NumPy before 2.4 adds
-    more than 8192 numbers in pieces.
+    The result is NumPy's sum bit for bit, so that both engines count impacts alike; NumPy before
+    2.4 adds more than 8192 numbers in pieces.
     """
     if n > 128:
         half = n // 16 * 8
@@ -643,12 +580,28 @@ def _end_period(p, log, first_period, j, n_steps):  # type: ignore[no-untyped-de
     return write_period(u, v, levels, of_base, gained, rows, log.limit)
 
 
-def _block_of(run_steps: Any) -> Any:
+def _block_of(make_step: Any) -> Any:
     """Return the function that computes a block; see `run_plain`.
 
     Args:
-        run_steps: `_plain_steps` or `_divided_steps`.
+        make_step: `_step_of_one_size` or `_step_of_three_sizes`.
     """
+
+    @njit
+    def run_steps(p, log, first):  # type: ignore[no-untyped-def]
+        system, counts, r, is_clear = p.fine, p.memory.counts, log.refine, False
+        for step in range(first, log.n_steps + 1):
+            n_hits = counts[N_HITS] + r * system.n_pairs  # after this step, at most
+            if counts[N_EVENTS] + r > log.n_events or n_hits > log.n_hits:
+                return step - 1, FULL
+            status, is_clear = make_step(p, log, step, is_clear)
+            if status != COMPLETED:
+                return step - 1, status
+            observe(system, p.memory, log, step)
+            n_frames = counts[N_FRAMES]
+            if n_frames < log.n_frames and log.frame_steps[n_frames] == step:
+                keep_frame(system, p.memory, log, step)
+        return log.n_steps, COMPLETED
 
     @njit
     def run_block(p, log, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
@@ -670,7 +623,7 @@ def _block_of(run_steps: Any) -> Any:
 # -- called from Python -----------------------------------------------------------------------
 
 _problem, _log = view_at(Problem), view_at(Log)
-_plain_block, _divided_block = _block_of(_plain_steps), _block_of(_divided_steps)
+_plain_block, _divided_block = _block_of(_step_of_one_size), _block_of(_step_of_three_sizes)
 
 
 @kept(nogil=True, what="steps of one size, for all laws and schemes, about 15 s")
@@ -687,14 +640,14 @@ def run_plain(problem_at, log_at, first_period, begin, n_periods):  # type: igno
     Returns:
         Number of finished periods, of steps of the next, and the result of the loop: COMPLETED,
         DIVERGED (in the last of these periods), FULL (enlarge the event buffers and call again), or
-        a failure that contact.py defines.
+        a failure (`contact.examine`).
     """
     return _plain_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
 
 
 @kept(nogil=True, what="steps divided near contact, for all laws and schemes, about 15 s")
 def run_divided(problem_at, log_at, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
-    """Do the same as `run_plain` where steps near contact are divided."""
+    """Compute a block of periods with steps divided near contact; see `run_plain`."""
     return _divided_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
 
 
@@ -706,27 +659,14 @@ def prepared(is_divided: bool) -> Callable[..., tuple[int, int, int]]:
 
 
 @kept
-def observe_now(problem_at):  # type: ignore[no-untyped-def]
-    """Write m_b·u, c_b·u, k_b·u and the probes into `Memory.seen_u` and `seen_v`."""
-    p = _problem(problem_at)
-    observe_into(p.fine, p.memory, p.memory.seen_u, p.memory.seen_v, 0)
-
-
-@kept
 def renew(problem_at):  # type: ignore[no-untyped-def]
-    """Compute the accelerations from the equation of motion."""
+    """Compute the accelerations of a `Problem` from the equation of motion."""
     p = _problem(problem_at)
     contact.renew_acceleration(p.fine, p.law, p.memory)
 
 
 @kept
 def list_springs(problem_at):  # type: ignore[no-untyped-def]
-    """Update the list of spring pairs from `resting`."""
+    """Update the list of pairs with a spring of a `Problem` from `resting`."""
     p = _problem(problem_at)
     contact.list_springs(p.fine, p.memory)
-
-
-@kept
-def store_energies(problem_at):  # type: ignore[no-untyped-def]
-    """Update `Memory.stored`."""
-    _store_energies(_problem(problem_at))

@@ -1,8 +1,8 @@
 """The PETSc state that every stepper shares: matrices, vectors, gaps, resting pairs, energies.
 
 A stepper adds the time integration. All vectors are allocated once; the time loop only fills them.
-They are the own shares of the rank. Ranks exchange gaps, gap rates, recorded quantities and
-energies, apart from what the products and solves of coupled ranks exchange.
+Each vector is the own share of its rank. Ranks exchange gaps, gap rates, recorded quantities and
+energies, besides what the products and solves of coupled ranks exchange.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread, whole
 from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.simulation.recorder import Energies
+from delam_fem.simulation.recorder import N_BASE, Energies
 from delam_fem.simulation.refinement import nearness
 from delam_fem.system.mpi import MPI
 
@@ -34,9 +34,10 @@ class Dynamics:
         u, v, a: displacements, velocities and accelerations of the own free dofs.
         resting: pairs at rest, shape (n_pairs,); the array is replaced, never written to.
         is_resting: whether a pair rests, so that the law must be asked although no gap is closed.
+        seen_base: the entries of `seen_u` that belong to the energy ledger, shape (3,).
         spring_stiffness: stiffness of the spring that a resting pair carries [N/m]; 0: no spring.
         contact_damped: energy that contact dampers have taken so far [J].
-        damped: that of each pair in the period, shape (n_pairs,) [J].
+        damped: energy that the damper of each pair has taken in the period, shape (n_pairs,) [J].
     """
 
     def __init__(
@@ -57,16 +58,15 @@ class Dynamics:
         ]
         self._M, self._C, self._K = map(linear_algebra.product, self._blocks)
         self._H = matrix(o.gap_matrix, MPI.COMM_SELF)
-        n, memory = o.n_own, np.zeros(2 * o.n_own)
-        self._motion, self.u, self.v = (  # u and v in one memory, so that one product sees both
-            linear_algebra.vector_in(part) for part in (memory, memory[:n], memory[n:])
-        )
-        self.a, self._residual, self._load, self._response, self._damped = (
-            self._vector() for _ in range(5)
-        )
-        columns = o.base.mass, o.base.damping, o.base.stiffness
-        self._base_columns = matrix(np.column_stack(columns), MPI.COMM_SELF)
-        self._drive = PETSc.Vec().createSeq(3)
+        n, memory = o.n_own, np.zeros(3 * o.n_own + 3)
+        # u, v, a and (q, q', q'') of the base in one memory, so that one product sees them all
+        parts = memory, memory[: 2 * n], memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n]
+        self._all, self._motion, self.u, self.v, self.a = map(linear_algebra.vector_in, parts)
+        self._drive = linear_algebra.vector_in(memory[3 * n :])
+        self._residual, self._load, self._response, self._point = (self._vector() for _ in range(4))
+        self._rayleigh = o.rayleigh and [self._vector(values) for values in o.rayleigh]
+        base = np.column_stack([o.base.stiffness, o.base.damping, o.base.mass])
+        self._base_columns = matrix(base, MPI.COMM_SELF)
         self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
         self._moved = np.diff(sp.csr_matrix(o.gap_matrix).indptr) > 0  # pairs of this rank's dofs
         self._rate = linear_algebra.Shared(o.n_pairs, o.comm, np.flatnonzero(self._moved))
@@ -134,11 +134,54 @@ class Dynamics:
         self._see()  # as a run does that continues from a file
         return self._base_rows
 
-    def _add_base(self, q: float, dq: float, ddq: float) -> None:
+    def _add_base(self, base_state: BaseState) -> None:
         """Add the load of a motion of the base to the residual."""
         drive, residual = self._drive_memory, self._residual
-        drive[0], drive[1], drive[2] = ddq, dq, q
+        drive[0], drive[1], drive[2] = base_state
         self._base_columns.multAdd(self._drive, residual, residual)
+
+    def _stack(self, ahead: float, inertia: float) -> PETSc.Mat | None:
+        """Return the matrix of a residual; None for solids, whose memory it would double."""
+        M, C, K = self._blocks
+        if K.comm.size > 1 or linear_algebra.is_wide(K):
+            return None
+        return linear_algebra.stacked(M, C, K, self._base_columns, ahead, inertia)
+
+    def _find_residual(
+        self,
+        base_state: BaseState,
+        stack: PETSc.Mat | None = None,
+        ahead: float = 0.0,
+        inertia: float = 0.0,
+    ) -> None:
+        """Write K (u + ahead v) + C v + inertia M a - f to the residual (collective).
+
+        Args:
+            base_state: (q, q', q'') of the base, from which f comes.
+            stack: `_stack` of the same numbers; None: the products are made one by one.
+            ahead: factor of v [s].
+            inertia: factor of M a.
+        """
+        v, residual, point, load = self.v, self._residual, self._point, self._load
+        if stack is not None:
+            drive = self._drive_memory
+            drive[0], drive[1], drive[2] = base_state
+            stack.mult(self._all, residual)
+            return
+        point.waxpy(ahead, v, self.u)
+        if self._rayleigh is None:
+            self._C.mult(v, load)
+            self._K.multAdd(point, load, residual)
+            load.zeroEntries()
+        else:  # C v = M (α v) + K (β v) needs no product of its own
+            alpha, beta = self._rayleigh
+            load.pointwiseMult(beta, v)
+            point.axpy(1.0, load)
+            self._K.mult(point, residual)
+            load.pointwiseMult(alpha, v)
+        load.axpy(inertia, self.a)
+        self._M.multAdd(load, residual, residual)
+        self._add_base(base_state)
 
     def begin_step(self, before: BaseState, after: BaseState) -> None:
         """Begin a single step, over which the base moves between two states (q, q', q'')."""
@@ -152,9 +195,9 @@ class Dynamics:
     # -- for refined steps ---------------------------------------------------------------------
 
     def margins(self) -> tuple[FloatArray, FloatArray]:
-        """Return gaps and gap rates, both (n_pairs,); of pairs on springs the negative ones.
+        """Return gaps and gap rates, both (n_pairs,), with the other sign for pairs on springs.
 
-        The first must not fall below 0, or a pair closes, or one that rests opens.
+        A gap that falls below 0 means that a pair closes, or that a pair on a spring opens.
         """
         gap, rate = self._gap_values, self._rate_values
         if self.is_resting and self.spring_stiffness:
@@ -163,9 +206,10 @@ class Dynamics:
         return gap, rate
 
     def nearness(self, reach: float, slow: float) -> int:
-        """Return `nearness` of the present state, the end of a step and the start of the next one.
+        """Return `refinement.nearness` of the present state.
 
-        It is sought once for the same reach; `slow` does not change from step to step.
+        The state is the end of a step and the start of the next one, so the answer is kept for the
+        same reach; `slow` does not change from step to step.
         """
         if self._reach != reach:
             self._nearness, self._reach = nearness(*self.margins(), reach, slow), reach
@@ -189,6 +233,7 @@ class Dynamics:
         ends = np.cumsum([o.n_pairs, o.n_pairs, of_u.shape[0]])
         self._gap_values, self._rate_values, seen_u, seen_v = np.split(self._seen.values, ends)
         self.seen_u: FloatArray = seen_u
+        self.seen_base = seen_u[:N_BASE]
         self.seen_v: FloatArray = seen_v
         self._gap_vector, self._rate_vector = (
             linear_algebra.vector_in(values) for values in (self._gap_values, self._rate_values)
@@ -272,7 +317,7 @@ class Dynamics:
 
     @property
     def n_shares(self) -> int:
-        """Number of ranks on which the order of the dofs depends; 1: on none."""
+        """Number of ranks that the order of the dofs depends on; 1: it depends on none."""
         return 1 if self.operators.is_shared_order else self.comm.size
 
     def whole(self, share: FloatArray) -> FloatArray:
@@ -293,8 +338,9 @@ class Dynamics:
         for thing in (
             *(self._rate, self._impulse, self._force, self._gap_vector, self._rate_vector),
             *(self._seen, self._at_rest, *matrices, self._H, self._view),
-            *(self._motion, self.u, self.v, self.a),
-            *(self._residual, self._load, self._response, self._damped),
+            *(self._all, self._motion, self.u, self.v, self.a),
+            *(self._residual, self._load, self._response, self._point),
+            *(self._rayleigh or ()),
             *(self._base_columns, self._drive),
         ):
             thing.destroy()

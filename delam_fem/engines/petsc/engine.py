@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from delam_fem.contact.laws import NO_PAIRS, ContactLaw, Scheme, Setting
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
-from delam_fem.simulation.loop import Advancing, StepByStep
+from delam_fem.numerics.types import BoolArray, IntArray
+from delam_fem.simulation.loop import StepByStep
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, add_rows
 from delam_fem.simulation.refinement import AHEAD, BACK, NOT_REFINED, SAFETY, Refinement, base_rows
 from delam_fem.system.mpi import MPI
@@ -79,42 +78,18 @@ N_ENDS = N_BASE + 4
 BaseState = Sequence[float]
 
 
-class Refinable(Advancing, Protocol):
-    """A stepper with several sizes of steps; see engines/petsc/dynamics.py."""
-
-    time_step: float
-
-    def use(self, level: int) -> None:
-        """Choose the size of the next steps by its number."""
-
-    def begin_step(self, before: BaseState, after: BaseState) -> None:
-        """Begin a single step, over which the base moves between two states (q, q', q'')."""
-
-    def keep(self) -> None:
-        """Keep the present state for `undo`."""
-
-    def undo(self) -> None:
-        """Return to the state of the last `keep`, after one step."""
-
-    def margins(self) -> tuple[FloatArray, FloatArray]:
-        """Return gaps and gap rates, both (n_pairs,); of pairs on springs the negative ones."""
-
-    def nearness(self, reach: float, slow: float) -> int:
-        """Return `refinement.nearness` of the present state."""
-
-
 @dataclass(frozen=True)
 class RefinedSteps(StepByStep):
     """The engine that makes single steps, and smaller ones near contact.
 
     Attributes:
-        stepper: its sizes of steps are those of the refinement.
+        stepper: stepper with the sizes of steps of the refinement.
         supervisor: contact law, asked after every step.
         refinement: how steps are divided.
         time_step: Δt of a coarse step [s].
     """
 
-    stepper: Refinable
+    stepper: Newmark | MoreauJean
     refinement: Refinement
     time_step: float
 
@@ -190,7 +165,7 @@ class RefinedSteps(StepByStep):
         s, r, m = self.stepper, self.refinement.factor, self.refinement.middle
         first, is_first = (step - 1) * r, True
         within = base_rows(tuple(rows[step - 1]), tuple(rows[step]), r, self.time_step).tolist()
-        ends += [*s.seen_u[:N_BASE].tolist(), *within[0], 0.0]
+        ends += [*s.seen_base.tolist(), *within[0], 0.0]
         for last in range(r // m, r + 1, r // m):
             start = last - r // m
             if m > 1:
@@ -226,4 +201,4 @@ class RefinedSteps(StepByStep):
     def _observe(self, base_state: BaseState, share: float, ends: list[float]) -> None:
         """Note the end of a small step, a share of a coarse one, for the work of the base."""
         self.stepper.observe()
-        ends += [*self.stepper.seen_u[:N_BASE].tolist(), *base_state, share]
+        ends += [*self.stepper.seen_base.tolist(), *base_state, share]

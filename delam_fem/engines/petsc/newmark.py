@@ -13,8 +13,7 @@ After an impact on a stiff body, Δt² a is many times the displacement, and N1 
 that the energy needs. With springs λ = k U + c U̇ on the pairs P, the exact correction of the
 candidate is
 
-    (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ
-(N2)
+    (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ            (N2)
 
 If pairs have weights w, the springs act on the gaps times √w: U, H and S stand for √w U, √w H and
 √w S √w, so that the stiffness of a pair is w k.
@@ -52,7 +51,8 @@ class _Size:
         to_u, to_v: β Δt² and γ Δt, the factors of the new acceleration.
         keep_u, keep_v: (1/2 - β) Δt² and (1 - γ) Δt, the factors of the old acceleration.
         softness: k β Δt² + c γ Δt of a spring.
-        A: factor of A.
+        A: factor of the matrix A of N1.
+        stack: `Dynamics._stack` of the residual of N1, or N1' with average acceleration.
         S: S of N2.
         resistance: inverse matrix of N2 for the springs of `pairs`; None: iterate.
         pairs: the pairs that `resistance` belongs to.
@@ -65,13 +65,14 @@ class _Size:
     keep_v: float
     softness: float
     A: linear_algebra.Factor
+    stack: PETSc.Mat | None
     S: LazyCompliance
     resistance: FloatArray | None = None
     pairs: IntArray | None = None
 
 
 class Newmark(Dynamics):
-    """A stepper: `advance` computes a candidate state, `jump` carries a decision out."""
+    """The stepper of Newmark's scheme, with `advance` for candidates and `jump` for decisions."""
 
     def __init__(
         self,
@@ -98,14 +99,14 @@ class Newmark(Dynamics):
         super().__init__(operators, time_steps[-1], comm)
         o = self.operators
         self.spring_stiffness, self._spring_damping = spring
+        self._is_average = (beta, gamma) == (0.25, 0.5)
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._now = self._sizes[-1]
         self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
-        self._velocities, self._damped_start, self._kept_a = (self._vector() for _ in range(3))
+        self._velocities, self._kept_a = self._vector(), self._vector()
         self._kept_motion, self._kept_losses = self._motion.duplicate(), (0.0, 0.0)
         self._kept_damped = self.damped.copy()
         self._coupled = coupled_impulses
-        self._is_average = (beta, gamma) == (0.25, 0.5)
         inverse = np.zeros(o.n_own) if coupled_impulses else 1.0 / o.require_lumped_mass()
         self._inverse_lumped = self._vector(inverse)
         self.compliance: Compliance = (
@@ -121,19 +122,16 @@ class Newmark(Dynamics):
         # scale -1: solving with the residual K u + C v - f gives an acceleration
         factor = self._factor(to_v, to_u, "newmark_", scale=-1.0)
         softness = self.spring_stiffness * to_u + self._spring_damping * to_v
+        keep_u, keep_v = (0.5 - beta) * dt**2, (1.0 - gamma) * dt
+        stack = self._stack(*(dt, -1.0) if self._is_average else (0.0, 0.0))
         S = LazyCompliance(self, factor)
-        return _Size(dt, to_u, to_v, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, softness, factor, S)
+        return _Size(dt, to_u, to_v, keep_u, keep_v, softness, factor, stack, S)
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
         self._now = self._sizes[level]
         self.time_step = self._now.time_step
         self._prepare_springs()
-
-    def restore(self, state: FloatArray) -> None:
-        """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
-        super().restore(state)
-        self._C.mult(self.v, self._damped)
 
     def keep(self) -> None:
         """Keep the present state for `undo`."""
@@ -148,7 +146,6 @@ class Newmark(Dynamics):
         self._kept_motion.copy(self._motion)
         self._kept_a.copy(self.a)
         self._see()
-        self._C.mult(self.v, self._damped)
         self._dissipated, self.contact_damped = self._kept_losses
         if self._spring_damping:
             np.copyto(self.damped, self._kept_damped)
@@ -163,31 +160,29 @@ class Newmark(Dynamics):
         """Compute the candidate state of the next step; return its smallest gap [m]."""
         u, v, a, both, now = self.u, self.v, self.a, self._velocities, self._now
         self._step += 1
+        base_state = self._base_states[self._step]
         v.copy(both)
-        u.axpy(now.time_step, v)
         if self._is_average:
-            self._find_residual(self._damped)
-            self._M.mult(a, self._load)
-            self._residual.axpy(-1.0, self._load)
+            self._find_residual(base_state, now.stack, now.time_step, -1.0)
             now.A.solve(self._residual, self._response)
             a.aypx(-1.0, self._response)
-            u.axpy(now.to_u, self._response)
             v.axpy(now.to_v, self._response)
+            both.axpy(1.0, v)  # twice the mean velocity of the step
+            u.axpy(0.5 * now.time_step, both)
         else:
+            u.axpy(now.time_step, v)
             u.axpy(now.keep_u, a)
             v.axpy(now.keep_v, a)
-            self._C.mult(v, self._load)
-            self._find_residual(self._load)
+            self._find_residual(base_state, now.stack)
             now.A.solve(self._residual, a)
             u.axpy(now.to_u, a)
             v.axpy(now.to_v, a)
+            both.axpy(1.0, v)
         self._see()
         if self._pairs.size:
             self._push_springs()
-        both.axpy(1.0, v)  # twice the mean velocity of the step
-        self._damped, self._damped_start = self._damped_start, self._damped
-        self._C.mult(v, self._damped)  # the next step begins with it
-        self._load.waxpy(1.0, self._damped_start, self._damped)
+            both.axpy(now.to_v, self._response)
+        self._C.mult(both, self._load)
         self._dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._spring_damping and self._pairs.size:
             self._H.mult(both, self._rate.own)
@@ -198,15 +193,10 @@ class Newmark(Dynamics):
         smallest: float = self._gap_vector.min()[1]
         return smallest
 
-    def _find_residual(self, damped: PETSc.Vec) -> None:
-        """Write the residual K u + C v - f, the negative right-hand side of N1, with given C v."""
-        self._K.multAdd(self.u, damped, self._residual)
-        self._add_base(*self._base_states[self._step])
-
     # -- springs ------------------------------------------------------------------------------
 
     def _push_springs(self) -> None:
-        """Correct the candidate by the spring forces (N2)."""
+        """Correct the candidate state by the forces of the springs (N2)."""
         k, c = self.spring_stiffness, self._spring_damping
         drive = k * self._of_springs(self._gap_values)
         if c:
@@ -229,7 +219,7 @@ class Newmark(Dynamics):
         return own if self._roots is None else self._roots[self._pairs] * own
 
     def _push(self, forces: FloatArray) -> None:
-        """Write the load H^T λ of forces λ on the spring pairs."""
+        """Write the load H^T λ of forces λ on the spring pairs to `_load`."""
         if self._roots is not None:
             forces = self._roots[self._pairs] * forces
         self._force.values[self._pairs] = forces
@@ -247,6 +237,7 @@ class Newmark(Dynamics):
             self._push(direction)
             self._now.A.solve(self._load, self._response)
             self._H.mult(self._response, self._rate.own)
+            # factors solve with -A, so that S appears with the other sign
             image = direction - self._now.softness * self._of_springs(self._rate.gather())
             length = square / float(direction @ image)
             forces += length * direction
@@ -310,12 +301,11 @@ class Newmark(Dynamics):
         self._M.mult(change, load)
         self.v.axpy(1.0, change)
         self._see()
-        self._C.mult(self.v, self._damped)
         return self._total(float(load.dot(mean)))
 
     def renew_acceleration(self) -> None:
         """Compute a from M a = f - C v - K u - H^T λ at the current state."""
-        self._find_residual(self._damped)
+        self._find_residual(self._base_states[self._step])
         if self._pairs.size:
             forces = self.spring_stiffness * self._of_springs(self._gap_values)
             if self._spring_damping:
@@ -326,12 +316,11 @@ class Newmark(Dynamics):
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
-        for vector in (
-            *(self._velocities, self._inverse_lumped, self._damped_start),
-            *(self._kept_motion, self._kept_a),
-        ):
+        for vector in (self._velocities, self._inverse_lumped, self._kept_motion, self._kept_a):
             vector.destroy()
         for size in self._sizes:
             size.A.destroy()
+            if size.stack is not None:
+                size.stack.destroy()
         self._M_factor.destroy()
         super().destroy()

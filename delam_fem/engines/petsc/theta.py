@@ -1,8 +1,19 @@
 """The Moreau–Jean θ-scheme in PETSc, with Rayleigh damping at one product with K and one with M.
 
+Impulses belong to the step in which they act:
+
+    Â (v⁺ - v) = Δt [f_θ - C v - K (u + θ Δt v)] + Hᵀ p,   Â = M + θ Δt C + θ² Δt² K      (J1)
+    u⁺ = u + Δt [θ v⁺ + (1 - θ) v]
+    0 <= p  ⊥  U̇⁺ + e U̇ >= 0   on the pairs with U + Δt/2 U̇ <= 0                           (J2)
+
+f_θ = θ f⁺ + (1 - θ) f is the base load within the step. For θ = 1/2 energy is conserved between
+impacts.
+
+With Rayleigh damping
+
     C = α M + β K,   α and β constant on each body, so that they commute with M and K
 
-The forces before a solve need one product with K, because M v is kept up to date:
+the forces before a solve need one product with K, because M v is kept up to date:
 
     K (u + t v) + C v = K (u + t v + β v) + α M v                                            (R1)
 
@@ -19,16 +30,7 @@ M couples equal components only: it has a half of the entries of K in 2D, a thir
 products with K or C would do otherwise. M v and s are computed anew at the start of each period, so
 that a run that continues from a file has the same bits. K u and K v cannot be kept in the same way:
 the round-off of stiff modes would add up from step to step, to 1e-6 of the motion within a period
-for laminae 1 mm thick. In R3 it only touches the account.
-
-The Moreau–Jean θ-scheme in PETSc: impulses belong to the step in which they act.
-
-    Â (v⁺ - v) = Δt [f_θ - C v - K (u + θ Δt v)] + Hᵀ p,   Â = M + θ Δt C + θ² Δt² K      (J1)
-    u⁺ = u + Δt [θ v⁺ + (1 - θ) v]
-    0 <= p  ⊥  U̇⁺ + e U̇ >= 0   on the pairs with U + Δt/2 U̇ <= 0                           (J2)
-
-f_θ = θ f⁺ + (1 - θ) f is the base load within the step. For θ = 1/2 energy is conserved between
-impacts.
+for laminae 1 mm thick. In R3 round-off only touches the account of the damping loss.
 """
 
 from __future__ import annotations
@@ -66,7 +68,7 @@ class Weights:
     def of(
         cls, rayleigh: tuple[FloatArray, FloatArray], c: float, k: float, scale: float
     ) -> Weights:
-        """Return the factors.
+        """Return the factors for B = M + c C + k K.
 
         Args:
             rayleigh: α and β at the own dofs, each of shape (n_own,).
@@ -85,7 +87,7 @@ class Weights:
 
 
 class RayleighDamping:
-    """Keeps M v and s = vᵀ C v of the own dofs, and the account of a step."""
+    """Rayleigh damping of the own dofs: M v and s = vᵀ C v, and the damping loss of a step."""
 
     def __init__(self, M: Product, K: Product, rayleigh: tuple[FloatArray, FloatArray]) -> None:
         """Store the matrices and create vectors; the velocity is 0.
@@ -103,7 +105,7 @@ class RayleighDamping:
         self._square = self._square_start = self._cross = self._kept_square = 0.0
 
     def renew(self, v: PETSc.Vec) -> None:
-        """Compute M v and s anew (collective)."""
+        """Compute M v and s = vᵀ C v anew (collective)."""
         self._M.mult(v, self._momentum)
         self._K.mult(v, self._work)
         self._work.pointwiseMult(self._beta, self._work)
@@ -121,7 +123,7 @@ class RayleighDamping:
         self._square = self._kept_square
 
     def pull(self, u: PETSc.Vec, v: PETSc.Vec, ahead: float, result: PETSc.Vec) -> None:
-        """Write K (u + ahead v) + C v by R1, and begin the account of a step (collective)."""
+        """Write K (u + ahead v) + C v to `result` (R1) and begin a step (collective)."""
         self._square_start, self._cross = self._square, 0.0
         self._work.pointwiseMult(self._beta, v)
         self._point.waxpy(ahead, v, u)
@@ -139,7 +141,7 @@ class RayleighDamping:
         load: PETSc.Vec,
         weights: Weights,
     ) -> None:
-        """Account for a change of the velocities before it is made (collective).
+        """Account for a change of the velocities in M v and s, before it is made (collective).
 
         Args:
             change: Δ, the solution for a load.
@@ -190,13 +192,15 @@ class _Size:
     Attributes:
         time_step: Δt [s].
         A: factor of Â.
-        W: W of that Â.
-        weights: factors of R2.
-        responses: what a unit impulse on a pair adds to the motion, and to what is seen of it.
+        stack: `Dynamics._stack` of the forces before a solve.
+        W: compliance H Â⁻¹ Hᵀ of the pairs.
+        weights: factors of R2; None: C has another form.
+        responses: by pair, what a unit impulse adds to the motion, and to what is seen of it.
     """
 
     time_step: float
     A: linear_algebra.Factor
+    stack: PETSc.Mat | None
     W: LazyCompliance
     weights: Weights | None
     responses: dict[int, tuple[PETSc.Vec, PETSc.Vec]] = field(default_factory=dict)
@@ -219,7 +223,7 @@ class _PresentCompliance:
 
 
 class MoreauJean(Dynamics):
-    """A stepper: `advance` computes the free motion, `jump` adds the impulses of J2."""
+    """The stepper of the θ-scheme, with `advance` for free motions and `jump` for impulses (J2)."""
 
     def __init__(
         self,
@@ -246,8 +250,6 @@ class MoreauJean(Dynamics):
         self.compliance = _PresentCompliance(self._now.W)
         self._motion_start = self._motion.duplicate()
         self._start = linear_algebra.vector_in(self._motion_start.array[self.operators.n_own :])
-        self._point = self._vector()
-        self._square = 0.0  # vᵀ C v of the velocities that `_damped` belongs to
         size = self.operators.n_dofs * self.operators.n_pairs
         self._has_room = self._damping is None and size <= ROOM
         self._is_touching = bool((operators.gap0 <= 0.0).any())
@@ -262,7 +264,8 @@ class MoreauJean(Dynamics):
         reach, scale, rayleigh = self._theta * time_step, -1.0 / time_step, self.operators.rayleigh
         factor = self._factor(reach, reach**2, "moreau_", scale)
         weights = None if rayleigh is None else Weights.of(rayleigh, reach, reach**2, scale)
-        return _Size(time_step, factor, LazyCompliance(self, factor), weights)
+        stack = None if self._damping is not None else self._stack(reach, 0.0)
+        return _Size(time_step, factor, stack, LazyCompliance(self, factor), weights)
 
     def begin(self, base_states: FloatArray) -> Sequence[BaseState]:
         """Begin a period; see `Dynamics`."""
@@ -275,11 +278,9 @@ class MoreauJean(Dynamics):
         """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
         super().restore(state)
         self._is_unaccounted = False
-        if self._damping is None:
-            self._find_damping()
 
     def keep(self) -> None:
-        """Keep the present state for `undo` of one step, which keeps the motion itself."""
+        """Keep the present state for `undo`; the motion itself is kept by each step."""
         if self._damping is not None:
             self._damping.keep()
 
@@ -289,8 +290,6 @@ class MoreauJean(Dynamics):
         self._see()
         if self._damping is not None:
             self._damping.undo()
-        elif not self._is_unaccounted:
-            self._find_damping()
         self._is_unaccounted = False
 
     def rest(self, pairs: BoolArray) -> None:
@@ -324,7 +323,16 @@ class MoreauJean(Dynamics):
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
         self.resting = self._none_resting
         self._motion.copy(self._motion_start)
-        self._find_residual()
+        (q, dq, ddq), rest = self._base_states[self._step], 1.0 - theta
+        self._step += 1
+        new_q, new_dq, new_ddq = self._base_states[self._step]
+        between = theta * new_q + rest * q, theta * new_dq + rest * dq, theta * new_ddq + rest * ddq
+        # K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt
+        if self._damping is None:
+            self._find_residual(between, self._now.stack, theta * dt)
+        else:
+            self._damping.pull(u, v, theta * dt, self._residual)
+            self._add_base(between)
         self._is_unaccounted = True
         self._now.A.solve(self._residual, self._response)
         if self._damping is not None:
@@ -334,27 +342,10 @@ class MoreauJean(Dynamics):
         u.axpy(dt * theta, v)
         self._see()
         if self._is_touching:
-            fastest = np.abs(self._rate_values).max(initial=0.0)
+            fastest = max(-self._rate_vector.min()[1], self._rate_vector.max()[1])
             self._predicted.own.shift(-CLOSED * dt * fastest)
         smallest: float = self._predicted.own.min()[1]
         return smallest
-
-    def _find_residual(self) -> None:
-        """Write K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt."""
-        residual, theta = self._residual, self._theta
-        ahead = theta * self.time_step
-        if self._damping is None:
-            self._point.waxpy(ahead, self.v, self.u)  # the stiffness acts at u + θ Δt v
-            self._K.multAdd(self._point, self._damped, residual)
-        else:
-            self._damping.pull(self.u, self.v, ahead, residual)
-        q, dq, ddq = self._base_states[self._step]
-        self._step += 1
-        new_q, new_dq, new_ddq = self._base_states[self._step]
-        rest = 1.0 - theta
-        self._add_base(
-            theta * new_q + rest * q, theta * new_dq + rest * dq, theta * new_ddq + rest * ddq
-        )
 
     def _account(self, load: PETSc.Vec, factor: float) -> None:
         """Account for the change of velocities that the solution for a load is going to make."""
@@ -367,9 +358,9 @@ class MoreauJean(Dynamics):
         Returns:
             Change of energy by the impulses, and by switching springs (0) [J].
         """
-        responses, twice = self._now.responses, 0.0
-        hits = (column.tolist() for column in decision[:4])  # NumPy takes longer for so few
-        for pair, impulse, before, after in zip(*hits, strict=True):
+        responses, twice, (hit, impulses, pre, post, resting) = self._now.responses, 0.0, decision
+        of_hit = hit.tolist(), impulses.tolist(), pre.tolist(), post.tolist()
+        for pair, impulse, before, after in zip(*of_hit, strict=True):  # faster than NumPy
             twice += impulse * (before + after)
             if self._has_room:
                 motion, seen = responses.get(pair) or self._respond(pair)
@@ -379,14 +370,14 @@ class MoreauJean(Dynamics):
             self._seen.gather()
             self._reach = math.nan
         else:
-            self._solve_impulses(decision.hit, decision.impulses)
+            self._solve_impulses(hit, impulses)
             if self._damping is not None:
                 self._account(self._load, self._now.A.scale)
             self.v.axpy(self._now.A.scale, self._response)
             self.u.axpy(-self._theta, self._response)
             self._see()
-        if decision.resting is not None:
-            self.resting = decision.resting
+        if resting is not None:
+            self.resting = resting
         return 0.5 * twice, 0.0
 
     def _solve_impulses(self, pairs: IntArray, impulses: FloatArray) -> None:
@@ -401,6 +392,8 @@ class MoreauJean(Dynamics):
         self._solve_impulses(np.array([pair]), np.ones(1))
         motion, seen = self._motion.duplicate(), self._at_rest.duplicate()
         by_unit = self._response.array
+        # p adds Â⁻¹ Hᵀ p to v⁺ and θ Δt times that to u⁺; the factor's scale is -1/Δt, so that its
+        # solution x gives v⁺ += -x/Δt and u⁺ += -θ x
         motion.array[:] = np.concatenate([-self._theta * by_unit, self._now.A.scale * by_unit])
         self._view.mult(motion, seen)
         self._now.responses[pair] = motion, seen
@@ -411,20 +404,14 @@ class MoreauJean(Dynamics):
         if not self._is_unaccounted:
             return
         self._is_unaccounted = False
-        theta, before = self._theta, self._square
         if self._damping is not None:
-            power = self._damping.power(theta)
+            power = self._damping.power(self._theta)
         else:
-            self._find_damping()  # the next step begins with it
-            cross = self._damped.dot(self._start)
-            rest = 1.0 - theta
-            power = theta * (theta * self._square + 2.0 * rest * cross) + rest * rest * before
+            theta, within, load = self._theta, self._point, self._load
+            within.waxpy((1.0 - theta) / theta, self._start, self.v)  # v_θ / θ
+            self._C.mult(within, load)
+            power = theta**2 * load.dot(within)
         self._dissipated += self.time_step * power
-
-    def _find_damping(self) -> None:
-        """Compute C v and vᵀ C v of the present velocities."""
-        self._C.mult(self.v, self._damped)
-        self._square = self._damped.dot(self.v)
 
     def renew_acceleration(self) -> None:
         """Do nothing: the scheme has no acceleration."""
@@ -440,9 +427,6 @@ class MoreauJean(Dynamics):
                 size.weights.destroy()
         if self._damping is not None:
             self._damping.destroy()
-        for thing in (
-            *(self._motion_start, self._start, self._point),
-            *(self._predicted, self._rate_start),
-        ):
+        for thing in (*(self._motion_start, self._start, self._predicted, self._rate_start),):
             thing.destroy()
         super().destroy()

@@ -1,4 +1,4 @@
-"""What does not bend: bars, and points in place of beams.
+"""Assemble what does not bend: bars, and points in place of beams.
 
 A bar stretches, E A u'' = ρ A ü, in linear elements. A point is a mass on a spring and a damper,
 
@@ -15,8 +15,8 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 
 from delam_fem.case.definition import Case
-from delam_fem.model.beams.network import probes_of, side_by_side
-from delam_fem.model.layout import BASE, FIXED, Layout, Part, Structure, Support, neighbours
+from delam_fem.model.beams.network import parts_of, side_by_side
+from delam_fem.model.layout import BASE, FIXED, Structure
 from delam_fem.numerics.types import FloatArray, IntArray
 
 _RIGID = 1e-12
@@ -27,8 +27,7 @@ def assemble(case: Case, x: FloatArray) -> Structure:
     """Return the operators and the layout of a case of bars or points with nodes at x [m]."""
     h, last, count = np.diff(x), x.size - 1, len(case.lamina)
     ends = ((0, case.support.start), (last, case.support.end))
-    held = [(node, kind) for node, kind in ends if kind != "free"]
-    free = np.delete(np.arange(x.size), [node for node, _ in held])
+    free = np.delete(np.arange(x.size), [node for node, kind in ends if kind != "free"])
     start, end = (sp.eye(last, x.size, k=k, format="csr") for k in (0, 1))  # nodes of cells
     laminae, lumped = [], []
     for i, own in enumerate(case.lamina):
@@ -50,23 +49,16 @@ def assemble(case: Case, x: FloatArray) -> Structure:
     dofs = np.full((count, x.size, 2), FIXED)
     dofs[..., 0] = BASE
     dofs[:, free, 0] = np.arange(count * free.size).reshape(count, free.size)
-    parts = tuple(
-        Part(own.name, x, dofs[i], np.zeros(last), np.full(last, own.mass_per_length))
-        for i, own in enumerate(case.lamina)
-    )
-    layout = Layout(
-        parts,
-        neighbours(parts, 1),
-        probes_of(case, x),
-        tuple(Support(i, node, kind) for i in range(count) for node, kind in held),
-    )
+    sections = np.zeros((2, count, last))
+    sections[1] = [[own.mass_per_length] for own in case.lamina]
+    parts = parts_of(case, x, dofs, sections)
     straight = np.diag([1.0, 0.0])  # the slopes have no stiffness and no mass
     matrices = [sp.kron(sp.block_diag(own), straight) for own in zip(*laminae, strict=True)]
-    return side_by_side(case, layout, matrices, np.kron(np.concatenate(lumped), straight[0]))
+    return side_by_side(case, parts, matrices, np.kron(np.concatenate(lumped), straight[0]))
 
 
 def _damped(M: sp.spmatrix, K: sp.spmatrix, ratio: float, free: IntArray) -> sp.csr_matrix:
-    """Return C = M Σ 2 D ω φ φᵀ M of motions relative to the base, with φᵀ M φ = 1."""
+    """Return C = M Σ 2 D ω φ φᵀ M, which acts on motions relative to the base, with φᵀ M φ = 1."""
     M_free, K_free = (sp.csr_matrix(A)[free][:, free].toarray() for A in (M, K))
     squares, shapes = eigh(K_free, M_free)
     momenta = M_free @ shapes

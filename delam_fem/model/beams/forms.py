@@ -11,13 +11,15 @@ in `Hermite.on_line`. In every gathered matrix node j has the dofs 2 j (u) and 2
 however dolfinx and the partitioning number them; with an axial field, 3 j (u), 3 j + 1 (phi) and 3
 j + 2 (axial).
 
+Laminae that are apart have
+
     m(w, v) = ∫ rho A w v dx + Σ m_j w(x_j) v(x_j)         (mass; point masses: network.py)
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
     c(w, v) = ∫ alpha rho A w v dx + ∫ beta E I w'' v'' dx (Rayleigh damping)
 
 w and v are the Hermite interpolants of (u, phi). All laminae lie on one mesh as separate
 lines; E I, rho A, alpha and beta are functions of x on this mesh. The clamped dofs are separated
-after the assembly (paper eq. 9, 10).
+after the assembly (paper eq. 9, 10). Bonded stacks have
 
     m(w, v) = ∫ rho A w v dx                                                      (mass)
     k(w, v) = ∫ E I w'' v'' dx + ∫ E A (u' - zeta w'') (r' - zeta v'') dx         (stiffness)
@@ -31,7 +33,7 @@ slope and plane sections, exactly and without penalties.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,7 +47,7 @@ from delam_fem.model.beams.network import (
     Group,
     Network,
     Segment,
-    clamped_laminae,
+    clamped_parts,
     network,
     side_by_side,
     structure,
@@ -105,7 +107,7 @@ class Hermite:
         )
 
     def _ends(self, field: Any) -> tuple[Any, Any, Any, Any]:
-        """Return X, J and the values of a P1 field at the start and end of its cell."""
+        """Return X, J and the values of a P1 field at the start and the end of its cell, in UFL."""
         J = ufl.Jacobian(self.mesh)[0, 0]
         X = (ufl.SpatialCoordinate(self.mesh)[0] - ufl.geometry.CellVertices(self.mesh)[0, 0]) / J
         return X, J, field - X * J * field.dx(0), field + (1 - X) * J * field.dx(0)
@@ -138,11 +140,7 @@ class Hermite:
         cells = np.empty(len(points), dtype=np.int64)
         for local, given in enumerate(self.cell_of_cell):
             cells[space.dofmap.cell_dofs(local)] = given
-
-        def fill(array: FloatArray) -> None:
-            array[:] = values(cells, points)
-
-        return _dolfinx.function(space, fill)
+        return _dolfinx.function(space, values(cells, points))
 
     def _global_to_input(self) -> IntArray:
         """Return the input dof (n_fields node + component) of each global dof, on every rank."""
@@ -189,10 +187,10 @@ def assemble(
     flexural_rigidity: Profile | None = None,
     mass_per_length: Profile | None = None,
 ) -> Structure:
-    """Assemble the laminae of a case.
+    """Assemble the laminae of a case from weak forms.
 
     Args:
-        case: the case; it gives all values that the other arguments do not replace.
+        case: the case, with all values that the other arguments do not replace.
         comm: communicator that shares the assembly; every rank gets the whole result.
         flexural_rigidity: E I along x [N m2]; None: the constants of the case.
         mass_per_length: rho A along x [kg/m]; None: the constants of the case.
@@ -208,71 +206,88 @@ def assemble(
     n = len(x) - 1
     EI = flexural_rigidity or (lambda i, x: case.lamina[i].flexural_rigidity)
     rhoA = mass_per_length or (lambda i, x: case.lamina[i].mass_per_length)
-    count = len(case.lamina)
-    laminae = Hermite.on_line(comm, np.tile(x, count), _lines(n, count))
-    M, C, K, lumped = _matrices(case, laminae, n, (EI, rhoA))
-    middle = 0.5 * (x[1:] + x[:-1])
-    EI_of_cell, rhoA_of_cell = (
-        np.array([np.broadcast_to(profile(i, middle), n) for i in range(count)])
-        for profile in (EI, rhoA)
-    )
-    layout = clamped_laminae(case, x, EI_of_cell, rhoA_of_cell)
-    return side_by_side(case, layout, (M, C, K), lumped)
+    middle, numbers = 0.5 * (x[1:] + x[:-1]), range(len(case.lamina))
+    sections = [[np.broadcast_to(profile(i, middle), n) for i in numbers] for profile in (EI, rhoA)]
+    M, C, K, lumped = _matrices(case, Lines.of(comm, [x] * len(numbers)), (EI, rhoA))
+    return side_by_side(case, clamped_parts(case, x, np.array(sections)), (M, C, K), lumped)
 
 
-def _lines(n: int, count: int) -> IntArray:
-    """Return the cells of separate lines of n elements each, shape (count n, 2)."""
-    line = np.column_stack([np.arange(n), np.arange(1, n + 1)])
-    return np.vstack([line + k * (n + 1) for k in range(count)]).astype(np.int64)
+@dataclass(frozen=True)
+class Lines:
+    """Separate lines on one mesh, with what the forms of beams on them share.
+
+    Attributes:
+        hermite: the space.
+        of_cell: number of the line of each input cell, shape (n_cells,).
+        trial, test: the functions of the space.
+        curvatures: their second derivatives.
+    """
+
+    hermite: Hermite
+    of_cell: IntArray
+    trial: Any
+    test: Any
+    curvatures: tuple[Any, Any]
+
+    @classmethod
+    def of(
+        cls, comm: MPI.Intracomm, lines: Sequence[FloatArray], *, has_axial: bool = False
+    ) -> Lines:
+        """Build the space on lines, each given by x of its nodes, shape (n_nodes,) [m]."""
+        sizes = np.array([x.size for x in lines])
+        cells = np.column_stack([np.arange(sizes.sum() - 1), np.arange(1, sizes.sum())])
+        within = np.delete(cells, np.cumsum(sizes)[:-1] - 1, axis=0)
+        hermite = Hermite.on_line(comm, np.concatenate(lines), within, has_axial=has_axial)
+        trial, test = ufl.TrialFunction(hermite.space), ufl.TestFunction(hermite.space)
+        curvatures = hermite.curvature(trial), hermite.curvature(test)
+        return cls(hermite, np.repeat(np.arange(sizes.size), sizes - 1), trial, test, curvatures)
+
+    def coefficient(self, profile: Profile) -> Any:
+        """Return a coefficient with its own course on each line."""
+
+        def values(cells: IntArray, x: FloatArray) -> FloatArray:
+            numbers = range(int(self.of_cell[-1]) + 1)
+            own = [self.of_cell[cells] == i for i in numbers]
+            return np.select(own, [profile(i, x) for i in numbers])
+
+        return self.hermite.coefficient(values)
+
+    def mass(self, factor: Any) -> Any:
+        """Return the form of the consistent mass of ρA."""
+        w, v = self.hermite.value(self.trial), self.hermite.value(self.test)
+        return factor * w * v * ufl.dx(metadata={"quadrature_degree": MASS_DEGREE})
+
+    def lumped_mass(self, factor: Any) -> Any:
+        """Return the form of the lumped mass: ρA h/2 for u and ρA h³/78 for phi at each end."""
+        h, pair, test = abs(ufl.Jacobian(self.hermite.mesh)[0, 0]), self.trial, self.test
+        dx_ends = ufl.dx(metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
+        return factor * (pair[0] * test[0] + h**2 / 39 * pair[1] * test[1]) * dx_ends
 
 
 def _matrices(
-    case: Case, laminae: Hermite, n: int, profiles: tuple[Profile, Profile]
+    case: Case, lines: Lines, profiles: tuple[Profile, Profile]
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix, FloatArray]:
     """Return M, C, K and the diagonal of the lumped mass, with the clamped dofs."""
-
-    def coefficient(profile: Profile) -> Any:
-        def values(cells: IntArray, x: FloatArray) -> FloatArray:
-            own = [cells // n == i for i in range(len(case.lamina))]
-            return np.select(own, [profile(i, x) for i in range(len(own))])
-
-        return laminae.coefficient(values)
-
-    EI, rhoA = (coefficient(profile) for profile in profiles)
+    EI, rhoA = (lines.coefficient(profile) for profile in profiles)
     alpha, beta = (
-        coefficient(lambda i, x, k=k: case.rayleigh(i)[k])  # type: ignore[misc]
+        lines.coefficient(lambda i, x, k=k: case.rayleigh(i)[k])  # type: ignore[misc]
         for k in (0, 1)
     )
-    pair, test = ufl.TrialFunction(laminae.space), ufl.TestFunction(laminae.space)
-    w, v = laminae.value(pair), laminae.value(test)
-    w2, v2 = laminae.curvature(pair), laminae.curvature(test)
-    h = abs(ufl.Jacobian(laminae.mesh)[0, 0])
-    dx_mass = ufl.dx(metadata={"quadrature_degree": MASS_DEGREE})
+    (w2, v2), assemble = lines.curvatures, lines.hermite.assemble
     dx_bending = ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE})
-    dx_ends = ufl.dx(metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
-
-    def mass(factor: Any) -> Any:
-        return factor * rhoA * w * v * dx_mass
-
-    def lumped_mass(factor: Any) -> Any:  # rho A h/2 for u and rho A h^3/78 for phi at each end
-        return factor * rhoA * (pair[0] * test[0] + h**2 / 39 * pair[1] * test[1]) * dx_ends
-
-    inertia = lumped_mass if case.time.mass == "lumped" else mass
-    M = laminae.assemble(inertia(1))
-    K = laminae.assemble(EI * w2 * v2 * dx_bending)
+    inertia = lines.lumped_mass if case.time.mass == "lumped" else lines.mass
     # two forms, because ffcx 0.5 does not allow two quadrature rules in one form
-    C = laminae.assemble(inertia(alpha)) + laminae.assemble(beta * EI * w2 * v2 * dx_bending)
-    return M, C, K, laminae.assemble(lumped_mass(1)).diagonal()
+    C = assemble(inertia(alpha * rhoA)) + assemble(beta * EI * w2 * v2 * dx_bending)
+    M, K = assemble(inertia(rhoA)), assemble(EI * w2 * v2 * dx_bending)
+    return M, C, K, assemble(lines.lumped_mass(rhoA)).diagonal()
 
 
 Line = tuple[Segment, Group, int]
 """A segment, a group of it, and the lamina of the group that the line stands for."""
-_FIELDS = 3
-"""Deflection, slope, axial displacement."""
 
 
 def assemble_stack(case: Case, x: FloatArray, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
-    """Assemble a case of bonded laminae.
+    """Assemble a case of bonded laminae from weak forms.
 
     Args:
         case: the case.
@@ -290,61 +305,31 @@ def _stack_matrices(
     unknowns: Network, lines: list[Line], comm: MPI.Intracomm
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray]:
     """Return M, K and the diagonal of the lumped mass of all lines, not yet tied."""
-    sizes = np.array([segment.nodes.size for segment, _, _ in lines])
-    starts = np.cumsum(sizes) - sizes
-    x = np.concatenate([unknowns.x[segment.nodes] for segment, _, _ in lines])
-    cells = np.concatenate([
-        np.column_stack([np.arange(n - 1), np.arange(1, n)]) + start
-        for n, start in zip(sizes, starts, strict=True)
-    ])  # fmt: skip
-    laminae = Hermite.on_line(comm, x, cells, has_axial=True)
-    of_cell = np.repeat(np.arange(len(lines)), sizes - 1)
+    on = Lines.of(comm, [unknowns.x[segment.nodes] for segment, _, _ in lines], has_axial=True)
 
-    def coefficient(values: list[float]) -> Any:
-        of_lines = np.array(values)
+    def coefficient(values: Sequence[float]) -> Any:
+        return on.coefficient(lambda i, x: values[i])
 
-        def at(cells: IntArray, x: FloatArray) -> FloatArray:
-            return np.asarray(of_lines[of_cell[cells]])
-
-        return laminae.coefficient(at)
-
-    own = [unknowns.laminae[i] for _, _, i in lines]
+    own, middles = [unknowns.laminae[i] for _, _, i in lines], unknowns.middles
     EI = coefficient([lamina.flexural_rigidity for lamina in own])
     EA = coefficient([lamina.axial_rigidity for lamina in own])
     rhoA = coefficient([lamina.mass_per_length for lamina in own])
-    middles = unknowns.middles
     zeta = coefficient([float(middles[i]) - unknowns.neutral_axis(g) for _, g, i in lines])
-    trial, test = ufl.TrialFunction(laminae.space), ufl.TestFunction(laminae.space)
-    w, v = laminae.value(trial), laminae.value(test)
-    w2, v2 = laminae.curvature(trial), laminae.curvature(test)
-    strain, strain_test = trial[2].dx(0) - zeta * w2, test[2].dx(0) - zeta * v2
-    h = abs(ufl.Jacobian(laminae.mesh)[0, 0])
-    dx_mass = ufl.dx(metadata={"quadrature_degree": MASS_DEGREE})
+    (w2, v2), assemble = on.curvatures, on.hermite.assemble
+    strain, strain_test = on.trial[2].dx(0) - zeta * w2, on.test[2].dx(0) - zeta * v2
     dx_bending = ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE})
-    dx_ends = ufl.dx(metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
-    M = laminae.assemble(rhoA * w * v * dx_mass)
-    K = laminae.assemble((EI * w2 * v2 + EA * strain * strain_test) * dx_bending)
-    ends = rhoA * (trial[0] * test[0] + h**2 / 39 * trial[1] * test[1]) * dx_ends
-    return M, K, laminae.assemble(ends).diagonal()
+    K = assemble((EI * w2 * v2 + EA * strain * strain_test) * dx_bending)
+    return assemble(on.mass(rhoA)), K, assemble(on.lumped_mass(rhoA)).diagonal()
 
 
 def _transformation(unknowns: Network, lines: list[Line]) -> sp.csr_matrix:
     """Return the matrix from the unknowns of the stack to the dofs of all lines (N1)."""
-    rows: list[int] = []
-    columns: list[int] = []
-    factors: list[float] = []
-    first = 0
+    rows: list[list[tuple[int, float]]] = []
     for segment, group, lamina in lines:
         start, end = unknowns.x[segment.first], unknowns.x[segment.last]
         ends = [unknowns.axial_row(node, group) for node in (segment.first, segment.last)]
-        for k, node in enumerate(segment.nodes):
+        for node in segment.nodes:
             s = float((unknowns.x[node] - start) / (end - start))
             axial = [(c, (1.0 - s) * f) for c, f in ends[0]] + [(c, s * f) for c, f in ends[1]]
-            fields = (unknowns.row(node, lamina, 0), unknowns.row(node, lamina, 1), axial)
-            for component, entries in enumerate(fields):
-                rows += [_FIELDS * (first + k) + component] * len(entries)
-                columns += [column for column, _ in entries]
-                factors += [factor for _, factor in entries]
-        first += segment.nodes.size
-    shape = (_FIELDS * first, unknowns.n_columns)
-    return sp.csr_matrix((factors, (rows, columns)), shape=shape)
+            rows += [unknowns.row(node, lamina, 0), unknowns.row(node, lamina, 1), axial]
+    return unknowns.matrix(rows)

@@ -1,29 +1,28 @@
 """Beams in layers: laminae side by side, or bonded here and delaminated there.
 
-Bonded here, delaminated there: the segments of a stack, its unknowns, and how they follow. A
-junction is an edge of a delamination or an end of the structure. Between two junctions lies a
-segment, in which each group of bonded laminae is one Euler–Bernoulli beam about its neutral axis.
-At a node the laminae that are bonded on either side form a cluster: a plane section with one
-deflection w, one slope w' and, at junctions, one axial displacement u of its neutral axis. Lamina i
-of the group g of the cluster c has
+A bonded stack has junctions, which are the edges of delaminations and the ends of the structure.
+Between two junctions lies a segment, in which each group of bonded laminae is one Euler–Bernoulli
+beam about its neutral axis. At a node the laminae that are bonded on either side form a cluster: a
+plane section with one deflection w, one slope w' and, at junctions, one axial displacement u of its
+neutral axis. Lamina i of the group g of the cluster c has
 
     w_i = w_c,   w_i' = w_c',   u_g = u_c - (z_g - z_c) w_c'                                   (N1)
     axial strain of lamina i = u_g' - (z_i - z_g) w''                                          (N2)
 
 Axial inertia is neglected, and so is rotatory inertia, as in every Euler–Bernoulli beam. The axial
 force of a group is then constant within a segment, so u_g is linear there and only its values at
-junctions are unknowns. They have no mass and are eliminated exactly (`eliminated`). What they leave
-behind couples the slopes at the edges of a delamination.
+junctions are unknowns. They have no mass and are eliminated exactly (`eliminated`). The stiffness
+that they leave behind couples the slopes at the edges of a delamination.
 
 Source: P. M. Mujumdar, S. Suryanarayan, "Flexural vibrations of beams with delaminations", J. Sound
 Vib. 125 (1988), for one delamination in a homogeneous beam.
 
-The layout of the paper's structure: laminae side by side, clamped at x = 0, free at x = L. Both
-discretisations (closed_form.py and forms.py) number their dofs in the order of this layout: lamina
-by lamina, node by node from the clamp to the tip, displacement before slope. The clamped nodes are
-left out.
+Laminae side by side, as in the paper, are clamped at x = 0 and free at x = L (`clamped_parts`).
+Both discretisations (closed_form.py and forms.py) number their dofs in the order of this layout:
+lamina by lamina, node by node from the clamp to the tip, displacement before slope. The clamped
+nodes are left out.
 
-Point masses on laminae: what they add to the mass of a structure.
+Point masses on laminae add to the mass of a structure (`added_mass`):
 
     m(w, v) = ∫ rho A w v dx + Σ m_j w(x_j) v(x_j)                                  (weak form)
 
@@ -31,9 +30,8 @@ w and v are Hermite interpolants, so a mass m at x adds m N N^T, where N are the
 Hermite functions there. The lumped mass gets the share m (1 - X) and m X at the ends of the cell.
 The masses are part of M in the damping C = alpha M + beta K; their rotatory inertia is neglected.
 
-Operators and layout of a bonded stack, from the matrices of its unknowns. Both discretisations
-(closed_form.py and forms.py) give mass and stiffness in the unknowns of `network.py`; this module
-does the rest, which both share.
+Both discretisations give mass and stiffness in the unknowns of a `Network`. This module does the
+rest, which both share: operators, layout and damping (`structure`, `side_by_side`).
 """
 
 from __future__ import annotations
@@ -66,6 +64,7 @@ from delam_fem.model.layout import (
     Layout,
     Part,
     Probe,
+    Reading,
     Structure,
     Support,
     cells_at,
@@ -80,7 +79,7 @@ from delam_fem.model.layout import (
 from delam_fem.model.linear import elastic, kept_closed
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.sensors import StrainRows, with_sensors
-from delam_fem.model.stops import in_moving_frame, with_impactors, with_start, with_stops
+from delam_fem.model.stops import struck
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -89,7 +88,7 @@ Group = tuple[int, ...]
 """Numbers of neighbouring laminae that are bonded, from bottom to top."""
 
 ROUND_OFF = 1e-13
-"""Entries of a matrix below this share of what their diagonals allow are zero but for round-off."""
+"""Entries K_ij of a matrix below this share of sqrt(K_ii K_jj) are round-off of zero."""
 _SAME = 1e-9
 """Relative difference below which two halves move alike."""
 
@@ -121,7 +120,7 @@ class Network:
     Attributes:
         x: positions of the nodes [m].
         laminae: the laminae from bottom to top.
-        segments: from start to end.
+        segments: the segments from start to end.
         dofs: the free dofs of deflection and slope of each lamina at each node, or BASE, or FIXED,
             shape (n_laminae, n_nodes, 2). Bonded laminae share them.
         axial: the axial unknown of each lamina's cluster at each junction, or FIXED, by node and
@@ -140,7 +139,7 @@ class Network:
 
     @property
     def n_columns(self) -> int:
-        """Columns of `rows`: free dofs, the base, axial unknowns."""
+        """Number of columns of a row: free dofs, the base, axial unknowns."""
         return self.n_free + 1 + self.n_axial
 
     def groups(self) -> Iterator[tuple[Segment, Group]]:
@@ -198,6 +197,14 @@ class Network:
         number = self.axial[node, lamina]
         return row if number == FIXED else [(self.n_free + 1 + number, 1.0), *row]
 
+    def matrix(self, rows: Sequence[Sequence[tuple[int, float]]]) -> sp.csr_matrix:
+        """Return rows that are given as columns with factors, CSR (n_rows, n_columns)."""
+        entries = np.array([entry for row in rows for entry in row]).reshape(-1, 2)
+        ends, shape = np.cumsum([0, *map(len, rows)]), (len(rows), self.n_columns)
+        result = sp.csr_matrix((entries[:, 1], entries[:, 0].astype(np.int64), ends), shape)
+        result.sum_duplicates()
+        return result
+
 
 def network(case: Case, x: FloatArray) -> Network:
     """Return the unknowns of a case over given nodes.
@@ -206,7 +213,7 @@ def network(case: Case, x: FloatArray) -> Network:
     bottom, the deflection before the slope.
 
     Args:
-        case: laminae, delaminations and supports.
+        case: the case, with laminae, delaminations and supports.
         x: positions of the nodes; every edge of a delamination is one of them [m].
     """
     segments = _segments(case, x)
@@ -252,7 +259,7 @@ def never_opens(case: Case) -> str | None:
     edges = sorted({x for own in case.delamination for x in (own.start, own.end)})
     stack = network(case, np.array(sorted({0.0, *edges, case.length})))
     for segment in stack.segments:
-        ratios = [_bending_speed(stack, group) for group in segment.groups]
+        ratios = [EI / rhoA for EI, rhoA, _ in map(stack.section, segment.groups)]
         if max(ratios) - min(ratios) > _SAME * max(ratios):
             return None
     return (
@@ -260,12 +267,6 @@ def never_opens(case: Case) -> str | None:
         "A), as with a mid-plane delamination between equal laminae, and move alike; take another "
         "depth, or a force at a point of one lamina"
     )
-
-
-def _bending_speed(stack: Network, group: Group) -> float:
-    """Return EI / ρA of bonded laminae [m4/s2]."""
-    EI, rhoA, _ = stack.section(group)
-    return EI / rhoA
 
 
 def joined(groupings: Sequence[Sequence[Group]]) -> tuple[Group, ...]:
@@ -308,7 +309,7 @@ def surface_strain(stack: Network, stiffness: sp.spmatrix) -> StrainRows:
         strain = u_g' - (z - z_g) w''
 
     The axial displacements follow from deflections and slopes as in `eliminated`. At a point
-    between two cells it is the mean of both.
+    between two cells the strain is the mean of both.
 
     Args:
         stack: the unknowns.
@@ -319,13 +320,13 @@ def surface_strain(stack: Network, stiffness: sp.spmatrix) -> StrainRows:
     K_aa, K_ad = K[n_kept:, n_kept:].toarray(), K[n_kept:, :n_kept].toarray()
     axial = -np.linalg.pinv(K_aa, hermitian=True) @ K_ad  # (n_axial, n_kept)
     cells = np.ones(stack.x.size - 1)
+    parts = [Part("", stack.x, dofs, cells, cells) for dofs in stack.dofs]
 
     def of_cell(lamina: int, place: float, side: float, cell: int) -> FloatArray:
-        part = Part("", stack.x, stack.dofs[lamina], cells, cells)
         segment = next(s for s in stack.segments if s.first <= cell < s.last)
         group = next(g for g in segment.groups if lamina in g)
         z = stack.middles[lamina] + 0.5 * side * stack.laminae[lamina].thickness
-        bend = columns_of(part, place, stack.n_free, CURVATURE, cell).toarray()[0]
+        bend = columns_of(parts[lamina], place, stack.n_free, CURVATURE, cell).toarray()[0]
         row = -(z - stack.neutral_axis(group)) * bend
         length = float(stack.x[segment.last] - stack.x[segment.first])
         for node, sign in ((segment.first, -1.0), (segment.last, 1.0)):
@@ -338,8 +339,7 @@ def surface_strain(stack: Network, stiffness: sp.spmatrix) -> StrainRows:
         return np.asarray(row)
 
     def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
-        part = Part("", stack.x, stack.dofs[lamina], cells, cells)
-        found = [of_cell(lamina, place, side, cell) for cell in cells_at(part, place)]
+        found = [of_cell(lamina, place, side, cell) for cell in cells_at(parts[lamina], place)]
         return sp.csr_matrix(np.mean(found, axis=0))
 
     return rows
@@ -376,35 +376,6 @@ def _segments(case: Case, x: FloatArray) -> tuple[Segment, ...]:
 def _node(x: FloatArray, place: float) -> int:
     """Return the node nearest to a place."""
     return int(np.argmin(np.abs(x - place)))
-
-
-CLAMP, TIP = 0, -1
-"""Numbers of the first and the last point of a lamina."""
-
-
-def clamped_laminae(
-    case: Case, x: FloatArray, flexural_rigidity: FloatArray, mass_per_length: FloatArray
-) -> Layout:
-    """Return the layout of the laminae of a case.
-
-    Args:
-        case: gives the names of the laminae.
-        x: positions of the nodes, clamp included, shape (n_nodes,) [m].
-        flexural_rigidity: EI of each cell of each lamina, shape (n_laminae, n_nodes - 1) [N m2].
-        mass_per_length: ρA of each cell of each lamina, shape (n_laminae, n_nodes - 1) [kg/m].
-    """
-    n = x.size - 1
-    parts = tuple(
-        Part(lamina.name, x, _dofs(i, n), flexural_rigidity[i], mass_per_length[i])
-        for i, lamina in enumerate(case.lamina)
-    )
-    interfaces = neighbours(parts, case.contact.points_per_element)
-    return Layout(
-        parts,
-        interfaces,
-        tuple(Probe("tip", i, n) for i in range(len(parts))),
-        tuple(Support(i, CLAMP) for i in range(len(parts))),
-    )
 
 
 def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
@@ -450,54 +421,44 @@ def pair_weights(case: Case, layout: Layout) -> FloatArray | None:
     shares: list[FloatArray] = []
     for interface in layout.interfaces:
         lower = layout.parts[interface.parts[0]]
-        mean = (lower.x[TIP] - lower.x[CLAMP]) / lower.n_elements
+        mean = (lower.x[-1] - lower.x[0]) / lower.n_elements
         shares.append(tributary_lengths(layout.parts, interface) / mean)
     return np.concatenate(shares) if shares else np.zeros(0)
-
-
-def _dofs(lamina: int, n: int) -> IntArray:
-    """Return the dofs of the points of a lamina of n elements, shape (n + 1, 2)."""
-    dofs = np.empty((n + 1, 2), dtype=np.int64)
-    dofs[CLAMP] = BASE, FIXED
-    dofs[1:] = 2 * n * lamina + np.arange(2 * n).reshape(n, 2)
-    return dofs
 
 
 def completed(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
     """Return the structure with stops, impactors, drive, start and sensors of a case.
 
     Args:
-        structure: of the case.
+        structure: the structure of the case, as it is discretised.
         case: the case.
-        strain: gives the strain of surfaces, see `with_sensors`; None: laminae that are apart.
+        strain: strains of surfaces, see `with_sensors`; None: those of laminae that are apart.
     """
-    given, n = structure.layout.reading, structure.operators.n_dofs
-    structure = with_start(driven(with_stops(structure, case), case), case)
-    structure = in_moving_frame(with_impactors(structure, case))
-    layout = structure.layout
-    is_same = layout.reading is given and not layout.n_impactors
-    if strain is None or is_same:  # strains of solids are of free dofs
+    n, structure = structure.operators.n_dofs, struck(driven(structure, case), case)
+    r, count = structure.operators.base.shift, structure.layout.n_impactors
+    if strain is None or (r is None and not count):
         return with_sensors(structure, case, strain)
-    none = sp.csr_matrix((1, layout.n_impactors))
 
-    def of_dofs(*place: Any) -> sp.csr_matrix:
+    def shifted(*place: Any) -> sp.csr_matrix:
         row = strain(*place)
-        return layout.of_dofs(sp.hstack([row[:, :n], none, row[:, n:]], format="csr"))
+        free, base = row[:, :n], row[:, n:]
+        if r is not None:
+            base = base + sp.csr_matrix(free @ r[:n, None])
+        return sp.hstack([free, sp.csr_matrix((1, count)), base], format="csr")
 
-    return with_sensors(structure, case, of_dofs)
+    return with_sensors(structure, case, shifted)
 
 
 def driven(structure: Structure, case: Case) -> Structure:
-    """Return the structure with the drive of a case: its base, or a force at a point.
+    """Return the structure with the drive of a case: the motion of its base, or a force at a point.
 
     Raises:
         CaseError: the point of the force is held, so that the force has no effect.
     """
-    given = case.excitation
+    given, operators = case.excitation, structure.operators
     name, position = getattr(given, "lamina", None), getattr(given, "position", None)
-    if given.acts_on == "base" or name is None or position is None:
+    if given.acts_on == "base" or name is None or position is None or operators.base.is_force:
         return structure
-    operators = structure.operators
     load = point_load(structure.layout, name, position, operators.n_dofs)
     if not load.any():
         raise CaseError(
@@ -528,7 +489,7 @@ def point_load(layout: Layout, lamina: str, position: float, n_dofs: int) -> Flo
 def added_mass(
     case: Case, layout: Layout, n: int, masses: Sequence[PointMass]
 ) -> tuple[sp.csr_matrix, FloatArray]:
-    """Return what point masses add to the mass of free dofs and base.
+    """Return what point masses add to the mass matrix of free dofs and base, and to the lumped one.
 
     Args:
         case: the case.
@@ -555,16 +516,20 @@ def added_mass(
 
 
 def side_by_side(
-    case: Case, layout: Layout, matrices: Sequence[sp.spmatrix], lumped: FloatArray
+    case: Case,
+    parts: tuple[Part, ...],
+    matrices: Sequence[sp.spmatrix],
+    lumped: FloatArray,
 ) -> Structure:
     """Return laminae that are apart, with their point masses; each has its own damping.
 
     Args:
         case: the case.
-        layout: of the laminae.
+        parts: the laminae.
         matrices: M, C, K of all points of all laminae, point by point, held ones included.
         lumped: diagonal of the lumped mass of the same dofs.
     """
+    layout = layout_of(case, parts)
     whole = np.concatenate([part.dofs.ravel() for part in layout.parts])
     n, moving = int(whole.max()) + 1, np.flatnonzero(whole != FIXED)
     columns = np.where(whole == BASE, n, whole)[moving]
@@ -605,17 +570,17 @@ _TWO_PI = 2.0 * np.pi
 def structure(
     case: Case, network: Network, mass: sp.spmatrix, stiffness: sp.spmatrix, lumped: FloatArray
 ) -> Structure:
-    """Return the discretised stack.
+    """Return the operators and the layout of a bonded stack.
 
     Args:
         case: the case.
-        network: its unknowns.
+        network: the unknowns of its stack.
         mass: M in the columns of the network.
         stiffness: K in the columns of the network.
         lumped: diagonal of the lumped mass in the columns of the network.
     """
     n = network.n_free
-    layout = layout_of(case, network)
+    layout = layout_of(case, parts_of(case, network.x, network.dofs))
     if case.time.mass == "lumped":
         mass = sp.diags(lumped)
     added, diagonal = added_mass(case, layout, n, case.point_mass)
@@ -658,43 +623,77 @@ def _inner_springs(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, s
     return K, C
 
 
-def layout_of(case: Case, network: Network) -> Layout:
-    """Return the parts, interfaces, probes and supports of a stack."""
-    x = network.x
-    cells = x.size - 1
-    parts = tuple(
-        Part(
-            lamina.name,
-            x,
-            network.dofs[i],
-            np.full(cells, lamina.flexural_rigidity),
-            np.full(cells, lamina.mass_per_length),
-        )
-        for i, lamina in enumerate(case.lamina)
-    )
-    interfaces = neighbours(parts, case.contact.points_per_element)
-    held = ((0, case.support.start), (cells, case.support.end))
-    supports = tuple(
-        Support(i, node, kind) for i in range(len(parts)) for node, kind in held if kind != "free"
-    )
-    supports += tuple(
+def parts_of(
+    case: Case, x: FloatArray, dofs: IntArray, sections: FloatArray | None = None
+) -> tuple[Part, ...]:
+    """Return the laminae of a case as parts.
+
+    Args:
+        case: the case.
+        x: positions of the points of each lamina, shape (n_points,) [m].
+        dofs: see `Part`, shape (n_laminae, n_points, 2).
+        sections: EI [N m2] and ρA [kg/m] of each cell of each lamina, shape
+            (2, n_laminae, n_points - 1); None: the constants of the case.
+    """
+    if sections is None:
+        constants = [[own.flexural_rigidity, own.mass_per_length] for own in case.lamina]
+        sections = np.repeat(np.transpose(constants)[..., None], x.size - 1, axis=2)
+    laminae = zip(case.lamina, dofs, *sections, strict=True)
+    return tuple(Part(own.name, x, *numbers) for own, *numbers in laminae)
+
+
+def clamped_parts(
+    case: Case, x: FloatArray, sections: FloatArray | None = None
+) -> tuple[Part, ...]:
+    """Return laminae side by side, clamped at x = 0, as parts; see `parts_of`."""
+    count, n = len(case.lamina), x.size - 1
+    dofs = np.empty((count, n + 1, 2), dtype=np.int64)
+    dofs[:, 0] = BASE, FIXED
+    dofs[:, 1:] = np.arange(2 * n * count).reshape(count, n, 2)
+    return parts_of(case, x, dofs, sections)
+
+
+def layout_of(
+    case: Case,
+    parts: tuple[Part, ...],
+    interfaces: tuple[Interface, ...] | None = None,
+    reading: Reading | None = None,
+) -> Layout:
+    """Return the layout of the laminae of a case, with their probes and supports.
+
+    Args:
+        case: the case.
+        parts: its laminae, which share their points.
+        interfaces: between them; None: of opposite points, see `neighbours`.
+        reading: see `Layout`.
+    """
+    x, numbers = parts[0].x, range(len(parts))
+    if interfaces is None:
+        interfaces = neighbours(parts, case.contact.points_per_element)
+    held = ((0, case.support.start), (x.size - 1, case.support.end))
+    supports = [Support(i, node, kind) for i in numbers for node, kind in held if kind != "free"]
+    supports += [
         Support(i, _node(x, own.position), own.kind)
         for own in case.support.held
-        for i, lamina in enumerate(case.lamina)
-        if own.lamina in (None, lamina.name)
-    )
-    return Layout(parts, interfaces, probes_of(case, x), supports)
+        for i in numbers
+        if own.lamina in (None, parts[i].name)
+    ]
+    return Layout(parts, interfaces, probes_of(case, x), tuple(supports), reading=reading)
 
 
 def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     """Return the probes: a reference probe on each lamina, and both sides of each delamination.
 
-    The reference probes are at the free end of the longest delamination, or at its middle.
+    Beams that are apart over their whole length have their tips alone.
+
+    The reference probes are at the free end of the longest delamination, or at its middle; without
+    delaminations, at the free end of the structure, or at its middle.
     """
     node, name = _reference(case, x)
     probes = [Probe(name, i, node) for i in range(len(case.lamina))]
     names = [lamina.name for lamina in case.lamina]
-    for number, own in enumerate(case.delamination, start=1):
+    inside = () if case.is_apart and not case.is_axial else case.delamination
+    for number, own in enumerate(inside, start=1):
         middle = _nearest(x, 0.5 * (own.start + own.end), case)
         for side in own.between:
             part = names.index(side)

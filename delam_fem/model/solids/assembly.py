@@ -17,17 +17,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Mesh, PointMass
+from delam_fem.case.sections import PointMass
 from delam_fem.model import operators as distributed
 from delam_fem.model.beams import closed_form, network
-from delam_fem.model.beams.network import completed, probes_of
+from delam_fem.model.beams.network import completed, layout_of, parts_of
 from delam_fem.model.layout import (
     Layout,
     Part,
-    Probe,
     Reading,
     Structure,
-    Support,
     columns_of,
     place_of,
     probe_rows,
@@ -38,9 +36,7 @@ from delam_fem.model.sensors import StrainRows
 from delam_fem.model.solids import facing
 from delam_fem.model.solids.body import (
     Body,
-    Touching,
     middle_line,
-    parts,
     points_along,
     reading_rows,
 )
@@ -52,12 +48,10 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
 
-_DAMPED_CELLS = 100
-"""Cells of the beam that gives the damping of a bonded stack whose mesh is from a file."""
 GAUSS = {2: np.array([0.5]), 3: 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)}
 """Places within a cell at which strains of bending are accurate, by degree."""
 _INSIDE = 1e-7
-"""How far below the surface strains are read, in thicknesses."""
+"""Depth below the surface at which strains are read, in thicknesses."""
 
 
 def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
@@ -70,7 +64,9 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
-    mesh, x = _mesh(case)
+    is_file = case.mesh.file is not None
+    mesh = solid_mesh(case) if is_file else lattice(case)
+    x = points_along(case, mesh) if is_file else node_coordinates(case)
     ranks = whole_bodies(mesh, comm.size)
     solid = Solid.on(mesh, comm, case.model.degree, ranks)
     E = young_modulus(case, mesh)
@@ -78,7 +74,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     is_plain = "lumped" in (case.time.mass, case.contact.impulse)
     columns = None if is_plain else Columns.of(solid, np.unique(ends.dofs // mesh.dim))
     unknowns = Unknowns.of(solid, ends, columns)
-    touching = facing.touching(case, unknowns, x)
+    touching, H = facing.touching(case, unknowns, x)
     layout = _layout(case, unknowns, x, touching)
     M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
     M, lumped = _with_masses(M, lumped, case, layout, comm)
@@ -86,7 +82,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     matrices = [M, C, K]
     del M, C, K  # each is freed when PETSc has it
     operators = _operators(
-        case, unknowns, layout, touching, matrices, lumped, rayleigh, ranks is not None
+        case, unknowns, layout, (touching, H), matrices, lumped, rayleigh, ranks is not None
     )
     body = Body(
         solid,
@@ -95,20 +91,16 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         E,
         case.model.poisson,
         np.array([lamina.width for lamina in case.lamina]),
-        tuple(Touching(own.sides, own.pairs) for own in touching),
+        touching,
     )
-    if comm.size > 1:
-        _require_shareable(case)
+    for sensor in case.sensor if comm.size > 1 else ():
+        if sensor.quantity == "acceleration":
+            raise CaseError(
+                f"sensor.{sensor.name}.quantity: an acceleration needs the inverse of the mass "
+                "matrix, which no rank has alone; run on one rank, or read the velocity"
+            )
     structure = Structure(operators, layout, body)
     return completed(structure, case, _surface_strain(case, unknowns, layout.parts[0]))
-
-
-def _mesh(case: Case) -> tuple[SolidMesh, FloatArray]:
-    """Return the mesh of a case, and the points of its parts."""
-    if case.mesh.file is None:
-        return lattice(case), node_coordinates(case)
-    mesh = solid_mesh(case)
-    return mesh, points_along(case, mesh)
 
 
 def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
@@ -130,25 +122,11 @@ def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
     return np.asarray(rank_of[mesh.bodies])
 
 
-def _require_shareable(case: Case) -> None:
-    """Check that several ranks can give what the case asks for.
-
-    Raises:
-        CaseError: a sensor reads an acceleration.
-    """
-    for sensor in case.sensor:
-        if sensor.quantity == "acceleration":
-            raise CaseError(
-                f"sensor.{sensor.name}.quantity: an acceleration needs the inverse of the mass "
-                "matrix, which no rank has alone; run on one rank, or read the velocity"
-            )
-
-
 def _operators(
     case: Case,
     unknowns: Unknowns,
     layout: Layout,
-    touching: tuple[facing.Touching, ...],
+    contact: tuple[tuple[facing.Pairs, ...], sp.csr_matrix],
     matrices: list[Restricted],
     lumped: FloatArray | None,
     rayleigh: tuple[FloatArray, FloatArray],
@@ -158,13 +136,12 @@ def _operators(
 
     The list of M, C and K is empty afterwards.
     """
-    M, C, K = (own.column for own in matrices)
+    (touching, H), (M, C, K) = contact, (own.column for own in matrices)
     corners = matrices[0].corner, matrices[1].corner, matrices[2].corner
     taken = (matrices.pop(0).rows for _ in range(3))
-    rows = [sp.csr_matrix((0, unknowns.n_own)), *(own.rows for own in touching)]
     further: dict[str, Any] = {
         "base": BaseCoupling(M, C, K, corners),
-        "gap_matrix": sp.vstack(rows, format="csr"),
+        "gap_matrix": H,
         "gap0": facing.gaps(case, layout, touching),
         "lumped_mass": lumped,
         "pair_weights": facing.weights(case, layout.parts, touching, unknowns.solid.dim),
@@ -233,8 +210,8 @@ def _with_masses(
     Args:
         mass: M of the laminae.
         lumped: diagonal of the lumped mass, shape (n_own,) [kg]; None: there is none.
-        case: gives the masses.
-        layout: with its readings.
+        case: the case, with the masses.
+        layout: the layout with its readings.
         comm: communicator that shares the dofs.
 
     Raises:
@@ -273,7 +250,7 @@ def _row_of_mass(own: PointMass, case: Case, layout: Layout) -> tuple[sp.csr_mat
 def _damping(
     case: Case, unknowns: Unknowns, M: Restricted, K: Restricted
 ) -> tuple[Restricted, tuple[FloatArray, FloatArray]]:
-    """Return C = alpha M + beta K, the coefficients those of each lamina or of the stack.
+    """Return C = alpha M + beta K with the coefficients of each lamina, or of the stack as a beam.
 
     Returns:
         C; alpha and beta at the own free dofs, each of shape (n_own,).
@@ -282,7 +259,10 @@ def _damping(
         of_lamina = np.array([case.rayleigh(i) for i in range(len(case.lamina))])
         alpha, beta = of_lamina[unknowns.parts].T
     else:
-        of_lamina = np.array([_of_stack(case)] * len(case.lamina))
+        beam = closed_form.assemble(case.as_beams)
+        o = beam.operators
+        of_stack = network.damping(case, beam.layout, o.mass, o.stiffness)
+        of_lamina = np.array([of_stack] * len(case.lamina))
         alpha, beta = np.repeat(of_lamina[:1], unknowns.n_own, axis=0).T
     a, b = of_lamina.T
     C = Restricted(
@@ -293,20 +273,12 @@ def _damping(
     return C, (alpha, beta)
 
 
-def _of_stack(case: Case) -> tuple[float, float]:
-    """Return alpha [1/s] and beta [s] of the beam of a bonded stack."""
-    mesh = case.mesh if case.mesh.file is None else Mesh(elements=_DAMPED_CELLS)
-    beam = closed_form.assemble(case.model_copy(update={"mesh": mesh, "sensor": ()}))
-    o = beam.operators
-    return network.damping(case, beam.layout, o.mass, o.stiffness)
-
-
 def _layout(
-    case: Case, unknowns: Unknowns, x: FloatArray, touching: tuple[facing.Touching, ...]
+    case: Case, unknowns: Unknowns, x: FloatArray, touching: tuple[facing.Pairs, ...]
 ) -> Layout:
     """Return parts, interfaces, probes and supports, with the readings of the solid."""
-    own_parts = parts(case, x)
-    comm = unknowns.solid.comm
+    count, n, comm = len(case.lamina), x.size, unknowns.solid.comm
+    parts = parts_of(case, x, np.arange(2 * n * count).reshape(count, n, 2))
     rows = gathered(reading_rows(unknowns.solid, x), comm)
     reading = Reading(
         sp.csr_matrix(rows @ unknowns.free),
@@ -314,16 +286,7 @@ def _layout(
         unknowns.parts,
         comm if comm.size > 1 else None,
     )
-    ends = ((0, case.support.start), (x.size - 1, case.support.end))
-    count = range(len(own_parts))
-    is_tips = case.is_apart
-    return Layout(
-        own_parts,
-        tuple(facing.interfaces(own_parts, touching, case)),
-        tuple(Probe("tip", i, x.size - 1) for i in count) if is_tips else probes_of(case, x),
-        tuple(Support(i, node, kind) for i in count for node, kind in ends if kind != "free"),
-        reading=reading,
-    )
+    return layout_of(case, parts, tuple(facing.interfaces(parts, touching, case)), reading)
 
 
 def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:

@@ -1,10 +1,10 @@
 """The body of a solid structure, and the readings that stand for its laminae.
 
-The body of a solid structure: what its free dofs move, what it is made of, where it may touch.
-Output reads it: operators and layout know dofs, pairs and readings alone. The first rank gets the
+A body says what its free dofs move, what it is made of, and where it may touch. Output needs the
+body; operators and layout know dofs, pairs and readings alone. The first rank gets the
 displacements of all nodes, state by state; nothing else of a state is gathered.
 
-What stands for a solid lamina: deflection and slope of its middle line, as of a beam. The middle
+The readings of a solid lamina are deflection and slope of its middle line, as of a beam. The middle
 line lies at half of the height and half of the width. Reading 2 (p n + k) is the deflection u_y of
 part p at its point k, of n points; the next one is the slope ∂u_y/∂x there.
 """
@@ -19,14 +19,12 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.model import _dolfinx
-from delam_fem.model.layout import Part, Reading
 from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.facing import Pairs, at_points, pressure_at_vertices, sides_of
 from delam_fem.model.solids.forms import Recovery, Solid, evaluate
 from delam_fem.model.solids.mesh import (
     FACET_OF,
     FACETS,
-    Facing,
     SolidMesh,
     locate,
     meetings,
@@ -35,19 +33,6 @@ from delam_fem.model.solids.mesh import (
 from delam_fem.model.solids.meshing import cells_along
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
-
-
-@dataclass(frozen=True)
-class Touching:
-    """Two surfaces that may touch.
-
-    Attributes:
-        facing: the surfaces.
-        pairs: those of their pairs that are rows of the gap matrix.
-    """
-
-    facing: Facing
-    pairs: Pairs
 
 
 @dataclass(frozen=True)
@@ -60,12 +45,12 @@ class Body:
     Attributes:
         solid: the solid.
         free: CSR (n_dofs, n_own); see above.
-        base: shape (n_dofs,).
-        young_modulus: of each cell of the mesh, shape (n_cells,) [Pa].
+        base: shape (n_dofs,); see above.
+        young_modulus: Young's modulus of each cell of the mesh, shape (n_cells,) [Pa].
         poisson: Poisson's ratio.
-        width: of each lamina, shape (n_laminae,) [m]; surfaces of two dimensions are so wide.
-        touching: surfaces that may touch, in the order of the layout's interfaces; their pairs
-            follow one another in the gap matrix.
+        width: width of each lamina, and of its surfaces in two dimensions, shape (n_laminae,) [m].
+        touching: pairs that can move, in the order of the layout's interfaces; they follow one
+            another in the gap matrix.
     """
 
     solid: Solid
@@ -74,7 +59,7 @@ class Body:
     young_modulus: FloatArray
     poisson: float
     width: FloatArray
-    touching: tuple[Touching, ...] = ()
+    touching: tuple[Pairs, ...] = ()
 
     @property
     def mesh(self) -> SolidMesh:
@@ -83,7 +68,7 @@ class Body:
 
     @property
     def is_first(self) -> bool:
-        """Whether this rank gets what is gathered."""
+        """Whether this rank is the one that gets gathered displacements."""
         return self.solid.comm.rank == 0
 
     def gathered(self, vectors: FloatArray, base: FloatArray) -> FloatArray:
@@ -108,25 +93,21 @@ class Body:
 
     def shape(self) -> Shape:
         """Return the points and cells for output (collective)."""
-        return Shape.of(self)
-
-    def all_nodes(self) -> IntArray:
-        """Return the global nodes of all cells of the mesh (collective), shape (n_cells, k)."""
-        solid = self.solid
-        cells = np.arange(len(self.mesh.cells))
+        solid, cells = self.solid, np.arange(len(self.mesh.cells))
         own = solid.nodes_of(cells)
         parts = solid.comm.allgather((np.flatnonzero(own[:, 0] >= 0), own[own[:, 0] >= 0]))
-        result = np.empty((cells.size, max(nodes.shape[1] for _, nodes in parts)), dtype=np.int64)
-        for where, nodes in parts:
-            result[where] = nodes
-        return result
+        nodes = np.empty((cells.size, max(own.shape[1] for _, own in parts)), dtype=np.int64)
+        for where, of_rank in parts:
+            nodes[where] = of_rank
+        material = self.young_modulus, self.poisson, self.width
+        return Shape(self.mesh, solid.degree, nodes, *material, self.touching)
 
 
 @dataclass(frozen=True)
 class Shape:
     """The laminae as points and cells for output, each lamina with points of its own.
 
-    It holds arrays alone, nothing that ranks share.
+    A shape holds arrays alone, nothing that ranks share.
 
     Attributes:
         mesh: the mesh.
@@ -135,7 +116,7 @@ class Shape:
         young_modulus: of each cell, shape (n_cells,) [Pa].
         poisson: Poisson's ratio.
         width: of each lamina, shape (n_laminae,) [m].
-        touching: surfaces that may touch.
+        touching: pairs of surfaces that may touch.
     """
 
     mesh: SolidMesh
@@ -144,13 +125,7 @@ class Shape:
     young_modulus: FloatArray
     poisson: float
     width: FloatArray
-    touching: tuple[Touching, ...]
-
-    @classmethod
-    def of(cls, body: Body) -> Shape:
-        """Return the shape of a body (collective)."""
-        material = body.young_modulus, body.poisson, body.width
-        return cls(body.mesh, body.solid.degree, body.all_nodes(), *material, body.touching)
+    touching: tuple[Pairs, ...]
 
     @cached_property
     def _numbering(self) -> tuple[IntArray, IntArray, IntArray]:
@@ -195,18 +170,17 @@ class Shape:
 
     @cached_property
     def pressing(self) -> tuple[sp.csr_matrix, ...]:
-        """Pressure at the points by unit forces of the pairs of each interface, (n, n_pairs) each.
+        """Pressure at the points per unit force of each pair, by interface, (n, n_pairs) each.
 
-        Both surfaces have the pressure.
+        Both surfaces of an interface have the pressure.
         """
         mesh, places, n = self.mesh, self.reference_nodes, len(self.node)
         result = []
         for own in self.touching:
             width = float(self.width[list(own.facing.parts)].min()) if mesh.dim == 2 else 1.0
-            total = sp.csr_matrix((n, len(own.pairs.gap)))
-            for side in sides_of(mesh, own.facing, own.pairs):
-                normals = own.pairs.lower.normals
-                vertices, by_forces = pressure_at_vertices(mesh, side, normals, width)
+            total = sp.csr_matrix((n, len(own.gap)))
+            for side in sides_of(mesh, own):
+                vertices, by_forces = pressure_at_vertices(mesh, side, own.lower.normals, width)
                 to = at_points(mesh, side, vertices, places, self.cells, n)
                 total = total + to @ by_forces
             result.append(sp.csr_matrix(total))
@@ -221,30 +195,10 @@ FEWEST, MOST = 20, 400
 """Bounds for the number of cells between the points of a part on a mesh from a file."""
 
 
-def parts(case: Case, x: FloatArray) -> tuple[Part, ...]:
-    """Return the laminae as parts; their dofs are the numbers of readings.
-
-    Args:
-        case: the case.
-        x: points along the laminae, shape (n,) [m].
-    """
-    n = x.size
-    return tuple(
-        Part(
-            lamina.name,
-            x,
-            (2 * n * number + np.arange(2 * n)).reshape(n, 2),
-            np.full(n - 1, lamina.flexural_rigidity),
-            np.full(n - 1, lamina.mass_per_length),
-        )
-        for number, lamina in enumerate(case.lamina)
-    )
-
-
 def points_along(case: Case, mesh: SolidMesh) -> FloatArray:
     """Return the points of the parts of a mesh from a file, shape (n,) [m].
 
-    They are about as dense as the cells are on the average, with one at each edge of a
+    The points are about as dense as the cells are on the average, with one at each edge of a
     delamination.
     """
     fewest = max(FEWEST, 2 * edges(case).size)
@@ -285,21 +239,6 @@ def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:
     return sp.vstack([deflection, slope], format="csr")[order]
 
 
-def reading(rows: sp.csr_matrix, free: sp.spmatrix, base: FloatArray, part: IntArray) -> Reading:
-    """Return the reading of a solid whose dofs follow from free ones and the base.
-
-    All dofs are `free @ u + base q`, u of the free dofs and q of the base.
-
-    Args:
-        rows: of all dofs, with the shares of all ranks (see `forms.gathered`), shape
-            (n_readings, n_dofs).
-        free: shape (n_dofs, n_own); columns of the free dofs of this rank.
-        base: shape (n_dofs,).
-        part: number of the part of each free dof, -1 where parts share it, shape (n_own,).
-    """
-    return Reading(sp.csr_matrix(rows @ free), np.asarray(rows @ base), part)
-
-
 def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
     """Return the points at half of the height and width of a lamina, shape (n, dim) [m].
 
@@ -334,7 +273,7 @@ def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
 
 
 def surface(mesh: SolidMesh, chosen: IntArray) -> IntArray:
-    """Return the facets that belong to one cell only of those chosen, as vertices, (n, m)."""
+    """Return the facets that belong to only one of the chosen cells, as vertices, (n, m)."""
     cells = mesh.cells[chosen]
     facets = np.concatenate([cells[:, list(own)] for own in FACETS[mesh.cell]])
     _, first, count = np.unique(

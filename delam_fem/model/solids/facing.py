@@ -6,18 +6,17 @@ the distance along the normal; its rate is
 
     n · (u̇(place on the upper lamina) − u̇(point on the lower lamina)),
 
-with n constant: the rotations of contact surfaces are small. Contact pressure: the forces of pairs,
-spread over the surfaces on which they act.
+with n constant: the rotations of contact surfaces are small.
 
-A pair shares its force among the vertices of the facet on which it lies, by their linear functions
-N_v. The pressure at a vertex is its force over the integral of N_v, and linear between vertices.
-The integral of the pressure over the surface is therefore the sum of the forces.
+Contact pressure is the force of the pairs, spread over the surfaces on which they act. A pair
+shares its force among the vertices of the facet on which it lies, by their linear functions N_v.
+The pressure at a vertex is its force over the integral of N_v, and linear between vertices. The
+integral of the pressure over the surface is therefore the sum of the forces.
 
-The contact pairs of a case: where they are, the gap matrix, their interfaces and weights. On the
-structured mesh of a case the pairs are where those of its beams are along x; in 3D each of them is
-a row of points across the width, at the vertices. On a mesh from a file they are the vertices of
-the lower sides; of tetrahedra the middles of the edges there, because a pressure on a quadratic
-triangle loads these alone.
+On the structured mesh of a case the pairs are where those of its beams are along x; in 3D each of
+them is a row of points across the width, at the vertices. On a mesh from a file they are the
+vertices of the lower sides; for tetrahedra they are the middles of the edges there, because a
+pressure on a quadratic triangle loads these alone.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.model.beams.network import gap_at_rest
-from delam_fem.model.layout import Interface, Layout, Part
+from delam_fem.model.layout import Interface, Layout, Part, half_ways
 from delam_fem.model.solids.forms import Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import (
     FACET_OF,
@@ -80,12 +79,14 @@ class Pairs:
     """Contact pairs of one interface.
 
     Attributes:
+        facing: the surfaces.
         lower: the points on the lower lamina.
         upper: opposite places on the upper lamina, shape (n, dim) [m].
         cells: the cell of the upper lamina in which each place is, shape (n,).
         gap: distance along the normal, shape (n,) [m]; negative if the surfaces overlap.
     """
 
+    facing: Facing
     lower: Points
     upper: FloatArray
     cells: IntArray
@@ -103,7 +104,8 @@ class Pairs:
 
     def chosen(self, kept: BoolArray | IntArray) -> Pairs:
         """Return some of the pairs, for example those that can move."""
-        return Pairs(self.lower.chosen(kept), self.upper[kept], self.cells[kept], self.gap[kept])
+        own = self.upper[kept], self.cells[kept], self.gap[kept]
+        return Pairs(self.facing, self.lower.chosen(kept), *own)
 
 
 def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
@@ -114,19 +116,8 @@ def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
     """
     cells, _ = mesh.cells_with(facing.lower)
     normals, shares = corner_shares(mesh, facing.lower, cells)
-    vertices, number = np.unique(facing.lower, return_inverse=True)
-    number = number.reshape(facing.lower.shape)
-    normal = np.zeros((len(vertices), mesh.dim))
-    weight = np.zeros(len(vertices))
-    np.add.at(normal, number, normals)
-    np.add.at(weight, number, shares)
-    cell = np.full(len(vertices), len(mesh.cells))
-    np.minimum.at(cell, number, cells[:, None])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    found = Points(mesh.points[vertices], cell, normal, weight)
-    is_apart = ~np.isin(vertices, facing.upper)
-    order = np.lexsort([*found.x.T[::-1]])
-    return found.chosen(order[is_apart[order]])
+    vertices, of_vertices = facing.lower.reshape(-1, 1), np.repeat(cells, facing.lower.shape[1])
+    return _summed(mesh, facing, vertices, of_vertices, normals.reshape(-1, mesh.dim), shares)
 
 
 def at_middles(mesh: SolidMesh, facing: Facing) -> Points:
@@ -140,17 +131,43 @@ def at_middles(mesh: SolidMesh, facing: Facing) -> Points:
     cells, _ = mesh.cells_with(facing.lower)
     vectors, shares = corner_shares(mesh, facing.lower, cells)
     own = ((0, 1), (1, 2), (0, 2)) if FACET_OF[mesh.cell] == "triangle" else ((0, 1, 2, 3),)
-    count = facing.lower.shape[1]
+    count, n = facing.lower.shape[1], len(own)
     places = [facing.lower[:, [v for v in chosen if v < count]] for chosen in own]
-    every = np.sort(np.concatenate(places), axis=1)
-    middles, first, number = np.unique(every, axis=0, return_index=True, return_inverse=True)
-    normal, weight = np.zeros((len(middles), mesh.dim)), np.zeros(len(middles))
-    np.add.at(normal, number.ravel(), np.tile(vectors.sum(axis=1), (len(own), 1)))
-    np.add.at(weight, number.ravel(), np.tile(shares.sum(axis=1) / len(own), len(own)))
+    normals, areas = np.tile(vectors.sum(axis=1), (n, 1)), np.tile(shares.sum(axis=1) / n, n)
+    return _summed(mesh, facing, np.concatenate(places), np.tile(cells, n), normals, areas)
+
+
+def _summed(
+    mesh: SolidMesh,
+    facing: Facing,
+    corners: IntArray,
+    cells: IntArray,
+    normals: FloatArray,
+    shares: FloatArray,
+) -> Points:
+    """Return the points of the lower side from what its facets give to each, by x, then by z.
+
+    Points that the upper lamina shares are left out.
+
+    Args:
+        mesh: the mesh.
+        facing: the sides.
+        corners: vertices whose mean the point is, in any order, shape (n, m).
+        cells: the cell that gives, shape (n,); of several the first one is that of the point.
+        normals: what the cell gives to the normal of the point, shape (n, dim).
+        shares: what it gives to the weight of the point, n numbers.
+    """
+    # cells that share a point have the same sorted vertices; `number` is its place
+    own, number = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
+    number = number.ravel()
+    normal, weight = np.zeros((len(own), mesh.dim)), np.zeros(len(own))
+    np.add.at(normal, number, normals)
+    np.add.at(weight, number, shares.ravel())
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    x = mesh.points[middles].mean(axis=1)
-    found = Points(x, cells[first % len(cells)], normal, weight)
-    is_apart = ~np.all(np.isin(middles, facing.upper), axis=1)
+    cell = np.full(len(own), len(mesh.cells))
+    np.minimum.at(cell, number, cells)
+    found = Points(mesh.points[own].mean(axis=1), cell, normal, weight)
+    is_apart = ~np.all(np.isin(own, facing.upper), axis=1)
     order = np.lexsort([*found.x.T[::-1]])
     return found.chosen(order[is_apart[order]])
 
@@ -158,7 +175,7 @@ def at_middles(mesh: SolidMesh, facing: Facing) -> Points:
 def at_places(
     mesh: SolidMesh, facing: Facing, x: FloatArray, z: FloatArray | None = None
 ) -> Points:
-    """Return points on the lower side above given places, all z of the first x first.
+    """Return points on the lower side above given places, in order of x, then of z.
 
     Weights are half of the distances to the next places or vertices on both sides, along x and
     across, as those of beams are.
@@ -200,8 +217,8 @@ def at_places(
 def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
     """Return the pairs of points of the lower side with the upper side.
 
-    A point whose normal meets no facet of the upper side that faces it is left out, which is usual
-    at the ends of surfaces that do not match. A warning says if they are many.
+    A point whose normal meets no facet of the upper side that faces it is left out. That is usual
+    at the ends of surfaces that do not match. A warning says if many points are left out.
 
     Args:
         mesh: the mesh.
@@ -212,6 +229,7 @@ def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
     cells, _ = mesh.cells_with(facing.upper)
     outward, _ = corner_shares(mesh, facing.upper, cells)
     hits = meetings(corners, points.x, points.normals, FACET_OF[mesh.cell])
+    # a facet faces a point if their outward normals are opposed; of several the nearest is taken
     turned = np.einsum("ki,ki->k", outward.sum(axis=1)[hits.facet], points.normals[hits.line])
     distance = np.where(turned < 0.0, np.abs(hits.distance), np.inf)
     first = _first(hits, len(points.x), distance)
@@ -229,14 +247,14 @@ def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
     gap = hits.distance[chosen]
     lower = points.chosen(kept)
     upper = lower.x + gap[:, None] * lower.normals
-    return Pairs(lower, upper, cells[hits.facet[chosen]], gap)
+    return Pairs(facing, lower, upper, cells[hits.facet[chosen]], gap)
 
 
 def gap_rows(solid: Solid, pairs: Pairs) -> sp.csr_matrix:
     """Return rows that give the gap rates of pairs, this rank's share, shape (n_pairs, n_dofs).
 
-    Of a pair whose two points move alike (both held) the row is zero without held dofs; such pairs
-    must be left out.
+    A pair whose two points are both held has a zero row once the held dofs are left out; such pairs
+    must be left out too.
     """
     normals = pairs.lower.normals
     upper = evaluate(solid, pairs.upper, pairs.cells).along(normals)
@@ -288,15 +306,13 @@ def _first(hits: Hits, n_lines: int, key: FloatArray | IntArray) -> IntArray:
 def _halves(at: FloatArray, grid: FloatArray) -> FloatArray:
     """Return half of the distances to the next places of both arrays on both sides [m]."""
     span = float(np.ptp(grid))
+    # each place has half of the way to its neighbours, pairs or vertices: a vertex without a pair
+    # takes its share away, as it does from the pairs of beams
     every = np.sort(np.concatenate([at, grid.ravel()]))
     every = every[np.concatenate([[True], np.diff(every) > INSIDE * span])]
-    steps = np.diff(every)
-    halves = np.zeros(every.size)
-    halves[:-1] += 0.5 * steps
-    halves[1:] += 0.5 * steps
     behind = np.clip(np.searchsorted(every, at), 1, every.size - 1)
     is_before = at - every[behind - 1] < every[behind] - at
-    return np.asarray(halves[behind - is_before])
+    return np.asarray(half_ways(every)[behind - is_before])
 
 
 def corner_shares(
@@ -321,6 +337,7 @@ def corner_shares(
     areas = np.zeros(facets.shape)
     for place, weight in zip(places, weights, strict=True):
         N, dN = shape_functions(kind, place[None])
+        # ∂x/∂ξ_j = Σ_v x_v ∂N_v/∂ξ_j of every facet k; the normal is as long as dA
         tangents = np.einsum("kvi,vj->kji", corners, dN[0])
         if mesh.dim == 2:
             normal = np.column_stack([tangents[:, 0, 1], -tangents[:, 0, 0]])
@@ -344,7 +361,15 @@ def _quadrature(kind: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _smooth(facets: IntArray, vectors: FloatArray) -> FloatArray:
-    """Return the sum at each vertex of the vectors of all its facets, shape (n, m, dim)."""
+    """Return at each vertex of the facets the unit vector along the sum over all its facets.
+
+    Args:
+        facets: as vertices, shape (n, m).
+        vectors: of each facet at each of its vertices, shape (n, m, dim).
+
+    Returns:
+        Unit vectors, shape (n, m, dim).
+    """
     vertices, number = np.unique(facets, return_inverse=True)
     total = np.zeros((len(vertices), vectors.shape[-1]))
     number = number.reshape(facets.shape)
@@ -354,7 +379,7 @@ def _smooth(facets: IntArray, vectors: FloatArray) -> FloatArray:
 
 
 ON_FACET = 1e-9
-"""How much less than 1 the linear functions of a facet's vertices may sum up to on it."""
+"""Smallest difference from 1 of a sum of linear functions that is no round-off."""
 
 
 @dataclass(frozen=True)
@@ -372,23 +397,23 @@ class Side:
     places: FloatArray
 
 
-def sides_of(mesh: SolidMesh, facing: Facing, pairs: Pairs) -> tuple[Side, Side]:
+def sides_of(mesh: SolidMesh, pairs: Pairs) -> tuple[Side, Side]:
     """Return the lower and the upper surface of an interface."""
-    lower, _ = mesh.cells_with(facing.lower)
-    upper, _ = mesh.cells_with(facing.upper)
-    return Side(facing.lower, lower, pairs.lower.x), Side(facing.upper, upper, pairs.upper)
+    lower, upper = pairs.facing.lower, pairs.facing.upper
+    of_lower, of_upper = (mesh.cells_with(facets)[0] for facets in (lower, upper))
+    return Side(lower, of_lower, pairs.lower.x), Side(upper, of_upper, pairs.upper)
 
 
 def pressure_at_vertices(
     mesh: SolidMesh, side: Side, normals: FloatArray, width: float
 ) -> tuple[IntArray, sp.csr_matrix]:
-    """Return the pressures at the vertices of a side by unit forces of the pairs.
+    """Return the pressures at the vertices of a side per unit force of each pair.
 
     Args:
         mesh: the mesh.
         side: the side.
-        normals: of the pairs, shape (n_pairs, dim).
-        width: of the surface in two dimensions [m]; 1 in three.
+        normals: normals of the pairs, shape (n_pairs, dim).
+        width: width of the surface in two dimensions [m]; 1 in three.
 
     Returns:
         The vertices, shape (n,), and CSR (n, n_pairs) [1/m2].
@@ -398,19 +423,18 @@ def pressure_at_vertices(
     """
     kind, corners = FACET_OF[mesh.cell], mesh.points[side.facets]
     hits = meetings(corners, side.places, normals, kind)
-    order = np.lexsort([hits.facet, np.abs(hits.distance), hits.line])
-    lines, first = np.unique(hits.line[order], return_index=True)
-    if lines.size < len(side.places):
+    n = len(side.places)
+    chosen = _first(hits, n, np.abs(hits.distance))
+    if np.any(chosen < 0):
         raise ValueError("solid: a contact pair lies on no facet of its surface")
-    chosen = order[first]
     N, _ = shape_functions(kind, hits.local[chosen])
     vertices, number = np.unique(side.facets, return_inverse=True)
     number = number.reshape(side.facets.shape)
     _, shares = corner_shares(mesh, side.facets, side.cells)
     area = width * np.bincount(number.ravel(), shares.ravel())
-    columns = np.repeat(np.arange(lines.size), N.shape[1])
+    columns = np.repeat(np.arange(n), N.shape[1])
     rows = number[hits.facet[chosen]].ravel()
-    forces = sp.csr_matrix((N.ravel(), (rows, columns)), (vertices.size, lines.size))
+    forces = sp.csr_matrix((N.ravel(), (rows, columns)), (vertices.size, n))
     return vertices, sp.csr_matrix(sp.diags(1.0 / area) @ forces)
 
 
@@ -432,6 +456,7 @@ def at_points(
     """
     N, _ = shape_functions(mesh.cell, places)
     own = mesh.cells[side.cells]
+    # the linear functions of a facet's vertices sum to 1 at points on it, to less within the cell
     is_of_facet = (own[:, :, None] == side.facets[:, None, :]).any(axis=2)
     facet, point = np.nonzero(is_of_facet @ N.T > 1.0 - ON_FACET)
     points, first = np.unique(cells[side.cells[facet], point], return_index=True)
@@ -450,31 +475,20 @@ _OPENINGS = frozenset({"opening", "shape", "file"})
 """Keys of a delamination that say how far it is open at rest."""
 
 
-@dataclass(frozen=True)
-class Touching:
-    """The pairs of one interface that can move.
-
-    Attributes:
-        sides: the surfaces.
-        pairs: the pairs.
-        rows: their rows of the gap matrix, columns of the own free dofs, CSR (n_pairs, n_own).
-    """
-
-    sides: Facing
-    pairs: Pairs
-    rows: sp.csr_matrix
-
-
-def touching(case: Case, unknowns: Unknowns, x: FloatArray) -> tuple[Touching, ...]:
-    """Return the pairs of all interfaces (collective).
+def touching(
+    case: Case, unknowns: Unknowns, x: FloatArray
+) -> tuple[tuple[Pairs, ...], sp.csr_matrix]:
+    """Return the pairs that can move, by interface (collective), and the gap matrix.
 
     Args:
         case: the case.
         unknowns: the free dofs.
         x: positions of the points of the parts, shape (n,) [m].
+
+    Returns:
+        The pairs; H of all of them, columns of the own free dofs, CSR (n_pairs, n_own).
     """
-    solid = unknowns.solid
-    result = []
+    solid, every, H = unknowns.solid, [], [sp.csr_matrix((0, unknowns.n_own))]
     for sides in solid.mesh.sides:
         points = _points(case, solid.mesh, sides, x)
         found = project(solid.mesh, sides, points)
@@ -483,11 +497,12 @@ def touching(case: Case, unknowns: Unknowns, x: FloatArray) -> tuple[Touching, .
         rows = sp.csr_matrix(of_all @ unknowns.free)
         rows.eliminate_zeros()
         moves = _moves(solid, rows)
-        result.append(Touching(sides, found.chosen(moves), rows[moves]))
-    return tuple(result)
+        every.append(found.chosen(moves))
+        H.append(rows[moves])
+    return tuple(every), sp.vstack(H, format="csr")
 
 
-def interfaces(parts: Sequence[Part], every: Sequence[Touching], case: Case) -> list[Interface]:
+def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> list[Interface]:
     """Return the interfaces of all pairs, which follow one another.
 
     Args:
@@ -499,46 +514,45 @@ def interfaces(parts: Sequence[Part], every: Sequence[Touching], case: Case) -> 
     for own in every:
         first = sum(len(other.points) for other in result)
         is_file = case.mesh.file is not None
-        result.append(interface(parts, own.sides.parts, own.pairs.x, first, at_points=is_file))
+        result.append(interface(parts, own.facing.parts, own.x, first, at_points=is_file))
     return result
 
 
 def weights(
-    case: Case, parts: Sequence[Part], every: Sequence[Touching], dim: int
+    case: Case, parts: Sequence[Part], every: Sequence[Pairs], dim: int
 ) -> FloatArray | None:
     """Return the factors of the springs of all pairs, shape (n_pairs,) [-].
 
-    As of beams a spring's stiffness holds for a mean element, and each pair has its share of the
+    As for beams, a spring's stiffness holds for a mean element, and each pair has its share of the
     length or, in 3D, of the area. If pairs are at the points of the parts alone, each point has the
-    whole stiffness, as in the paper, which its pairs across the width share. None: every pair has
-    the whole.
+    whole stiffness, as in the paper, and its pairs across the width share it. None: every pair has
+    the whole stiffness.
     """
     is_whole = case.contact.points_per_element == 1 and case.mesh.file is None
     if is_whole and dim == 2:
         return None
     result: list[FloatArray] = [np.zeros(0)]
     for own in every:
-        lower = parts[own.sides.parts[0]]
-        own_weights = own.pairs.weights
+        lower = parts[own.facing.parts[0]]
         if is_whole:
-            _, row = np.unique(own.pairs.x, return_inverse=True)
-            result.append(own_weights / np.bincount(row, own_weights)[row])
+            _, row = np.unique(own.x, return_inverse=True)
+            result.append(own.weights / np.bincount(row, own.weights)[row])
             continue
         mean = (lower.x[-1] - lower.x[0]) / lower.n_elements
-        across = 1.0 if dim == 2 else min(case.lamina[i].width for i in own.sides.parts)
-        result.append(own_weights / (mean * across))
+        across = 1.0 if dim == 2 else min(case.lamina[i].width for i in own.facing.parts)
+        result.append(own.weights / (mean * across))
     return np.concatenate(result)
 
 
-def gaps(case: Case, layout: Layout, every: Sequence[Touching]) -> FloatArray:
+def gaps(case: Case, layout: Layout, every: Sequence[Pairs]) -> FloatArray:
     """Return the gaps at rest of all pairs, shape (n_pairs,) [m].
 
-    They are the case's. On a mesh from a file they are the mesh's own at delaminations of which the
-    case gives neither an opening nor a shape nor a table.
+    The gaps are those of the case. On a mesh from a file they are the mesh's own at delaminations
+    for which the case gives neither an opening nor a shape nor a table.
 
     Args:
         case: the case.
-        layout: with the interfaces of the pairs.
+        layout: the layout, with the interfaces of the pairs.
         every: the pairs of each interface.
     """
     if not every:
@@ -550,9 +564,9 @@ def gaps(case: Case, layout: Layout, every: Sequence[Touching]) -> FloatArray:
         between = tuple(layout.names[i] for i in interface.parts)
         for open_place in case.delamination:
             if open_place.between == between and not _OPENINGS & open_place.model_fields_set:
-                x = own.pairs.x
+                x = own.x
                 is_in = (x >= open_place.start) & (x <= open_place.end)
-                result[interface.pairs][is_in] = own.pairs.gap[is_in]
+                result[interface.pairs][is_in] = own.gap[is_in]
     return result
 
 

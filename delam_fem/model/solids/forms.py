@@ -1,6 +1,6 @@
 """Laminae as linearly elastic solids on dolfinx: matrices, values at points, stresses.
 
-Laminae as linearly elastic solids on dolfinx: the space of displacements, mass and stiffness.
+The weak forms of mass and stiffness are
 
     m(u, v) = ∫ b rho u · v dx                                                          (mass)
     k(u, v) = ∫ b sigma(u) : eps(v) dx,     eps(u) = (grad u + grad uᵀ) / 2             (stiffness)
@@ -12,16 +12,16 @@ b is the width. All integrals are exact on cells whose mapping is affine: full i
 space is Lagrange of degree 2 or 3. Degree 1 locks on thin sheets: the shear of a cell as long as
 ten thicknesses makes it a hundred times too stiff. Reduced integration has modes without energy.
 
-Displacements and their derivatives at points inside the cells of a solid, as sparse rows. The cell
-of a point is found on the mesh as it was given (`mesh.locate`), so that all ranks find the same
-one. The rank that owns the cell evaluates the basis there.
+`evaluate` gives displacements and their derivatives at points inside the cells, as sparse rows. The
+cell of a point is found on the mesh as it was given (`mesh.locate`), so that all ranks find the
+same one. The rank that owns the cell evaluates the basis there.
 
-Stresses of a solid at its nodes. sigma follows from the gradients of the displacement by Hooke's
-law. In a quadrilateral or hexahedron of degree p it is most accurate at Gauss's
-points of p points in each direction (J. Barlow, Int. J. Numer. Meth. Engng 10 (1976) 243); the
-polynomial of degree p - 1 through its values there is continued to the nodes. In a triangle or
-tetrahedron it is taken at the nodes themselves. The stress of a node is the mean over the cells of
-the same lamina that share it.
+`Recovery` gives stresses at the nodes. sigma follows from the gradients of the displacement by
+Hooke's law. In a quadrilateral or hexahedron of degree p, sigma is most accurate at the points of
+Gauss's rule with p points in each direction (J. Barlow, Int. J. Numer. Meth. Engng 10 (1976) 243);
+the polynomial of degree p - 1 through its values there is continued to the nodes. In a triangle or
+tetrahedron sigma is taken at the nodes themselves. The stress of a node is the mean over the cells
+of the same lamina that share it.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Solid:
     def on(
         cls, mesh: SolidMesh, comm: MPI.Intracomm, degree: int, ranks: IntArray | None = None
     ) -> Solid:
-        """Build the space (collective).
+        """Build the space of displacements on a mesh (collective).
 
         Args:
             mesh: the mesh, the same on every rank.
@@ -134,17 +134,12 @@ class Solid:
         place = np.full(len(self.mesh.cells), -1, dtype=np.int64)
         place[own] = np.arange(own.size)
         local = place[cells]
-        table = self._global_nodes()
+        nodes = self.local_nodes[: self.n_own_cells]
+        flat = np.ascontiguousarray(nodes.ravel(), dtype=np.int32)
+        table = self.space.dofmap.index_map.local_to_global(flat).reshape(nodes.shape)
         result = np.full((len(cells), table.shape[1]), -1, dtype=np.int64)
         result[local >= 0] = table[local[local >= 0]]
         return result
-
-    def _global_nodes(self) -> IntArray:
-        """Return the global nodes of the cells that this rank owns."""
-        table = self.local_nodes[: self.n_own_cells]
-        flat = np.ascontiguousarray(table.ravel(), dtype=np.int32)
-        nodes = self.space.dofmap.index_map.local_to_global(flat)
-        return np.asarray(nodes, dtype=np.int64).reshape(table.shape)
 
     def tabulate(self, derivatives: int, points: FloatArray) -> FloatArray:
         """Return the basis of one component at reference points; see `_dolfinx.tabulate`."""
@@ -194,11 +189,8 @@ class Solid:
             values: by input cell, shape (n_cells,).
         """
         space = _dolfinx.space(self.domain, "Discontinuous Lagrange", 0)
-
-        def fill(array: FloatArray) -> None:
-            array[_dolfinx.cell_dofs(space)[:, 0]] = values[self.input_cell]
-
-        return _dolfinx.function(space, fill)
+        cell_of_dof = np.argsort(_dolfinx.cell_dofs(space)[:, 0])
+        return _dolfinx.function(space, values[self.input_cell[cell_of_dof]])
 
     def _dx(self) -> Any:
         return ufl.dx(domain=self.domain, metadata={"quadrature_degree": 2 * self.degree})
@@ -226,12 +218,12 @@ class Solid:
 
 
 def strain(u: Any) -> Any:
-    """Return eps(u) = (grad u + grad uᵀ) / 2."""
+    """Return the strain eps(u) = (grad u + grad uᵀ) / 2 in UFL."""
     return ufl.sym(ufl.grad(u))
 
 
 def stress(E: Any, nu: Any, u: Any) -> Any:
-    """Return sigma(u): of plane stress in 2D.
+    """Return the stress sigma(u) in UFL, in 2D that of plane stress.
 
     Args:
         E: Young's modulus.
@@ -298,7 +290,7 @@ class Evaluation:
 
 
 def evaluate(solid: Solid, points: FloatArray, cells: IntArray) -> Evaluation:
-    """Evaluate the basis at points; each rank does so in the cells that it owns.
+    """Evaluate the basis of a solid at points, each rank in the cells that it owns.
 
     Args:
         solid: the solid.
@@ -364,11 +356,11 @@ class Recovery:
         young_modulus: FloatArray,
         poisson: float,
     ) -> Recovery:
-        """Prepare the recovery.
+        """Prepare the recovery of stresses on a mesh.
 
         Args:
             mesh: the mesh.
-            degree: of the displacements.
+            degree: degree of the displacements.
             nodes: global nodes of the cells of the mesh, shape (n_cells, n_basis).
             points: points of the cells, at which stresses are wanted, shape (n_cells, n_basis).
             young_modulus: of each cell, shape (n_cells,) [Pa].

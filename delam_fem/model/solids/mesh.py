@@ -1,12 +1,12 @@
 """The mesh of laminae as solids, and the geometry of its straight-edged cells.
 
-The mesh of laminae as solids: plain arrays, whether they come from a case or from a file. Axes: x
-along the laminae from 0 to their length, y upwards through the thickness (the direction of the
-deflection), z across the width, centred on 0. The bottom of the lowest lamina is y = 0. Laminae
-that are apart touch geometrically and have vertices of their own; bonded ones share theirs.
+A mesh is plain arrays, whether they come from a case or from a file. Its axes are x along the
+laminae from 0 to their length, y upwards through the thickness (the direction of the deflection),
+and z across the width, centred on 0. The bottom of the lowest lamina is y = 0. Laminae that are
+apart touch geometrically and have vertices of their own; bonded ones share theirs.
 
-The geometry of straight-edged cells and facets: reference coordinates, points, lines that meet. It
-needs only the arrays of the mesh, so that all ranks find the same cells.
+The geometry of cells and facets (reference coordinates, the cells of points, the facets that lines
+meet) needs only the arrays of the mesh, so that all ranks find the same cells.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Facing:
 
 @dataclass(frozen=True)
 class SolidMesh:
-    """Cells of laminae in two or three dimensions; all ranks have all of it.
+    """Cells of laminae in two or three dimensions; every rank has the whole mesh.
 
     Attributes:
         points: the vertices, shape (n_points, dim) [m].
@@ -100,7 +100,7 @@ class SolidMesh:
 
     @cached_property
     def bodies(self) -> IntArray:
-        """Number of the separate body of each cell, in the order of their cells, (n_cells,)."""
+        """Number of the separate body of each cell, in the order of first cells, (n_cells,)."""
         n, k = self.cells.shape
         rows = np.repeat(np.arange(n), k)
         entries = np.ones(n * k, dtype=np.int8)
@@ -168,7 +168,7 @@ _MOST_CANDIDATES = 1_000_000
 def locate(mesh: SolidMesh, points: FloatArray, lamina: IntArray | int) -> IntArray:
     """Return the cell of the lamina in which each point is, the same on all ranks, shape (k,).
 
-    Of several cells that share the point it is the one with the lowest number.
+    Of several cells that share the point, the one with the lowest number is taken.
 
     Args:
         mesh: the mesh.
@@ -258,6 +258,7 @@ def shape_functions(cell: str, X: FloatArray) -> tuple[FloatArray, FloatArray]:
         N = np.column_stack([1.0 - X.sum(axis=1), X])
         slopes = np.vstack([-np.ones(d), np.eye(d)])
         return N, np.broadcast_to(slopes, (k, d + 1, d))
+    # in tensor order, bit j of a vertex's number is its coordinate X_j
     bits = (np.arange(2**d)[:, None] >> np.arange(d)) & 1  # (n_vertices, d)
     factors = np.where(bits, X[:, None, :], 1.0 - X[:, None, :])
     dN = np.empty((k, 2**d, d))
@@ -268,7 +269,7 @@ def shape_functions(cell: str, X: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def jacobians_of(cell: str, corners: FloatArray, X: FloatArray) -> FloatArray:
-    """Return dx_i/dX_j, shape (k, dim, d)."""
+    """Return the Jacobians dx_i/dX_j at reference coordinates X, shape (k, dim, d)."""
     return np.asarray(np.einsum("kvi,kvj->kij", corners, shape_functions(cell, X)[1]))
 
 
@@ -281,8 +282,8 @@ def overshoot(cell: str, X: FloatArray) -> FloatArray:
 def volumes(mesh: SolidMesh) -> FloatArray:
     """Return volumes of cells, or areas in two dimensions, shape (n_cells,) [m3 or m2].
 
-    Exact for simplices, parallelograms and bricks; else by Gauss's rule with two points each way,
-    which is exact for all quadrilaterals.
+    Simplices have one determinant. Others are integrated by Gauss's rule with two points each way,
+    which is exact, because the determinant is at most quadratic in each coordinate.
     """
     corners, dim = mesh.points[mesh.cells], mesh.dim
     if mesh.cell not in TENSOR:
@@ -324,13 +325,12 @@ def meetings(corners: FloatArray, origins: FloatArray, directions: FloatArray, f
         directions: unit vectors, shape (k, dim).
         facet: "interval", "triangle" or "quadrilateral".
     """
-    found = [Hits(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros(0), np.zeros((0, 1)))]
+    none, n_local = np.zeros(0, dtype=np.int64), corners.shape[2] - 1
+    found = [Hits(none, none, np.zeros(0), np.zeros((0, n_local)))]
     for line, number in _near(corners, origins, directions):
         local, distance, is_met = _meet(corners[number], origins[line], directions[line], facet)
         found.append(Hits(line[is_met], number[is_met], distance[is_met], local[is_met]))
-    if len(found) == 1:
-        return found[0]
-    parts = [[getattr(one, name) for one in found[1:]] for name in Hits.__dataclass_fields__]
+    parts = [[getattr(one, name) for one in found] for name in Hits.__dataclass_fields__]
     return Hits(*(np.concatenate(pieces) for pieces in parts))
 
 
@@ -373,9 +373,10 @@ def _near_parallel(
 def _meet(
     corners: FloatArray, origins: FloatArray, directions: FloatArray, facet: str
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Solve X(local) = origin + distance direction; return local, distance, and whether it is in.
+    """Find where a line meets a facet; return local coordinates, distance, and whether it does.
 
-    Newton's method; one step is exact for intervals and triangles.
+    Newton's method solves x(local) = origin + distance direction. One step is exact for intervals
+    and triangles.
     """
     k, dim = origins.shape
     middle = 1.0 / dim if facet == "triangle" else 0.5

@@ -1,14 +1,14 @@
 """Make the mesh of solids: the structured mesh of a case, or the user's own file.
 
-The structured mesh of a case: quadrilaterals or hexahedra in rows along each lamina. Along x the
+The structured mesh of a case has quadrilaterals or hexahedra in rows along each lamina. Along x the
 vertices are those of `mesh.elements`, with one at every edge of a delamination. Each lamina has
 `model.layers` cells through its thickness and, in 3D, `model.strips` across its width. Bonded
 laminae share their vertices. Over a delamination each has its own; the vertices at its edges are
 shared.
 
-Physical groups say what is what: one for each lamina (its name) with its cells; "start" and "end"
-with the facets of the ends that are held; "LOWER-UPPER lower" and "LOWER-UPPER upper" with the
-facets of the two sides of each interface where laminae are apart.
+In a file, physical groups say what is what: one for each lamina (its name) with its cells; "start"
+and "end" with the facets of the ends that are held; "LOWER-UPPER lower" and "LOWER-UPPER upper"
+with the facets of the two sides of each interface where laminae are apart.
 """
 
 from __future__ import annotations
@@ -65,7 +65,10 @@ def lattice(case: Case) -> SolidMesh:
         np.concatenate(cells),
         "hexahedron" if is_3d else "quadrilateral",
         np.repeat(np.arange(len(cells)), [len(own) for own in cells]),
-        {name: _ends(vertices, end) for name, end in (("start", 0), ("end", -1))},
+        {
+            name: np.concatenate([_facets(own[end]) for own in vertices])
+            for name, end in (("start", 0), ("end", -1))
+        },
         _sides(vertices, bonded),
     )
 
@@ -106,7 +109,7 @@ def _require_widths(case: Case, bonded: BoolArray) -> None:
     """Check that bonded laminae have the same width, so that their vertices meet.
 
     Raises:
-        CaseError: they have not.
+        CaseError: bonded laminae have different widths.
     """
     for i, lower in enumerate(case.lamina[:-1]):
         upper = case.lamina[i + 1]
@@ -119,7 +122,7 @@ def _require_widths(case: Case, bonded: BoolArray) -> None:
 
 
 def _vertices(case: Case, n: int, bonded: BoolArray, *, is_3d: bool) -> list[IntArray]:
-    """Return the vertices of each lamina, shape (n, layers + 1, strips + 1), or 1 in 2D."""
+    """Return the vertices of each lamina along x, y, z: shape (n, layers + 1, strips + 1 or 1)."""
     shape = (n, case.model.layers + 1, case.model.strips + 1 if is_3d else 1)
     result: list[IntArray] = []
     count = 0
@@ -158,11 +161,6 @@ def _facets(surface: IntArray) -> IntArray:
     return np.column_stack([corner.ravel() for corner in corners])
 
 
-def _ends(vertices: list[IntArray], end: int) -> IntArray:
-    """Return the facets of all laminae at an end."""
-    return np.concatenate([_facets(own[end]) for own in vertices])
-
-
 def _sides(vertices: list[IntArray], bonded: BoolArray) -> tuple[Facing, ...]:
     """Return the surfaces that face one another, of the cells that are not bonded."""
     sides = []
@@ -187,9 +185,9 @@ _OF_KIND = {"plane-stress": ("triangle", "quadrilateral"), "solid": ("tetrahedro
 _ORDER = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 """Vertices of gmsh in the order of dolfinx."""
 THICKNESS_TOLERANCE = 0.01
-"""Deviation of thickness or width from the case above which the user is told."""
+"""Relative deviation of volume or area from the case above which the user is told."""
 _FLAT = 1e-9
-"""Least Jacobian of a cell, relative to the cube of its size, or its square in two dimensions."""
+"""Smallest Jacobian of a cell, relative to the cube of its size, in two dimensions the square."""
 _log = logging.getLogger(__name__)
 
 
@@ -218,15 +216,16 @@ def solid_mesh(case: Case) -> SolidMesh:
 
 
 def cells_along(case: Case, mesh: SolidMesh) -> int:
-    """Return how many cells of the average extent along the laminae are as long as they are."""
+    """Return the length of the laminae over the mean length of cells along them, rounded."""
     return round(case.length / float(np.mean(np.ptp(mesh.points[mesh.cells][..., 0], axis=1))))
 
 
 class _Reader:
-    """A file that is being read.
+    """The reader of one mesh file.
 
     Attributes:
         case: the case.
+        path: the file.
         given: what meshio read.
         cell: kind of its cells.
     """
@@ -375,6 +374,7 @@ class _Reader:
                 f"expected convex cells with a volume, the {self.cell} about ({at}) m is "
                 f"{'flat' if flat[worst] else 'folded'}"
             )
+        # a cell is turned by exchanging its vertices along the first axis, or the last two vertices
         turned = np.arange(cells.shape[1])
         turned = turned ^ 1 if self.cell in TENSOR else np.append(turned[:-2], turned[:-3:-1])
         return np.where((found[0] < 0.0)[:, None], cells[:, turned], cells)
@@ -471,7 +471,7 @@ class _Reader:
             )
 
     def _compare(self, mesh: SolidMesh) -> None:
-        """Tell the user if thickness or width differ from those of the case."""
+        """Warn if the volume of a lamina, in 2D its area, differs from that of the case."""
         measures = np.abs(volumes(mesh))
         for number, lamina in enumerate(self.case.lamina):
             expected = lamina.length * lamina.thickness

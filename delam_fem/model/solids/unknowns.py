@@ -1,6 +1,6 @@
 """The free dofs of a solid: held ends, relative displacements, order.
 
-Held ends of solids: which dofs follow the base, and how a pinned end turns.
+At held ends dofs follow the base:
 
     u = T u_free + g q,     M_free = Tᵀ M T,     m_b = Tᵀ M g,     m_aa = gᵀ M g              (S1)
 
@@ -10,13 +10,13 @@ theory:
 
     u_x = -(y - y_0) phi,   u_y = q                                                           (S2)
 
-phi is a free dof. Laminae that are bonded at the end turn together. Displacements relative to one
-node of each column through the thickness, against round-off.
+phi is a free dof. Laminae that are bonded at the end turn together.
 
-A cell of a sheet is 10⁸ times and more stiffer through its thickness than the sheet is in bending:
-in the displacements of nodes, round-off of that stiffness is as large as a part in 10⁴ of the
-bending. All nodes at one place along (and across) a lamina that cells connect form a column; r(i)
-is one of them:
+Against round-off, displacements are relative to one node of each column through the thickness. A
+cell of a sheet is 10⁸ times and more stiffer through its thickness than the sheet is in bending: in
+the displacements of nodes, round-off of that stiffness is as large as a part in 10⁴ of the bending.
+All nodes at one place along (and across) a lamina that cells connect form a column; r(i) is one of
+them:
 
     u_i = d_i + d_r(i),   u_r = d_r                                                           (R1)
 
@@ -28,9 +28,8 @@ is computed with B_q T, whose derivatives along y vanish for d_r before anything
 exact arithmetic K_d = Tᵀ K T. Columns are found in cells whose edges are upright; without any, as
 in meshes of triangles, T = 1. Nodes that are held keep their displacements.
 
-The free dofs of a solid: their order, and matrices restricted to them. The order follows the bodies
-one after another, and each body along x, then upwards and across. The matrices of slender laminae
-are then narrow bands. On several ranks each one orders its own dofs.
+The free dofs are ordered body by body, and in each body along x, then upwards and across. The
+matrices of slender laminae are then narrow bands. On several ranks each one orders its own dofs.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ from delam_fem.system.mpi import MPI
 X, Y = 0, 1
 """Components along the laminae and of the deflection."""
 SHARED = -1
-"""Stands for the lamina of what bonded laminae share."""
+"""Number in place of that of a lamina, for dofs that bonded laminae share."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +76,6 @@ class Held:
     place: IntArray
     lamina: IntArray
 
-    @property
-    def is_turning(self) -> bool:
-        """Whether there is a pinned end."""
-        return bool(np.any(self.place >= 0))
-
 
 def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
     """Return the held dofs of a case (collective).
@@ -94,7 +88,7 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
     Raises:
         CaseError: an end that is held has no facets.
     """
-    blocks: list[Held] = []
+    blocks = [_at(solid, np.zeros(0, dtype=np.int64))]
     for name in ("start", "end"):
         kind = getattr(case.support, name)
         if kind == "free":
@@ -111,7 +105,10 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
             laminae = np.unique(solid.mesh.lamina[solid.mesh.cells_with(facets[own])[0]])
             one = int(laminae[0]) if laminae.size == 1 else SHARED
             blocks.append(_at(solid, nodes, axis, one))
-    return _joined(blocks)
+    every = [[getattr(own, name) for own in blocks] for name in Held.__dataclass_fields__]
+    dofs, *others = (np.concatenate(values) for values in every)
+    dofs, first = np.unique(dofs, return_index=True)
+    return Held(dofs, *(values[first] for values in others))
 
 
 def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> float:
@@ -119,7 +116,7 @@ def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> flo
 
     Args:
         mesh: the mesh.
-        facets: of the end, shape (n, m).
+        facets: facets of the end as vertices, shape (n, m).
         rigidity: Young's modulus of each cell, times the width in 2D, shape (n_cells,).
     """
     cells, _ = mesh.cells_with(facets)
@@ -144,7 +141,7 @@ def _triangle_area(corners: FloatArray) -> FloatArray:
 
 
 def _clusters(facets: IntArray) -> list[IntArray]:
-    """Return the numbers of the facets that hang together, cluster by cluster."""
+    """Return the numbers of the facets that vertices connect, cluster by cluster."""
     n, m = facets.shape
     entries = np.ones(n * m), (np.repeat(np.arange(n), m), facets.ravel())
     touches = sp.csr_matrix(entries)
@@ -153,7 +150,7 @@ def _clusters(facets: IntArray) -> list[IntArray]:
 
 
 def _at(solid: Solid, nodes: IntArray, axis: float | None = None, lamina: int = SHARED) -> Held:
-    """Return the held dofs of nodes: clamped, or pinned with a neutral axis."""
+    """Return the held dofs of nodes: clamped, or pinned if they have a neutral axis."""
     dim = solid.dim
     dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
     base = np.tile(np.arange(dim) == Y, nodes.size).astype(np.float64)
@@ -162,19 +159,6 @@ def _at(solid: Solid, nodes: IntArray, axis: float | None = None, lamina: int = 
         turn[X::dim] = axis - solid.fetched(solid.coordinates, nodes)[:, Y]
         place[X::dim] = dofs[X]
     return Held(dofs, base, turn, place, np.full(dofs.size, lamina, dtype=np.int64))
-
-
-def _joined(blocks: list[Held]) -> Held:
-    """Return the held dofs of all ends, increasing."""
-    if not blocks:
-        nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
-        return Held(none, nothing, nothing, none, none)
-    every = [np.concatenate([getattr(b, name) for b in blocks]) for name in _FIELDS]
-    _, first = np.unique(every[0], return_index=True)
-    return Held(*(values[first] for values in every))
-
-
-_FIELDS = ("dofs", "base", "turn", "place", "lamina")
 
 
 _SAME = 1e-9
@@ -187,7 +171,7 @@ _MOST_ENTRIES = 4_000_000
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of a solid.
+    """The columns of nodes through the thickness of a solid (R1 of unknowns.py).
 
     Attributes:
         solid: the solid.
@@ -218,7 +202,7 @@ class Columns:
 
     @classmethod
     def none(cls, solid: Solid) -> Columns:
-        """Return no columns: T = 1."""
+        """Return the columns of a solid that has none: T = 1."""
         return cls(solid, np.arange(solid.n_nodes))
 
     @cached_property
@@ -249,7 +233,8 @@ class Columns:
         D = elasticity(self.solid.dim, poisson)
         for rows, columns, values in self._entries(young_modulus, D):
             total = sp.csr_matrix((values, (rows, columns)), shape=(n, n))
-            while sums and sums[-1].nnz <= total.nnz:  # each entry is added a few times only
+            # as in a binary counter, sums of like size are joined: each entry is added a few times
+            while sums and sums[-1].nnz <= total.nnz:
                 total = sums.pop() + total
             sums.append(total)
         total = sums.pop()
@@ -285,7 +270,7 @@ class Columns:
 
 
 def elasticity(dim: int, poisson: float) -> FloatArray:
-    """Return stresses by strains for E = 1: plane stress in 2D; shear strains are 2 eps_ij.
+    """Return the elasticity D for E = 1, in 2D that of plane stress; shear strains are 2 eps_ij.
 
     Returns:
         Shape (3, 3) for xx, yy, xy, or (6, 6) for xx, yy, zz, xy, xz, yz.
@@ -326,6 +311,8 @@ def _alike(
     if not len(corners):
         return
     extent = np.ptp(points, axis=0)
+    # two cells are alike if their corners agree, which nodes share a reference, and where in the
+    # cell that reference is: three tables of whole numbers, one row a cell
     shapes = np.round((corners - corners[:, :1]) / (_SAME * extent)).reshape(len(corners), -1)
     first = (references[:, :, None] == references[:, None, :]).argmax(axis=2)
     at_home = (references[:, :, None] == nodes[:, None, :]) @ (1 + np.arange(nodes.shape[1]))
@@ -365,6 +352,8 @@ def _cell_stiffness(
     derivatives = solid.tabulate(1, points)[1:]  # (dim, n_points, n)
     gradients = np.einsum("kqb,qkj->qbj", derivatives, np.linalg.inv(jacobians))
     largest = np.abs(gradients).max(axis=(0, 1))
+    # ∂N_s/∂x_j of slot s is the sum over the nodes that follow from it (B_q T of R2): 0 along y for
+    # a reference, but for round-off, which is removed before anything is squared
     sums = np.einsum("qbj,bs->qsj", gradients, slots)
     sums[np.abs(sums) < _ROUND_OFF * largest] = 0.0
     strains = np.zeros((len(points), 3 * dim - 3, slots.shape[1], dim))
@@ -385,7 +374,7 @@ def own_rows(total: sp.spmatrix, first: int, stop: int, comm: MPI.Intracomm) -> 
     What others add comes in the order of the ranks, so that the same work gives the same bits.
 
     Args:
-        total: what this rank has, of all rows.
+        total: what this rank contributes to all rows.
         first: first row of this rank.
         stop: the row after its last.
         comm: communicator whose ranks have the rows in their order.
@@ -488,30 +477,24 @@ class Unknowns:
     def parts(self) -> IntArray:
         """Number of the lamina of each own free dof, or SHARED, shape (n_own,)."""
         low, high = _of_nodes(self.solid, self.solid.mesh.lamina)
-        of_nodes = np.where(low == high, low, SHARED)
-        of_nodes = self._of_columns(of_nodes)
-        result = of_nodes[self.own // self.solid.dim - self.solid.first_node]
+        of_nodes, nodes = np.where(low == high, low, SHARED), self.own // self.solid.dim
+        result = of_nodes[nodes - self.solid.first_node]
+        if not self.columns.is_plain:  # a reference may carry a column through several laminae
+            everywhere = np.concatenate(self.solid.comm.allgather(of_nodes))
+            low, high = everywhere.copy(), everywhere.copy()
+            np.minimum.at(low, self.columns.reference, everywhere)
+            np.maximum.at(high, self.columns.reference, everywhere)
+            result = np.where(low == high, everywhere, SHARED)[nodes]
         for dof, lamina in {*zip(self.held.place.tolist(), self.held.lamina.tolist(), strict=True)}:
             result[self.own == dof] = lamina
         return np.asarray(result)
-
-    def _of_columns(self, parts: IntArray) -> IntArray:
-        """Return SHARED for the references of columns that reach through several laminae."""
-        reference, first = self.columns.reference, self.solid.first_node
-        if self.columns.is_plain:
-            return parts
-        everywhere = np.concatenate(self.solid.comm.allgather(parts))
-        low, high = everywhere.copy(), everywhere.copy()
-        np.minimum.at(low, reference, everywhere)
-        np.maximum.at(high, reference, everywhere)
-        result = np.where(low == high, everywhere, SHARED)
-        return np.asarray(result[first : first + parts.size])
 
     @property
     def rigid_motions(self) -> FloatArray:
         """Values of the own free dofs in rigid motions (collective), shape (n_own, 3 or 6).
 
-        A dof d_i of R1 has the difference from its reference, the turn phi of a pinned end is 1.
+        A dof d_i of R1 has the difference from its reference. The turn phi of a pinned end is 1 in
+        the rotation in the plane of x and y, and 0 in all other motions.
         """
         solid, dim = self.solid, self.solid.dim
         nodes, component = np.divmod(self.own, dim)
@@ -538,7 +521,7 @@ class Unknowns:
 
     @cached_property
     def _numbers(self) -> IntArray:
-        """Number of the free dof that each own dof of the solid is; -1: it is none, or phi."""
+        """Number of the free dof that each own dof is, -1: none or phi; (n_own_nodes, dim)."""
         solid = self.solid
         result = np.full(solid.dim * solid.n_own_nodes, -1, dtype=np.int64)
         plain = np.flatnonzero(~np.isin(self.own, self.held.place))
@@ -576,7 +559,7 @@ class Unknowns:
 
     @cached_property
     def free(self) -> sp.csr_matrix:
-        """T of R1 times T of S1, the columns of this rank, CSR (n_dofs, n_own)."""
+        """The matrix from own free dofs to all dofs, T of R1 times T of S1, CSR (n_dofs, n_own)."""
         first, reference = self.solid.first_node, self.columns.reference
         nodes = first + np.arange(self.solid.n_own_nodes)
         result = self._selection(nodes, self._numbers)[:, self.first : self.first + self.n_own]
@@ -661,7 +644,7 @@ class Unknowns:
 
 
 def _order(solid: Solid) -> IntArray:
-    """Return the order of the dofs of this rank: body, x, y, z, component."""
+    """Return this rank's dofs in their order: by body, then by x, y, z, then by component."""
     body, _ = _of_nodes(solid, solid.mesh.bodies)
     extent = np.maximum(np.ptp(solid.mesh.points, axis=0), np.finfo(np.float64).tiny)
     at = np.round(solid.coordinates / (_SAME * extent))
@@ -671,7 +654,7 @@ def _order(solid: Solid) -> IntArray:
 
 
 def _of_nodes(solid: Solid, of_cells: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the lowest and the highest number of the cells at each own node (collective)."""
+    """Return the lowest and highest of the numbers `of_cells` at each own node (collective)."""
     n, ghosts = solid.n_own_nodes, solid.ghost_nodes
     low = np.full(n + ghosts.size, np.iinfo(np.int64).max)
     high = np.full(n + ghosts.size, -1, dtype=np.int64)

@@ -25,7 +25,7 @@ from delam_fem.results.fields import pictures
 from delam_fem.results.fields.derived import contact_lights, held_ends
 from delam_fem.results.fields.pictures import RIGHT, TO_CAMERA, drawable_frames, magnification
 from delam_fem.results.fields.vtkhdf import CELL_TYPES, Series
-from delam_fem.results.figures.style import lamina_colours, title
+from delam_fem.results.figures.style import lamina_colours
 from delam_fem.results.folder import SOLID, load_numbers
 from delam_fem.simulation.recorder import HIT, RESTING
 from delam_fem.system.errors import CaseError
@@ -64,12 +64,12 @@ def write_film(
     stretch: float = STRETCH,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
-    """Write the last periods as a film.
+    """Write the last periods of a run as a film.
 
     Args:
-        history: of a run with frames; see `schema.VARIABLES`.
+        history: dataset of a run with frames; see `schema.VARIABLES`.
         case: its case.
-        paths: of the files, which show the same; each ends in one of `FORMATS`. Their folders
+        paths: paths of the files, which show the same; each ends in one of `FORMATS`. Their folders
             exist.
         solid: path of solid.vtkhdf, to show solids coloured by the von Mises stress; None: the
             laminae, with the pairs that touch lit.
@@ -198,16 +198,17 @@ class _Scene:
     """The laminae in a plotter, moved from frame to frame.
 
     Attributes:
-        plotter: that shows them.
+        plotter: the plotter that shows the laminae.
         bodies: ribbons with their fields.
         lights: which pairs to light in each frame; see `contact_lights`.
-        deflection: factor of the displacements; that of the bodies is in `at_rest`.
+        deflection: factor of the displacements, which includes the stretch.
         at_rest: corners at rest, stretched, first those of the laminae, shape (n_points, 3) [m].
         laminae: number of the corners of the laminae.
-        meshes: of the laminae, with the numbers of their points.
-        clamps: of the ends that are held: 0 or -1, the block, its points at rest.
+        meshes: meshes of the laminae and of the blocks, with the numbers of their points.
+        clamps: for each end that is held: its index (0 or -1), the block, the block's points at
+            rest.
         edge: z of the lights: before the near edges of all laminae [m].
-        radius: of the lights [m].
+        radius: radius of the lights [m].
     """
 
     def __init__(
@@ -221,10 +222,10 @@ class _Scene:
         """Put the laminae at rest into the plotter and aim at where they will move.
 
         Args:
-            plotter: that shows them.
-            history: of the run, with finite frames.
+            plotter: the plotter that shows the laminae.
+            history: dataset of the run, with finite frames.
             case: its case.
-            frames: to show.
+            frames: numbers of the frames to show.
             speed: pictures per second, and the factor of lateral lengths.
         """
         rate, stretch = speed
@@ -265,7 +266,7 @@ class _Scene:
         scale = "true to scale" if stretch == 1.0 else f"lateral × {stretch:g}"
         scale += "" if factor == 1.0 else f", deflections and gaps × {factor * stretch:g}"
         plotter.add_text(
-            f"{title(case).replace(', contact', chr(10) + 'contact')}\n"
+            f"{case.title.replace(', contact', chr(10) + 'contact')}\n"
             f"{spacing * rate:.2g} of real time, {scale}",
             position=(0.03, 0.915), viewport=True, font_size=TEXT, color="black",
         )  # fmt: skip
@@ -321,7 +322,7 @@ class _Scene:
 def _aim(
     plotter: pv.Plotter, focus: FloatArray, up: tuple[float, ...], away: FloatArray, scale: float
 ) -> None:
-    """Look at a point from another that is `away` from it; `scale` is half the height [m]."""
+    """Point the camera at `focus` from the distance `away`; `scale` is half the height [m]."""
     camera = plotter.camera
     camera.focal_point, camera.up, camera.position = focus, up, focus + away
     plotter.enable_parallel_projection()
@@ -353,13 +354,13 @@ def thickening(series: Series) -> float:
 
 
 def render_solid(path: Path, history: xr.Dataset, case: Case, target: Path) -> Path | None:
-    """Write the picture solid.png: von Mises and axial stress about the strongest strike.
+    """Write a picture of a solid's von Mises and axial stresses just after the strongest strike.
 
     Args:
-        path: of solid.vtkhdf.
-        history: of the run; it says when the strike is.
+        path: path of solid.vtkhdf.
+        history: dataset of the run; it says when the strike is.
         case: its case.
-        target: of the picture; its folder is made where it does not exist.
+        target: path of the picture; its folder is made where it does not exist.
 
     Returns:
         The file; None if the frames of both files differ.
@@ -378,9 +379,8 @@ def render_solid(path: Path, history: xr.Dataset, case: Case, target: Path) -> P
 
 
 def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
-    """Return the scene of the picture: two stresses at the frame after the strike."""
-    strike = pictures.strike_frame(history, case)
-    frame = min(strike + 1, series.times.size - 1)
+    """Return the scene of `render_solid`: two stresses at the frame after the strike."""
+    frame = min(pictures.strike_frame(history, case) + 1, series.times.size - 1)
     thick = thickening(series)
     factor = magnification(history, [frame], case.length)
     points = series.drawn(series.field("displacement", frame), thick, factor)
@@ -397,7 +397,7 @@ def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
     event = "strongest strike" if diagnostics.is_at_probes(history).any() else "smallest gap"
     when = f"t = {series.times[frame]:.4f} s, the first frame after the {event}"
     plotter.add_text(
-        f"{title(case)}\n{when}; {scales(thick, factor)}",
+        f"{case.title}\n{when}; {scales(thick, factor)}",
         position=(0.02, 0.84), viewport=True, font_size=11, color="black",
     )  # fmt: skip
     return plotter
@@ -422,13 +422,13 @@ def _coloured(
     stress: FloatArray,
     look: tuple[float, str, str, str, float],
 ) -> tuple[pv.UnstructuredGrid, float]:
-    """Add the laminae in the colours of a stress, and their scale.
+    """Add the laminae in the colours of a stress to a plotter, with the scale of the colours.
 
     Args:
-        plotter: that shows them.
+        plotter: the plotter that shows the laminae.
         series: gives the cells.
-        points: where they are drawn, shape (n_points, 3) [m].
-        stress: at the points, shape (n_points,) [Pa].
+        points: places at which the points are drawn, shape (n_points, 3) [m].
+        stress: stress at the points, shape (n_points,) [Pa].
         look: largest stress that the colours reach [Pa], and a row of `STRESSES`.
 
     Returns:
@@ -486,7 +486,10 @@ def _look(plotter: pv.Plotter, points: FloatArray, aspect: float) -> None:
 def _solid(
     plotter: pv.Plotter, series: Series, history: xr.Dataset, case: Case, frames: list[int]
 ) -> Callable[[int], None]:
-    """Put a solid into a plotter; return what shows a frame, in the same colours and view."""
+    """Put a solid into a plotter; return a function that shows a frame in fixed colours and view.
+
+    All frames share the scale of colours and the direction of view.
+    """
     thick = thickening(series)
     factor = magnification(history, frames, case.length)
     every = {k: series.drawn(series.field("displacement", k), thick, factor) for k in frames}
@@ -496,7 +499,7 @@ def _solid(
         plotter, series, every[frames[0]], stresses[frames[0]], (largest, *STRESSES[0])
     )
     plotter.add_text(
-        f"{title(case)}\n{scales(thick, factor)}",
+        f"{case.title}\n{scales(thick, factor)}",
         position=(0.02, 0.88), viewport=True, font_size=11, color="black",
     )  # fmt: skip
     bounds = np.concatenate([[own.min(axis=0), own.max(axis=0)] for own in every.values()])

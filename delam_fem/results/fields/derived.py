@@ -1,11 +1,11 @@
-"""Fields that follow from the dataset of a run, of beams and of solids.
+"""Compute the fields of a run: contact and curvature of laminae, motion and stress of solids.
 
-Fields that follow from the dataset: gaps, impulses, contact forces and curvatures of laminae. A
-lamina between two others has two interfaces: it shows the smaller of both gaps, and the sums of
-impulses and of forces.
+Gaps, impulses, contact forces and curvatures of laminae follow from the dataset of a run. A lamina
+between two others has two interfaces: it shows the smaller of both gaps, and the sums of impulses
+and of forces.
 
-The fields of a solid at the frames of a run, and their file for ParaView. The dataset of a run
-keeps what the middle lines read; here is the whole body. fields/solid.vtkhdf has all frames on one
+The fields of a solid follow from the states that the recorder kept, because the dataset has only
+what the middle lines read. They are written to fields/solid.vtkhdf for ParaView, all frames on one
 mesh: the laminae at rest, each with points of its own, every cell divided into linear ones between
 its nodes. "Warp By Vector" with the displacement shows the motion.
 """
@@ -37,22 +37,27 @@ if TYPE_CHECKING:
     from delam_fem.model.solids.body import Body, Shape
 
 
-def gap_of_laminae(history: xr.Dataset) -> FloatArray:
-    """Return the smaller gap of each lamina to its neighbours.
+def scalars_of(history: xr.Dataset, case: Case) -> dict[str, npt.NDArray[Any]]:
+    """Return the scalar fields of the laminae at the frames.
+
+    They are moment [N m], curvature [1/m], the smaller gap to the neighbours [m], contact_state,
+    the impulses of all interfaces since the frame before [N s], heat (the mean power that contact
+    takes over the window, of interfaces and stops) [W], and contact_force [N].
 
     Returns:
-        Gaps, shape (n_laminae, n_frames, n_nodes) [m].
+        By name, each of shape (n_laminae, n_frames, n_nodes).
     """
-    return of_laminae(gap_field(history), np.minimum, np.inf)
-
-
-def impulse_of_laminae(history: xr.Dataset) -> FloatArray:
-    """Return the impulses on each lamina since the frame before.
-
-    Returns:
-        Sums of impulses of its interfaces, shape (n_laminae, n_frames, n_nodes) [N s].
-    """
-    return of_laminae(impulse_of_interfaces(history), np.add)
+    of_interfaces, of_stops = heat(history)
+    power = of_laminae(of_interfaces, np.add) + of_stops
+    return {
+        "moment": history["moment"].to_numpy(),
+        "curvature": curvature(history),
+        "gap": of_laminae(gap_field(history), np.minimum, np.inf),
+        "contact_state": of_laminae(by_interface(history["contact_state"])),
+        "impulse": of_laminae(impulse_of_interfaces(history), np.add),
+        "heat": np.repeat(power[:, None], history.sizes["frame"], axis=1),
+        "contact_force": contact_force_of_laminae(history, case),
+    }
 
 
 def impulse_of_interfaces(history: xr.Dataset) -> FloatArray:
@@ -107,17 +112,6 @@ def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
     return of_laminae(np.where(is_resting, force, 0.0), np.add)
 
 
-def heat_of_laminae(history: xr.Dataset) -> FloatArray:
-    """Return the mean power that contact takes at the points of each lamina.
-
-    Returns:
-        Sums over its interfaces and stops, shape (n_laminae, n_frames, n_nodes) [W].
-    """
-    of_interfaces, of_stops = heat(history)
-    both = of_laminae(of_interfaces, np.add) + of_stops
-    return np.repeat(both[:, None], history.sizes["frame"], axis=1)
-
-
 def curvature(history: xr.Dataset) -> FloatArray:
     """Return u'' of the cubic through displacements and slopes at the ends of each cell.
 
@@ -137,12 +131,12 @@ def curvature(history: xr.Dataset) -> FloatArray:
 
 
 def held_ends(case: Case) -> list[bool]:
-    """Return for both ends whether a support holds them, so that they move with the base."""
+    """Return whether a support holds the start and the end, so that they move with the base."""
     return [kind != "free" for kind in (case.support.start, case.support.end)]
 
 
 AT_ONCE = 2**22
-"""Numbers of the states that are sent to the first rank in one go."""
+"""How many numbers of the states are sent to the first rank in one go."""
 
 Fields = dict[str, npt.NDArray[Any]]
 
@@ -153,11 +147,12 @@ class Frames:
 
     Attributes:
         shape: the points of the laminae.
-        times: of the frames, shape (n_frames,) [s].
-        motion: displacements and velocities of all nodes at a frame, (2, n_nodes, dim) [m, m/s].
-        impulses: on the pairs since the frame before, shape (n_frames, n_pairs) [N s].
+        times: times of the frames, shape (n_frames,) [s].
+        motion: function that returns displacements and velocities of all nodes at a frame, shape
+            (2, n_nodes, dim) [m, m/s].
+        impulses: impulses on the pairs since the frame before, shape (n_frames, n_pairs) [N s].
         spans: time since the frame before, shape (n_frames,) [s].
-        forces: of the springs of the pairs at the frame, shape (n_frames, n_pairs) [N].
+        forces: spring forces at the pairs, shape (n_frames, n_pairs) [N].
         rise: how far the gap at rest lifts each point out of the mesh, shape (n_points,) [m].
     """
 
@@ -173,8 +168,9 @@ class Frames:
         """Return the fields at the points; vectors have shape (n_points, 3), scalars (n_points,).
 
         displacement [m] and velocity [m/s]; stress_xx, the stress along the laminae, and von_mises
-        [Pa]; contact_impulse, that since the frame before by area [N s/m2]; contact_pressure [Pa],
-        compression positive: the mean of the impulses since the frame before, and the springs.
+        [Pa]; contact_impulse, the impulse per area since the frame before [N s/m2];
+        contact_pressure [Pa], compression positive: the mean of these impulses over the time since
+        the frame before, and the springs.
         """
         from delam_fem.model.solids.forms import von_mises
 
@@ -193,7 +189,7 @@ class Frames:
         return {name: values.astype(np.float32) for name, values in found.items()}
 
     def _spread(self, of_pairs: FloatArray) -> FloatArray:
-        """Return values of pairs per area at the points."""
+        """Return values of pairs (forces or impulses) as values per area at the points."""
         result, first = np.zeros(self.shape.node.size), 0
         for by_forces in self.shape.pressing:
             last = first + by_forces.shape[1]
@@ -225,12 +221,13 @@ def write_solid(frames: Frames, directory: Path) -> Path:
 
 
 def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | None:
-    """Return the frames of a run (collective).
+    """Return the frames of a run whose structure is a solid (collective).
 
     On several ranks the first one gets the displacements and velocities of all nodes.
 
     Returns:
-        None: the structure has no body, no finite frame was kept, or this is not the first rank.
+        The frames; None if the structure has no body, if no finite frame was kept, or on a rank
+        that is not the first.
     """
     body = structure.body
     steps, states, contact, base = frames_of(recorder)
@@ -291,7 +288,7 @@ def _spring_forces(
 def _motion(
     body: Body, states: list[FloatArray], base: FloatArray
 ) -> Callable[[int], FloatArray] | None:
-    """Return what gives displacements and velocities at a frame (collective); None: elsewhere."""
+    """Return `Frames.motion` (collective), on several ranks on the first; None on the others."""
     if body.solid.comm.size == 1:
         return lambda frame: body.gathered(states[frame], base[frame])
     size = 2 * body.free.shape[0]
@@ -309,10 +306,10 @@ def _rise(structure: Structure, shape: Shape) -> FloatArray:
     x, first = shape.points[:, 0], 0
     lift: dict[tuple[int, int], FloatArray] = {}
     for own in shape.touching:
-        places, one = np.unique(own.pairs.x, return_index=True)
-        gap0 = structure.operators.gap0[first : first + own.pairs.gap.size]
-        first += own.pairs.gap.size
-        beyond = (gap0 - own.pairs.gap)[one]
+        places, one = np.unique(own.x, return_index=True)
+        gap0 = structure.operators.gap0[first : first + own.gap.size]
+        first += own.gap.size
+        beyond = (gap0 - own.gap)[one]  # the mesh has its own distance at the pairs
         ends = shape.mesh.points[own.facing.lower.ravel(), 0]
         if ends.min() < places[0]:  # held or bonded: no pair
             places, beyond = np.append(ends.min(), places), np.append(0.0, beyond)

@@ -1,19 +1,18 @@
 """The deformed laminae at some instants: pictures, and VTK files for ParaView.
 
-The laminae as ribbons of hexahedra of their real width and thickness. x runs along the laminae, y
-is the direction of the motion, z runs across the width. Sections move without rotation, which would
-move the faces by at most a tenth of a millimetre. At rest the top face of the lowest lamina is at y
-= 0. The bottom face of every other lamina is the gap above the top face of the lamina below, so
+Laminae are ribbons of hexahedra of their real width and thickness. x runs along the laminae, y is
+the direction of the motion, z runs across the width. Sections move without rotation, which would
+move the faces by at most a tenth of a millimetre. At rest the top face of the lowest lamina is at
+y = 0. The bottom face of every other lamina is the gap above the top face of the lamina below, so
 faces touch where the gap is 0.
 
-`ribbons` makes the grids, `vtkhdf` the file of a whole series.
+`Ribbons` makes the grids; the module `vtkhdf` writes all frames to one file.
 """
 
 from __future__ import annotations
 
 import math
 import shutil
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -33,12 +32,11 @@ from matplotlib.figure import Figure
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics
-from delam_fem.results.diagnostics import of_laminae
 from delam_fem.results.fields import derived, vtkhdf
 from delam_fem.results.fields.vtkhdf import Grid
-from delam_fem.results.figures.style import DPI, save_figure, title
+from delam_fem.results.figures.style import DPI, save_figure
 from delam_fem.results.schema import by_interface
-from delam_fem.system.files import atomic
+from delam_fem.system.files import atomic, write_text
 
 ENDS = np.array([-1.0, 1.0])
 BLOCK_LENGTH = 0.01
@@ -92,13 +90,13 @@ class Mark:
     """A contact point of a stop or of an impactor, or a support inside the span.
 
     Attributes:
-        lamina: number of the lamina that it is beside, from 0.
-        node: where.
+        lamina: number of the lamina beside the mark, from 0.
+        node: number of the node at the mark.
         side: 1 above the lamina, -1 below.
         rest: y of the face at rest [m]; see `middle_lines`.
-        motion: of the face, shape (n_frames,) [m].
+        motion: displacement of the face, shape (n_frames,) [m].
         state: contact states, shape (n_frames,).
-        heat: mean power that its contact takes [W].
+        heat: mean power that the contact takes [W].
     """
 
     lamina: int
@@ -111,10 +109,10 @@ class Mark:
 
 
 def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
-    """Return what pictures show beside the laminae; see `middle_lines`.
+    """Return the marks of stops, impactors and supports inside the span; see `middle_lines`.
 
-    Hertz's springs lie behind one another, so that the first of them stands for an impactor. One
-    that has flown off stays where the picture would become small.
+    The springs of Hertz's law lie behind one another, so that the first of them stands for an
+    impactor. An impactor that has flown off is drawn no farther away than a picture can show.
     """
     middle, found = middle_lines(history, case, enlarged), []
     x, half = history["x"].to_numpy(), [0.5 * lamina.thickness for lamina in case.lamina]
@@ -147,17 +145,17 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
 
 @dataclass(frozen=True)
 class Ribbons:
-    """The laminae at rest, and what is known of them at every frame.
+    """The laminae at rest as ribbons, and their fields at every frame.
 
-    Stops, impactors and supports inside the span are blocks beside them.
+    Stops, impactors and supports inside the span are blocks beside the laminae.
 
     Attributes:
         rest: corners of all sections, shape (n_laminae, n_nodes, 4 corners, 3) [m].
-        height: of the corners above the middle planes, shape (n_laminae, 4 corners) [m].
+        height: height of the corners above the middle planes, shape (n_laminae, 4 corners) [m].
         vectors: lateral components of vector fields, each (n_laminae, n_frames, n_nodes).
         scalars: other fields, each (n_laminae, n_frames, n_nodes).
-        marks: of the blocks.
-        blocks: their corners at rest, shape (n_marks, 2 sections, 4 corners, 3) [m].
+        marks: marks for which the blocks stand.
+        blocks: corners of the blocks at rest, shape (n_marks, 2 sections, 4 corners, 3) [m].
     """
 
     rest: FloatArray
@@ -181,15 +179,7 @@ class Ribbons:
             rest,
             half[:, None] * UPWARDS,
             {name: history[name].to_numpy() for name in ("displacement", "velocity")},
-            {
-                "moment": history["moment"].to_numpy(),
-                "curvature": derived.curvature(history),
-                "gap": derived.gap_of_laminae(history),
-                "contact_state": of_laminae(by_interface(history["contact_state"])),
-                "impulse": derived.impulse_of_laminae(history),
-                "heat": derived.heat_of_laminae(history),
-                "contact_force": derived.contact_force_of_laminae(history, case),
-            },
+            derived.scalars_of(history, case),
             own,
             blocks,
         )
@@ -199,24 +189,23 @@ class Ribbons:
 
         displacement [m], velocity [m/s], moment [N m], curvature [1/m], gap [m], contact_state [-],
         impulse since the frame before [N s], heat (mean power over the window) [W], contact_force
-        of a pair [N], and the axial strain of
-        bending, minus the height above the middle plane times the curvature [-]. Blocks have
-        displacement, contact_state and heat.
+        of a pair [N], and strain, the axial strain of bending: minus the height above the middle
+        plane times the curvature [-]. Blocks have displacement, contact_state and heat.
         """
         data = {name: _lateral(values[:, frame]) for name, values in self.vectors.items()}
         for name, values in self.scalars.items():
             data[name] = np.repeat(values[:, frame].ravel(), CORNERS)
         curvature = self.scalars["curvature"][:, frame, :, None]
         data["strain"] = (-self.height[:, None, :] * curvature).ravel()
-        of_blocks: dict[str, Any] = {"gap": np.inf}  # as of a lamina without neighbours
-        for name in ("motion", "state", "heat"):
-            own = [getattr(mark, name) for mark in self.marks]
-            of_blocks[name] = np.repeat([v[frame] if np.ndim(v) else v for v in own], 2 * CORNERS)
-        of_blocks["displacement"] = of_blocks["motion"][:, None] * [0.0, 1.0, 0.0]
-        of_blocks["contact_state"] = of_blocks["state"]
-        n = self.blocks.size // 3
+        moved = [mark.motion[frame] for mark in self.marks]
+        of_blocks: dict[str, Any] = {
+            "gap": np.inf,  # as of a lamina without neighbours
+            "displacement": np.outer(np.repeat(moved, 2 * CORNERS), [0.0, 1.0, 0.0]),
+            "contact_state": np.repeat([mark.state[frame] for mark in self.marks], 2 * CORNERS),
+            "heat": np.repeat([mark.heat for mark in self.marks], 2 * CORNERS),
+        }
         for name, values in data.items():
-            more = np.zeros((n, *values.shape[1:]), values.dtype)
+            more = np.zeros((self.blocks.size // 3, *values.shape[1:]), values.dtype)
             more[:] = of_blocks.get(name, 0)
             data[name] = np.concatenate([values, more])
         return data
@@ -319,7 +308,7 @@ def largest_speed(history: xr.Dataset, frames: list[int]) -> float:
     The probes are recorded at every step. Frames are too far apart to hold the speeds of strikes.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
         frames: numbers of the frames that are shown.
     """
     speeds = (history["velocity"].to_numpy()[:, frames], history["tip_velocity"].to_numpy())
@@ -327,12 +316,12 @@ def largest_speed(history: xr.Dataset, frames: list[int]) -> float:
 
 
 def draw(history: xr.Dataset, case: Case) -> Figure:
-    """Return the scene: the laminae side by side at the instants `PHASES`.
+    """Draw the laminae at the instants `PHASES` about a strike, side by side.
 
     Deflections are true to scale unless they are too small to be seen; the title names the factor.
 
     Args:
-        history: with the fields of at least one frame; see `schema.VARIABLES`.
+        history: dataset with the fields of at least one frame; see `schema.VARIABLES`.
         case: its case.
     """
     frames = history["frame"].to_numpy()
@@ -370,7 +359,7 @@ def draw(history: xr.Dataset, case: Case) -> Figure:
     aside = -(len(shown) - 1) / 2 * ROW / len(PHASES) * length
     _name_laminae(axes, history, shown[0], (aside, factor))
     scale = "true to scale" if factor == 1.0 else f"deflections and gaps × {factor:g}"
-    figure.text(0.03, 0.955, f"{title(case)}; {scale}, T = {case.period:.3g} s", fontsize=12)
+    figure.text(0.03, 0.955, f"{case.title}; {scale}, T = {case.period:.3g} s", fontsize=12)
     bar = figure.add_axes((0.89, 0.2, 0.02, 0.6), label="<colorbar>")
     figure.colorbar(colours, bar, ticks=np.linspace(-limit, limit, 5).tolist(), format="{x:+.2g}")
     bar.set_title("lateral velocity [m/s]", pad=12.0)
@@ -386,8 +375,7 @@ def _pieces(values: FloatArray) -> FloatArray:
     place = np.linspace(0.0, len(values) - 1.0, PIECES + 1)
     before = np.minimum(place.astype(np.int64), len(values) - 2)
     share = (place - before).reshape(-1, *(1,) * (values.ndim - 1))
-    between: FloatArray = (1.0 - share) * values[before] + share * values[before + 1]
-    return between
+    return np.asarray((1.0 - share) * values[before] + share * values[before + 1])
 
 
 def _visible(
@@ -395,11 +383,11 @@ def _visible(
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Yield the faces of a body that the camera sees as polygons, with face and edge colours.
 
-    They look towards -y, -z and +x.
+    These faces look towards -y, -z and +x.
 
     Args:
-        corners: of the sections of the body, shape (n, 4, 3), in the order of `CORNERS`.
-        colours: of the sections, shape (n, 4).
+        corners: corners of the sections of the body, shape (n, 4, 3), in the order of `CORNERS`.
+        colours: colours of the sections, shape (n, 4).
     """
     between = (colours[:-1] + colours[1:]) / 2.0
     for other, shade in ((3, 1.0), (1, SHADE)):
@@ -414,7 +402,7 @@ def magnification(history: xr.Dataset, frames: list[int], length: float) -> floa
     """Return the factor of deflections and gaps: 1, 2 or 5 times a power of ten; 1 if visible.
 
     Args:
-        history: with the fields of the frames.
+        history: dataset with the fields of the frames.
         frames: numbers of the frames that are shown.
         length: length of the laminae [m].
     """
@@ -435,7 +423,7 @@ def _supports(
     """Return the blocks that hold the laminae at their start and at their end.
 
     Args:
-        case: of the run.
+        case: case of the run.
         place: offset of the snapshot, shape (3,) [m].
         moved: drawn displacements of the lowest lamina, shape (n_nodes,) [m].
 
@@ -458,7 +446,7 @@ def _supports(
 
 
 def _label(axes: Axes, point: FloatArray, text: str) -> None:
-    """Write at a point."""
+    """Write a text at a point of the scene."""
     x, y = point @ SCREEN
     axes.text(x, y, text, ha="center")
 
@@ -487,9 +475,9 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
     collection does not name are removed.
 
     Args:
-        history: with the fields of the frames; see `schema.VARIABLES`.
+        history: dataset with the fields of the frames; see `schema.VARIABLES`.
         case: gives widths and thicknesses.
-        directory: made where it does not exist.
+        directory: folder, which is made where it does not exist.
 
     Returns:
         Both files; none if no frame has finite values.
@@ -529,9 +517,9 @@ def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
     """Write the picture that `draw` makes as PNG.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
         case: its case.
-        path: of the file; its folder is made if it does not exist.
+        path: the file; its folder is made where it does not exist.
 
     Returns:
         The file; None if no frame has finite values.
@@ -549,13 +537,14 @@ def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
 
 def _write_collection(path: Path, times: FloatArray, names: list[str]) -> Path:
     """Write a ParaView collection: a time for each file."""
-    root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
-    collection = ET.SubElement(root, "Collection")
-    for time, name in zip(times, names, strict=True):
-        ET.SubElement(
-            collection, "DataSet", timestep=repr(float(time)), group="", part="0", file=name
-        )
-    ET.indent(root)
-    with atomic(path) as temporary:
-        ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
-    return path
+    frames = [
+        f'    <DataSet timestep="{time!r}" group="" part="0" file="{name}" />'
+        for time, name in zip(times.tolist(), names, strict=True)
+    ]
+    lines = [
+        "<?xml version='1.0' encoding='utf-8'?>",
+        '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">',
+        *("  <Collection>", *frames, "  </Collection>"),
+        "</VTKFile>",
+    ]
+    return write_text(path, "\n".join(lines))

@@ -29,8 +29,8 @@ def subcells(cell: str, degree: int, nodes: FloatArray) -> IntArray:
 
     Args:
         cell: "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
-        degree: of the cell, so that it has degree + 1 nodes along each edge.
-        nodes: their reference coordinates, shape (n_basis, dim).
+        degree: degree of the cell, which has degree + 1 nodes along each edge.
+        nodes: reference coordinates of the nodes, shape (n_basis, dim).
 
     Returns:
         Shape (degree**dim, number of vertices of the cell).
@@ -59,8 +59,9 @@ def _boxes(degree: int, dim: int) -> list[list[Corner]]:
 def _simplices(degree: int, dim: int) -> list[list[Corner]]:
     """Return the simplices of a lattice by the places of their corners; all volumes are positive.
 
-    In the coordinates a_k = i_k + i_(k+1) + … the reference simplex is p >= a_1 >= a_2 >= … >= 0,
-    which is a union of simplices of Kuhn's division of boxes.
+    In the coordinates a_k = i_k + i_(k+1) + … the reference simplex is p >= a_1 >= a_2 >= … >= 0
+    (p: degree), which is a union of simplices of Kuhn's division of boxes: each goes from the
+    lowest corner of a box to the highest, one axis after the other.
     """
     result = []
     for low, order in product(product(range(degree), repeat=dim), permutations(range(dim))):
@@ -69,7 +70,7 @@ def _simplices(degree: int, dim: int) -> list[list[Corner]]:
             steps[k + 1 :, axis] += 1
         sums = np.array(low) + steps
         if np.any(np.diff(sums, axis=1) > 0):
-            continue
+            continue  # outside the reference simplex
         corners = sums.copy()
         corners[:, :-1] -= sums[:, 1:]
         if np.linalg.det(corners[1:] - corners[0]) < 0.0:
@@ -83,7 +84,7 @@ VERSION = (2, 0)
 CELL_TYPES = {"triangle": 5, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 12}
 """VTK's numbers of the types of cells."""
 POINTS_AT_ONCE = 2**15
-"""Points of the frames that are put together before they are compressed."""
+"""Number of points of successive frames that are compressed together."""
 
 
 Values = Mapping[str, npt.NDArray[Any]]
@@ -92,11 +93,11 @@ Values = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True)
 class Grid:
-    """Points and cells that stay, and what stays of their fields.
+    """Points and cells that are the same in all frames, with the fields that do not change.
 
     Attributes:
-        points: shape (n_points, 3) [m].
-        cells: points of the cells in VTK's order, shape (n_cells, k).
+        points: places of the points, shape (n_points, 3) [m].
+        cells: numbers of the points of each cell in VTK's order, shape (n_cells, k).
         cell: kind of the cells, one of `CELL_TYPES`.
         cell_data: fields of the cells.
         point_data: fields of the points that are the same in all frames; written once.
@@ -110,13 +111,14 @@ class Grid:
 
 
 def write(grid: Grid, times: FloatArray, point_data: Callable[[int], Values], path: Path) -> Path:
-    """Write a grid with the fields of all frames.
+    """Write a grid with the fields of all frames to a VTKHDF file.
 
     Args:
         grid: the grid.
-        times: of the frames, shape (n_frames,) [s].
-        point_data: fields of the points at a frame, the same names and types at all frames.
-        path: of the file, in an existing folder.
+        times: times of the frames, shape (n_frames,) [s].
+        point_data: function that returns the fields of the points at a frame, with the same names
+            and types at all frames.
+        path: the file, in an existing folder.
 
     Returns:
         The file.
@@ -128,10 +130,10 @@ def write(grid: Grid, times: FloatArray, point_data: Callable[[int], Values], pa
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = VERSION
         root.attrs.create("Type", b"UnstructuredGrid", dtype=h5py.string_dtype("ascii", 16))
-        _write_mesh(root, grid)
+        for name, values in _fixed(grid, times).items():
+            root[name] = values
+        root["Steps"].attrs["NSteps"] = times.size
         _write_point_data(root, len(grid.points), times.size, point_data)
-        _write_steps(root, times, len(grid.points))
-        _write_fixed(root, grid, times.size)
         file.flush()
         content = file.id.get_file_image()
     with atomic(path) as temporary, temporary.open("wb") as target:
@@ -139,27 +141,38 @@ def write(grid: Grid, times: FloatArray, point_data: Callable[[int], Values], pa
     return path
 
 
-def _write_mesh(root: h5py.Group, grid: Grid) -> None:
-    """Write points and cells."""
-    cells = grid.cells
-    numbers = {
-        "NumberOfPoints": len(grid.points),
-        "NumberOfCells": len(cells),
-        "NumberOfConnectivityIds": cells.size,
+def _fixed(grid: Grid, times: FloatArray) -> Values:
+    """Return all that is the same at every frame, and where a frame finds it: at the beginning."""
+    cells, first = grid.cells, np.zeros(times.size, dtype=np.int64)
+    return {
+        "NumberOfPoints": np.array([len(grid.points)], dtype=np.int64),
+        "NumberOfCells": np.array([len(cells)], dtype=np.int64),
+        "NumberOfConnectivityIds": np.array([cells.size], dtype=np.int64),
+        "Points": grid.points,
+        "Connectivity": cells.ravel().astype(np.int64),
+        "Offsets": np.arange(0, cells.size + 1, cells.shape[1], dtype=np.int64),
+        "Types": np.full(len(cells), CELL_TYPES[grid.cell], dtype=np.uint8),
+        **{f"CellData/{name}": values for name, values in grid.cell_data.items()},
+        **{f"PointData/{name}": values for name, values in grid.point_data.items()},
+        "Steps/Values": times,
+        "Steps/NumberOfParts": first + 1,
+        "Steps/PartOffsets": first,
+        "Steps/PointOffsets": first,
+        "Steps/CellOffsets": first[:, None],
+        "Steps/ConnectivityIdOffsets": first[:, None],
+        **{f"Steps/CellDataOffsets/{name}": first for name in grid.cell_data},
+        **{f"Steps/PointDataOffsets/{name}": first for name in grid.point_data},
     }
-    for name, number in numbers.items():
-        root[name] = np.array([number], dtype=np.int64)
-    root["Points"] = grid.points
-    root["Connectivity"] = cells.ravel().astype(np.int64)
-    root["Offsets"] = np.arange(0, cells.size + 1, cells.shape[1], dtype=np.int64)
-    root["Types"] = np.full(len(cells), CELL_TYPES[grid.cell], dtype=np.uint8)
 
 
 def _write_point_data(
     root: h5py.Group, n_points: int, n_frames: int, point_data: Callable[[int], Values]
 ) -> None:
-    """Write the fields of all frames one after the other."""
-    group, block = root.create_group("PointData"), min(n_frames, max(1, POINTS_AT_ONCE // n_points))
+    """Write the fields of all frames one after the other, and where each frame begins."""
+    group, block = (
+        root.require_group("PointData"),
+        min(n_frames, max(1, POINTS_AT_ONCE // n_points)),
+    )
     for start in range(0, n_frames, block):
         frames = [point_data(k) for k in range(start, min(start + block, n_frames))]
         rows = slice(start * n_points, (start + len(frames)) * n_points)
@@ -169,35 +182,9 @@ def _write_point_data(
                     name, (n_frames * n_points, *first.shape[1:]), first.dtype,
                     chunks=(block * n_points, *first.shape[1:]), compression="gzip", shuffle=True,
                 )  # fmt: skip
+                begins = n_points * np.arange(n_frames, dtype=np.int64)
+                root[f"Steps/PointDataOffsets/{name}"] = begins
             group[name][rows] = np.concatenate([data[name] for data in frames])
-
-
-def _write_fixed(root: h5py.Group, grid: Grid, n_frames: int) -> None:
-    """Write the fields that stay; every frame has them at the same place."""
-    for where, fields in (("CellData", grid.cell_data), ("PointData", grid.point_data)):
-        group = root.require_group(where)
-        offsets = root["Steps"].require_group(f"{where}Offsets")
-        for name, values in fields.items():
-            group[name] = values
-            offsets[name] = np.zeros(n_frames, dtype=np.int64)
-
-
-def _write_steps(root: h5py.Group, times: FloatArray, n_points: int) -> None:
-    """Write the times and where the data of each of them begins; the mesh is that of step 0."""
-    steps, n_frames = root.create_group("Steps"), times.size
-    steps.attrs["NSteps"] = n_frames
-    steps["Values"] = times
-
-    def offsets(*shape: int) -> npt.NDArray[Any]:
-        return np.zeros((n_frames, *shape), dtype=np.int64)
-
-    steps["PartOffsets"], steps["PointOffsets"] = offsets(), offsets()
-    steps["NumberOfParts"] = offsets() + 1
-    steps["CellOffsets"], steps["ConnectivityIdOffsets"] = offsets(1), offsets(1)
-    own = n_points * np.arange(n_frames, dtype=np.int64)
-    points = steps.create_group("PointDataOffsets")
-    for name in root["PointData"]:
-        points[name] = own
 
 
 KINDS = {number: kind for kind, number in CELL_TYPES.items()}
@@ -206,17 +193,17 @@ KINDS = {number: kind for kind, number in CELL_TYPES.items()}
 
 @dataclass(frozen=True)
 class Series:
-    """What solid.vtkhdf holds; fields are read frame by frame.
+    """The content of solid.vtkhdf; fields are read frame by frame.
 
     Attributes:
-        path: of the file.
-        times: of the frames, shape (n_frames,) [s].
+        path: the file.
+        times: times of the frames, shape (n_frames,) [s].
         points: laminae at rest, shape (n_points, 3) [m].
         rise: height by which gaps at rest lift the points, shape (n_points,) [m].
-        cells: shape (n_cells, k).
-        cell: kind of the cells, one of `vtkhdf.CELL_TYPES`.
-        lamina: of each cell, from 1, shape (n_cells,).
-        names: of the fields that change.
+        cells: numbers of the points of each cell, shape (n_cells, k).
+        cell: kind of the cells, one of `CELL_TYPES`.
+        lamina: number of the lamina of each cell, from 1, shape (n_cells,).
+        names: names of the fields that change.
     """
 
     path: Path
@@ -230,20 +217,19 @@ class Series:
 
     @classmethod
     def read(cls, path: Path) -> Series:
-        """Read the file.
+        """Read the mesh, the times and the names of the fields from a file.
 
         Raises:
             OSError: there is no such file, or it is damaged.
         """
         with h5py.File(path) as file:
             root = file["VTKHDF"]
-            width = int(root["Offsets"][1])
             return cls(
                 path,
                 root["Steps/Values"][:],
                 root["Points"][:],
                 root["PointData/rise"][:],
-                root["Connectivity"][:].reshape(-1, width),
+                root["Connectivity"][:].reshape(-1, int(root["Offsets"][1])),
                 KINDS[int(root["Types"][0])],
                 root["CellData/lamina"][:],
                 tuple(name for name in root["PointData"] if name != "rise"),
@@ -257,10 +243,10 @@ class Series:
         return np.asarray(values, dtype=np.float64)
 
     def drawn(self, displacement: FloatArray, thickness: float, deflection: float) -> FloatArray:
-        """Return where points are drawn, shape (n_points, 3) [m].
+        """Return the places at which a picture shows the points, shape (n_points, 3) [m].
 
         Args:
-            displacement: of the points, shape (n_points, 3) [m].
+            displacement: displacements of the points, shape (n_points, 3) [m].
             thickness: factor of lengths across the laminae.
             deflection: factor of deflections and gaps.
         """

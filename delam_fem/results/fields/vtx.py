@@ -1,8 +1,8 @@
-"""The fields on the middle lines of the laminae and of solids, by ADIOS2 where dolfinx has it.
+"""Write the fields of middle lines and of solids by ADIOS2, where dolfinx has it.
 
 ParaView opens fields.bp with its ADIOS2 VTX reader: one line per lamina in the plane of the motion,
 at rest, with displacement [m], velocity [m/s], moment [N m] and contact_state at the nodes. "Warp
-by scalar" along y shows the motion. `vtk` writes the same fields on bodies without ADIOS2.
+by scalar" along y shows the motion. `pictures.write_fields` writes the same fields without ADIOS2.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ FIELDS = ("displacement", "velocity", "moment")
 
 
 def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
-    """Write fields.bp in place of an earlier one.
+    """Write the fields on the middle lines to fields.bp, in place of an earlier one.
 
     Args:
-        history: with the fields of the frames; see `schema.VARIABLES`.
+        history: dataset with the fields of the frames; see `schema.VARIABLES`.
         directory: an existing folder.
 
     Returns:
@@ -54,10 +54,10 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
 
 
 def write_bodies(series: Series, directory: Path) -> Path | None:
-    """Write solid.bp in place of an earlier one: the fields of solid.vtkhdf.
+    """Write the fields of solid.vtkhdf to solid.bp, in place of an earlier one.
 
     Args:
-        series: of solid.vtkhdf.
+        series: content of solid.vtkhdf.
         directory: an existing folder.
 
     Returns:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
@@ -42,12 +41,12 @@ from delam_fem.results.figures.style import (
     powers_of_ten,
     seconds_below,
     shown_unit,
+    side_by_side,
     stacked,
     steps,
     styled,
     symbol,
     time_axis,
-    title,
 )
 from delam_fem.results.schema import SENSOR, by_interface, event_interfaces, sensors_of
 from delam_fem.simulation.recorder import RESTING
@@ -58,7 +57,7 @@ LINE_PERIODS = 2
 ONE_PANEL, PANEL = 5.0, 3.2
 """Height of the figure of one interface, and of each panel if there are several [in]."""
 GAP_LEVELS = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
-"""Limits of the shades [mm]; a power of ten smaller where gaps are small."""
+"""Limits of the shades of gaps [mm]; some powers of ten smaller where gaps are small."""
 SMALL_GAP = 3.0
 """Gaps below this have finer shades [mm]."""
 SMALLEST_MARK, LARGEST_MARK = 3.0, 90.0
@@ -72,12 +71,13 @@ FLOWS = (
     ("impact_loss", -1.0, "impacts", VERMILLION),
     ("spring_released", 1.0, "switching springs", ORANGE),
 )
-"""Variable, sign with which it changes the stored energy, label, colour."""
+"""Energies exchanged: variable, sign in the balance of the stored energy, label, colour."""
 STORES = (
-    ("kinetic", "kinetic", BLUE),
-    ("strain", "strain", GREEN),
-    ("spring", "contact springs", ORANGE),
+    ("kinetic", 1.0, "kinetic", BLUE),
+    ("strain", 1.0, "strain", GREEN),
+    ("spring", 1.0, "contact springs", ORANGE),
 )
+"""Energies stored, likewise."""
 
 
 def contact_line(history: xr.Dataset, case: Case) -> Figure:
@@ -125,7 +125,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
     for column, text in zip(grid.T, (label, "heat [mW]"), strict=False):
         label_x(column, text)
     seconds_below(panels[-1], case)
-    figure.suptitle(title(case))
+    figure.suptitle(case.title)
     return figure
 
 
@@ -220,18 +220,13 @@ def energy_ledger(history: xr.Dataset, case: Case) -> Figure:
     """Draw what changed the energy within each period, and what is stored at its end."""
     t = np.arange(history.sizes["period"] + 1) * case.period / time_axis(case)[0]
     figure, (upper, lower) = stacked(2, 6.2, sharex=True, height_ratios=[3, 2])
-    flows = [
-        (sign * 1e3 * _column(history, name), text, colour)
-        for name, sign, text, colour in FLOWS
-        if f"energy_{name}" in history
-    ]
-    _stack(upper, t, flows)
-    stored = [
-        (1e3 * _column(history, name), text, colour)
-        for name, text, colour in STORES
-        if f"energy_{name}" in history
-    ]
-    _stack(lower, t, stored)
+    for axes, energies in ((upper, FLOWS), (lower, STORES)):
+        parts = [
+            (sign * 1e3 * np.nan_to_num(finite(history[f"energy_{name}"])), text, colour)
+            for name, sign, text, colour in energies
+            if f"energy_{name}" in history
+        ]
+        _stack(axes, t, parts)
     upper.axhline(0.0, color=BLACK, linewidth=0.8)
     upper.set_ylabel("energy in (+) and out (−)\nper period [mJ]")
     lower.set_ylabel("stored at the end\nof the period [mJ]")
@@ -240,11 +235,6 @@ def energy_ledger(history: xr.Dataset, case: Case) -> Figure:
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
     return over_time(figure, (upper, lower), case, ": energy")
-
-
-def _column(history: xr.Dataset, name: str) -> FloatArray:
-    """Return a column of the ledger, 0 where it is not finite [J]."""
-    return np.nan_to_num(finite(history[f"energy_{name}"]))
 
 
 def _stack(axes: Axes, t: FloatArray, parts: list[tuple[FloatArray, str, str]]) -> None:
@@ -262,8 +252,6 @@ SHOWN_HARMONICS = 20
 """Harmonics that a spectrum shows: the amplitudes beyond are below a micrometre."""
 SPECTRUM_DECADES = 5.0
 """Depth of a spectrum's axis below its largest amplitude."""
-PORTRAIT_COLUMNS = 2
-"""Phase portraits side by side."""
 
 
 def _drive(axes: Axes, t: FloatArray, last: xr.Dataset) -> None:
@@ -306,16 +294,32 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     return over_time(figure, [axes], case)
 
 
+def probe_histories(history: xr.Dataset, case: Case) -> Figure:
+    """Draw the displacements of the probes of operators over the last periods, with impacts."""
+    last = diagnostics.last_periods(history, case, HISTORY_PERIODS)
+    t, unit = last["time"].to_numpy(), time_axis(case)[0]
+    figure, (axes,) = stacked(1, 4.2)
+    if last["base_displacement"].any() or "force" in last:
+        _drive(axes, t / unit, last)
+    for i, (name, colour) in enumerate(_laminae(history)):
+        q = 1e3 * finite(last["tip_displacement"][i])
+        axes.plot(t / unit, q, color=colour, label=f"{name}  {symbol('q', i)}")
+    when = history["event_time"].to_numpy()
+    when = when[when >= t[0]] / unit
+    if when.size:
+        low = np.full(when.size, axes.get_ylim()[0])
+        axes.plot(when, low, "|", color=VERMILLION, markersize=9.0, label="impacts")
+    axes.set_ylabel("displacement [mm]")
+    axes.margins(x=0.0)
+    legend_above(axes)
+    return over_time(figure, [axes], case)
+
+
 def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
     """Draw velocity over displacement of each lamina, with the state at the end of each period."""
     portrait = finite(diagnostics.phase_portrait(history, case, PORTRAIT_PERIODS))
-    n, N = len(portrait), case.steps_per_period
-    columns = min(n, PORTRAIT_COLUMNS)
-    rows = math.ceil(n / columns)
-    figure = canvas(4.6 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes in panels[n:]:
-        axes.remove()
+    N = case.steps_per_period
+    figure, panels = side_by_side(len(portrait), 4.6)
     for i, (name, colour) in enumerate(_laminae(history)):
         axes, q, v = panels[i], 1e3 * portrait[i, 0], portrait[i, 1]
         axes.plot(q, v, color=colour, linewidth=0.8)
@@ -327,7 +331,7 @@ def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
         axes.set(xlabel=f"displacement  {symbol('q', i)} [mm]", ylabel="velocity [m/s]")
     count = portrait.shape[-1] / N
     place = diagnostics.probe_place(history)
-    figure.suptitle(f"{title(case)}; {place}, {count:g} period{'s' if count != 1 else ''}")
+    figure.suptitle(f"{case.title}; {place}, {count:g} period{'s' if count != 1 else ''}")
     return figure
 
 
@@ -338,7 +342,8 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
     n_periods = whole.sizes["time"] // case.steps_per_period
     orders = np.arange(amplitudes.shape[1]) / n_periods
     is_harmonic = case.is_periodic
-    found = diagnostics.window_harmonics(history, case) if is_harmonic else None
+    motion = diagnostics.ProbeMotion.of(history)
+    found = motion.harmonics(case.steps_per_period) if is_harmonic else None
     n, unit = len(amplitudes), 1.0 if is_harmonic else 1.0 / case.period
     figure, panels = stacked(n, 3.0 * n, sharex=True, sharey=True)
     for i, (name, colour) in enumerate(_laminae(history)):
@@ -359,7 +364,7 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
         axes.set_xticks(np.arange(0, SHOWN_HARMONICS + 1, 2))
     label_x(panels, "frequency / frequency of excitation [–]" if is_harmonic else "frequency [Hz]")
     hertz_below(panels[-1], case)
-    figure.suptitle(f"{title(case)}; {n_periods} period{'s' if n_periods != 1 else ''}")
+    figure.suptitle(f"{case.title}; {n_periods} period{'s' if n_periods != 1 else ''}")
     return figure
 
 
@@ -451,6 +456,10 @@ FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
     "envelope": envelope,
 }
 """The figures of every run by the names of their files."""
+OF_PROBES = {"probe_histories": probe_histories} | {
+    name: FIGURES[name] for name in ("phase_portraits", "spectra", "energy_ledger", "envelope")
+}
+"""The figures of runs of operators, of whose structure nothing is known but probes."""
 OF_SENSORS = {"sensors": sensors}
 """The figures of runs with sensors."""
 
@@ -458,19 +467,19 @@ OF_SENSORS = {"sensors": sensors}
 class Plots:
     """The figures of one run as methods without arguments: `plots.tip_histories()`.
 
-    They return matplotlib's figures, which a notebook shows. `dir(plots)` lists them.
+    The methods return matplotlib's figures, which a notebook shows. `dir(plots)` lists them.
     """
 
     def __init__(self, history: xr.Dataset, case: Case) -> None:
-        """Keep what the figures are drawn from."""
+        """Keep the dataset of the run and its case."""
         self._history, self._case = history, case
 
     def __dir__(self) -> list[str]:
-        """List the figures."""
+        """List the names of the figures."""
         return list(figures_of(self._history))
 
     def __getattr__(self, name: str) -> Callable[[], Figure]:
-        """Return the function that draws a figure."""
+        """Return the function that draws the figure of this name."""
         found = {} if name.startswith("_") else figures_of(self._history)
         if name not in found:
             raise AttributeError(f"no figure {name!r}; there are {', '.join(found)}")
@@ -479,6 +488,8 @@ class Plots:
 
 def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Figure]]:
     """Return the figures of a run by the names of their files."""
+    if "tip_node" not in history:
+        return OF_PROBES if history.sizes["lamina"] else {"energy_ledger": energy_ledger}
     found = FIGURES | (OF_SENSORS if sensors_of(history) else {})
     if history.sizes["lamina"] == 1 and "stop" not in history.sizes:
         del found["contact_line"]
@@ -491,9 +502,9 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     A spectrum needs a whole period in the window; without one it is left out.
 
     Args:
-        history: of a run, however short; see `schema.VARIABLES`.
+        history: dataset of a run, however short; see `schema.VARIABLES`.
         case: its case.
-        directory: made where it does not exist.
+        directory: folder, which is made where it does not exist.
 
     Returns:
         The files, in the order of `figures_of`.
@@ -506,7 +517,7 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     has_period = history.sizes["time"] >= case.steps_per_period
     figures = figures_of(history)
     names = [name for name in figures if has_period or name != "spectra"]
-    for name in (FIGURES | OF_SENSORS).keys() - set(names):
+    for name in (FIGURES | OF_PROBES | OF_SENSORS).keys() - set(names):
         (directory / f"{name}.png").unlink(missing_ok=True)  # of an earlier run
     for name in names:
         with styled(), atomic(directory / f"{name}.png") as temporary:

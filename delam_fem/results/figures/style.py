@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.definition import Case
-from delam_fem.contact.laws import combination, combined_name
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.files import atomic
 
@@ -79,7 +78,7 @@ def lamina_colours(n: int) -> tuple[str, ...]:
 def symbol(letter: str, index: int) -> str:
     """Return a letter with a number as subscript: q₁ for the index 0.
 
-    Mathematical text has to be parsed and laid out for each drawing.
+    Plain letters are drawn faster than mathematical text, which is parsed for each drawing.
     """
     return letter + str(index + 1).translate(_SUBSCRIPTS)
 
@@ -94,7 +93,7 @@ def powers_of_ten(axis: Axis) -> None:
 def steps(
     axes: Axes, values: FloatArray, edges: FloatArray, baseline: FloatArray, **look: Any
 ) -> None:
-    """Fill the steps between two lines, as `Axes.stairs` does, which walks along each in Python.
+    """Fill the steps between two lines as `Axes.stairs` does, but without its loop in Python.
 
     Args:
         axes: where to draw.
@@ -144,7 +143,7 @@ def _second_axis(axes: Axes, factor: float, label: str) -> None:
 
 
 def canvas(height: float) -> Figure:
-    """Return an empty figure of the house's width."""
+    """Return an empty figure of the width that all figures have."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(WIDTH, height), layout="constrained")
@@ -156,11 +155,22 @@ def stacked(n: int, height: float, **options: Any) -> tuple[Figure, Any]:
     return figure, figure.subplots(n, 1, squeeze=False, **options)[:, 0]
 
 
+def side_by_side(n: int, height: float, columns: int = 2) -> tuple[Figure, Any]:
+    """Return a figure with n panels in rows of a height [in], and the panels, shape (n,)."""
+    columns = min(n, columns)
+    rows = math.ceil(n / columns)
+    figure = canvas(height * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[n:]:
+        axes.remove()
+    return figure, panels[:n]
+
+
 def over_time(figure: Figure, panels: Sequence[Axes], case: Case, words: str = "") -> Figure:
     """Name the time below each panel, and the case with some words above all; return the figure."""
     label_x(panels, time_axis(case)[1])
     seconds_below(panels[-1], case)
-    figure.suptitle(f"{title(case)}{words}")
+    figure.suptitle(f"{case.title}{words}")
     return figure
 
 
@@ -190,14 +200,17 @@ def legend_above(axes: Axes) -> None:
 def legend_outside(
     figure: Figure, axes: Axes, ncols: int, loc: str = "outside upper center"
 ) -> None:
-    """Put the legend of one of its axes beside all axes of a figure."""
+    """Put the legend of one axes of a figure beside all of its axes."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc=loc, ncols=ncols, frameon=False)
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw and save within this context."""
+    """Apply the style of the package's figures while they are drawn and saved within this context.
+
+    The style that matplotlib had before returns at the end.
+    """
     from matplotlib import rc_context
 
     with rc_context(_STYLE):
@@ -218,11 +231,3 @@ def time_axis(case: Case) -> tuple[float, str]:
     if case.is_periodic:
         return case.period, "time / period of the excitation  t/T  [–]"
     return 1.0, "time  t  [s]"
-
-
-def title(case: Case) -> str:
-    """Return what the case is, in a few words."""
-    contact = combined_name(case.contact.law, case.time.scheme)
-    if "impulse" in combination(case.contact.law, case.time.scheme).reads:
-        contact += f", {case.contact.impulse} impulses"
-    return f"{case.name}: {case.excitation.words}, contact: {contact}"

@@ -32,12 +32,12 @@ class Column:
     """A column as a file has it.
 
     Attributes:
-        name: in the file; of a table without headings colN.
-        values: in the unit of the file, real or complex, shape (n,).
-        unit: as the file names it; None: it names none.
-        quantity: where the file says so itself; empty: by the unit.
-        position: where it was measured [m]; None: not known.
-        lamina: on which it was measured; empty: not known.
+        name: name in the file; in a table without headings colN.
+        values: values in the unit of the file, real or complex, shape (n,).
+        unit: unit as the file names it; None: it names none.
+        quantity: quantity that the file states; empty: it follows from the unit.
+        position: place of the measurement [m]; None: not known.
+        lamina: lamina on which it was measured; empty: not known.
         kind: "signal", "response" (a frequency response), "coherence".
     """
 
@@ -56,7 +56,7 @@ class Sheet:
 
     Attributes:
         label: file, and what in it, for messages.
-        columns: in the order of the file.
+        columns: columns in the order of the file.
         rate: samples per second, where the file says so; None: a column has the times.
         notes: what was put right when the file was read.
         alias: another name of its only signal, such as set3; empty: none.
@@ -73,8 +73,8 @@ def axis_of(name: str, unit: str | None) -> str:
     """Return which axis a column is: "time", "frequency", "x", or "" for none.
 
     Args:
-        name: of the column.
-        unit: that the file names.
+        name: name of the column.
+        unit: unit that the file names.
     """
     word = name.strip().lower()
     for axis, names in AXES.items():
@@ -94,18 +94,21 @@ def heading(text: str) -> tuple[str, str | None]:
     return found["name"].strip(), unit if unit is None else unit.strip()
 
 
-def matrix_columns(name: str, values: Values, names: list[str] | None = None) -> list[Column]:
+def matrix_columns(
+    name: str, values: Values, names: list[str] | None = None, unit: str | None = None
+) -> list[Column]:
     """Return the rows of a matrix, shape (n_columns, n), as columns.
 
     Args:
-        name: of the matrix.
+        name: name of the matrix.
         values: one row for each column.
-        names: of the columns; None: they are numbered.
+        names: names of the columns; None: they are numbered.
+        unit: unit of all of them.
     """
     rows = np.atleast_2d(values)
     if names is None:
         names = [name] if len(rows) == 1 else [f"{name}_{k}" for k in range(1, len(rows) + 1)]
-    return [Column(own, row) for own, row in zip(names, rows, strict=True)]
+    return [Column(own, row, unit) for own, row in zip(names, rows, strict=True)]
 
 
 QUANTITIES = {
@@ -125,7 +128,7 @@ QUANTITIES = {
 }
 """Quantities with their SI unit and their dimensions."""
 SI = "SI"
-"""What names the SI unit of a quantity that is known otherwise."""
+"""Text in place of a unit: the SI unit of the quantity, which the file names."""
 GRAVITY = ("g", "G", "gn")
 """How accelerometers name the standard gravity; a channel is not in grams."""
 POWER = re.compile(r"(?<=[A-Za-zµμ])(-?[23])(?!\w)")
@@ -134,12 +137,12 @@ POWER = re.compile(r"(?<=[A-Za-zµμ])(-?[23])(?!\w)")
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as a factor.
+    """A unit of measurement as a factor to the SI unit.
 
     Attributes:
         factor: value in SI per value in the unit.
         units: the SI unit.
-        quantity: one of `QUANTITIES`; empty for others.
+        quantity: one of `QUANTITIES`; empty for other quantities.
     """
 
     factor: float
@@ -148,11 +151,11 @@ class Unit:
 
 
 def unit_of(text: str, label: str) -> Unit:
-    """Return what a unit is.
+    """Return the factor, the SI unit and the quantity of a unit that is given as text.
 
     Args:
-        text: for example "mm", "m/s²", "µm/m", "g"; empty or "1": a pure number.
-        label: of what has the unit, for messages.
+        text: a unit such as "mm", "m/s²", "µm/m", "g"; empty or "1": a pure number.
+        label: name of what has the unit, for messages.
 
     Raises:
         CaseError: there is no such unit, or it has a zero of its own (°C).
@@ -181,7 +184,7 @@ def of_quantity(quantity: str) -> Unit:
 
 @cache
 def _registry() -> Any:
-    """Return pint's units; to read their definitions takes a third of a second."""
+    """Return pint's registry of units; reading its definitions takes a third of a second."""
     import pint
 
     return pint.UnitRegistry()
@@ -224,8 +227,8 @@ class Channel(Column):
     Attributes:
         axis: "time", "frequency" or "x".
         points: values of the axis in SI, shape (n,).
-        si: what has made the values SI; with the SI unit and the quantity.
-        source: file and column, for people.
+        si: unit of the file, as the factor that was applied, with the SI unit and the quantity.
+        source: file and column, with the unit there, for messages.
     """
 
     axis: str
@@ -254,9 +257,9 @@ def channels_of(
     """Return the columns of all sheets as channels.
 
     Args:
-        sheets: of all files.
-        assignments: by name of the channel; columns without one keep their name.
-        units: of columns that name none.
+        sheets: sheets of all files.
+        assignments: assignments by name of the channel; columns without one keep their name.
+        units: unit of columns that name none.
         rate: samples per second of sheets without times.
 
     Raises:
@@ -281,7 +284,7 @@ def channels_of(
 def _renamed(
     sheet: Sheet, assignments: Mapping[str, Assignment], n_sheets: int
 ) -> tuple[Sheet, list[str]]:
-    """Return a sheet with the assigned names, and those that it used."""
+    """Return a sheet whose columns have their assigned names, and the names that were used."""
     columns, used = list(sheet.columns), []
     for name, (source, says) in assignments.items():
         k = _place(sheet, source)
@@ -344,7 +347,7 @@ def _axis_points(sheet: Sheet, column: Column, kind: str, units: str | None) -> 
 
 
 def _unit_in(label: str, column: Column, units: str | None, kind: str) -> tuple[Unit, str]:
-    """Return the unit of a column over an axis of some kind, and the column with it in words."""
+    """Return the unit of a column over an axis of some kind, and a label of column and unit."""
     text = column.unit if column.unit is not None else units
     if text is None:
         raise CaseError(
@@ -357,7 +360,7 @@ def _unit_in(label: str, column: Column, units: str | None, kind: str) -> tuple[
 def _channel(
     sheet: Sheet, column: Column, kind: str, points: FloatArray, units: str | None
 ) -> Channel:
-    """Return a column in SI with what its name says of its place."""
+    """Return a column as a channel in SI; its name may say where it was measured."""
     label = f"{sheet.label}, column {shown(column.name)}"
     place, lamina = column.position, column.lamina
     if found := PLACE.fullmatch(column.name):
@@ -401,12 +404,9 @@ def joined(channels: Sequence[Channel]) -> list[Channel]:
     NAME; `NAME coherence` its coherence. A phase is in radians once its unit has been converted.
     Other columns over the frequency are responses as they are.
     """
-    kept: list[Channel] = []
+    kept = [own for own in channels if own.axis != "frequency"]
     parts: dict[str, dict[str, Channel]] = {}
-    for channel in channels:
-        if channel.axis != "frequency":
-            kept.append(channel)
-            continue
+    for channel in (own for own in channels if own.axis == "frequency"):
         found = PART.fullmatch(channel.name)
         if channel.kind == "coherence":
             name, part = channel.name, "coherence"

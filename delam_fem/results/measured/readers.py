@@ -1,11 +1,9 @@
 """Read columns from tables of text, NetCDF, MATLAB and universal files.
 
-The sets of a universal file as bytes, and what is put right in them before they are parsed. Real
-files have tags with trailing blanks, lines with trailing blanks, D for E in exponents, empty lines,
-and stray line ends about the binary data of a set 58b, which may itself look like a tag.
-
-Read measurements from universal files (UFF): sets 58 and 58b with units and positions. pyuff reads
-the sets; what it stumbles over in real files is put right before, byte by byte.
+Of universal files (UFF) the sets 58 and 58b are read, with units and positions. pyuff parses the
+sets; what it stumbles over in real files is put right before, byte by byte. Real files have tags
+and lines with trailing blanks, D for E in exponents, empty lines, and stray line ends about the
+binary data of a set 58b. This data may itself look like a tag.
 """
 
 from __future__ import annotations
@@ -28,19 +26,19 @@ from delam_fem.system.errors import CaseError
 
 
 def read_text(path: Path) -> list[Sheet]:
-    """Read a table.
+    """Read the columns of a table in a text file.
 
-    The lines above the first row of numbers are headings: the last with as many cells as the
-    table has columns names them, with units as in `thick [mm]`; a line of units may follow.
+    The lines above the first row of numbers are headings. The last of them with as many cells as
+    the table has columns names these, with units as in `thick [mm]`; a line of units may follow.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Returns:
         One sheet.
 
     Raises:
-        CaseError: the file cannot be read, or a row is not as long as the others or no numbers.
+        CaseError: the file cannot be read, a row has another length, or a cell is no number.
     """
     label = str(path)
     words: list[tuple[int, list[str]]] = []
@@ -92,7 +90,7 @@ def _is_unit_cell(cell: str) -> bool:
 
 
 def load_netcdf(path: Path) -> xr.Dataset:
-    """Return the dataset of a file as it is.
+    """Return the dataset of a NetCDF file as it is.
 
     Raises:
         CaseError: the file is no NetCDF, or damaged.
@@ -107,11 +105,11 @@ def load_netcdf(path: Path) -> xr.Dataset:
 
 
 def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
-    """Return the variables over an axis (time, frequency, x) as columns.
+    """Return the variables of a dataset over an axis (time, frequency, x) as columns.
 
     Args:
-        data: of the file.
-        path: of the file, for messages.
+        data: dataset of the file.
+        path: the file, for messages.
 
     Raises:
         CaseError: no variable is over such an axis.
@@ -145,19 +143,10 @@ def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
     others = [d for d in variable.dims if d != dim]
     if dim not in variable.dims or len(others) > 1 or variable.dtype.kind not in "fiuc":
         return []
-    name, unit = str(variable.name), variable.attrs.get("units")
-    if not others:
-        return [Column(name, variable.to_numpy(), unit)]
-    rows = variable.transpose(others[0], dim)
-    labels = (
-        [f"{name} {label}" for label in rows[others[0]].to_numpy()]
-        if others[0] in rows.coords
-        else None
-    )
-    return [
-        Column(column.name, column.values, unit)
-        for column in matrix_columns(name, rows.to_numpy(), labels)
-    ]
+    name, rows, labels = str(variable.name), variable.transpose(*others, dim), None
+    if others and others[0] in rows.coords:
+        labels = [f"{name} {label}" for label in rows[others[0]].to_numpy()]
+    return matrix_columns(name, rows.to_numpy(), labels, variable.attrs.get("units"))
 
 
 RATES = {"fs", "rate", "sample_rate", "sampling_rate", "samplerate", "sampling_frequency"}
@@ -166,21 +155,21 @@ STEPS = {"dt", "time_step", "sample_time"}
 UNITS = "units"
 """Name of the structure with the units of the variables beside it."""
 HDF5 = b"\x89HDF"
-"""What a file of version 7.3 has behind its header of 512 bytes."""
+"""Bytes that a MATLAB file of version 7.3 has behind its header of 512 bytes."""
 
 Tree = dict[str, Any]
 """Variables by name: numbers, texts, lists of texts, or trees for structures."""
 
 
 def read_matlab(path: Path) -> list[Sheet]:
-    """Read the variables of a file: vectors and matrices as long as a vector of times.
+    """Read the variables of a MATLAB file: vectors and matrices as long as a vector of times.
 
     Structures are looked into; a structure takes the times from outside if it has none. A number
     fs or dt replaces the times. Where a structure `units` has the name of a variable, its text is
     the unit.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Returns:
         A sheet for each vector of times, frequencies or positions.
@@ -259,10 +248,7 @@ def _columns_of_tree(tree: Tree, units: Mapping[str, Any], n: int, taken: set[st
         rows = values if values.shape[-1] == n else values.T
         unit = units.get(name)
         names = _row_names(tree, name, len(np.atleast_2d(rows)))
-        columns += [
-            Column(own.name, own.values, unit if isinstance(unit, str) else None)
-            for own in matrix_columns(name, rows, names)
-        ]
+        columns += matrix_columns(name, rows, names, unit if isinstance(unit, str) else None)
     return columns
 
 
@@ -273,7 +259,7 @@ def _row_names(tree: Tree, name: str, n_rows: int) -> list[str] | None:
 
 
 def _of_scipy(path: Path) -> Tree:
-    """Return the variables of a file of version 5 to 7."""
+    """Return the variables of a MATLAB file of version 5 to 7."""
     from scipy.io import loadmat
 
     raw = loadmat(path, simplify_cells=True)
@@ -294,7 +280,7 @@ def _plain(value: Any) -> Any:
 
 
 def _of_hdf5(path: Path) -> Tree:
-    """Return the variables of a file of version 7.3."""
+    """Return the variables of a MATLAB file of version 7.3."""
     with h5py.File(path, "r") as file:
         return {name: _value(node, file) for name, node in file.items() if not name.startswith("#")}
 
@@ -332,6 +318,7 @@ HEADER_LINES = 13
 NUMBER_WIDTHS = {2: 4, 4: 8, 5: 8, 6: 16}
 """Bytes of a value by the type of the ordinate: real and complex, single and double."""
 MOST_BYTES = 1_000_000_000
+"""Size of the largest universal file that is read."""
 
 
 @dataclass(frozen=True)
@@ -339,9 +326,9 @@ class Block:
     """A set of a universal file.
 
     Attributes:
-        number: of the set in the file, from 1.
-        kind: its type, such as "58b".
-        header: of a set 58b its first lines, otherwise all lines, without the tag at the end.
+        number: number of the set in the file, from 1.
+        kind: type of the set, such as "58b".
+        header: the first lines of a set 58b, all lines of another; without the tag at the end.
         data: binary data of a set 58b without stray line ends.
         notes: what was put right.
     """
@@ -354,7 +341,7 @@ class Block:
 
 
 def blocks_of(path: Path) -> list[Block]:
-    """Return the sets of a file.
+    """Return the sets of a universal file.
 
     Raises:
         CaseError: the file is too large, has no set, or ends within one.
@@ -387,7 +374,7 @@ def _block(content: bytes, start: int, number: int, path: Path) -> tuple[Block, 
 
 
 def _binary(content: bytes, start: int, number: int, path: Path) -> tuple[Block, int]:
-    """Return a set 58b: its size follows from its header, not from what looks like a tag."""
+    """Return a set 58b; the size of its data follows from its header, not from the next tag."""
     place = start
     lines = []
     for _ in range(HEADER_LINES):
@@ -419,7 +406,8 @@ def _strays(data: bytes, size: int, order: str) -> tuple[int, int]:
     """Return how many stray bytes are before and behind the binary data.
 
     Only line ends can be stray. Where it is not clear on which side they are, because a value
-    begins or ends with such a byte, the side is taken that leaves the smaller values.
+    begins or ends with such a byte, the side is taken that leaves values nearer to 1 in their
+    powers of ten.
     """
     extra = len(data) - size
     starts = [k for k in range(extra + 1) if not (data[:k] + data[k + size :]).strip(b"\r\n")] or [
@@ -440,7 +428,7 @@ def _line_end(content: bytes, place: int) -> int:
 
 
 def cleaned(block: Block) -> bytes:
-    """Return a set as pyuff expects it: plain tags and line ends, no trailing blanks, no D."""
+    """Return the bytes of a set for pyuff: plain tags and line ends, no trailing blanks, no D."""
     if block.kind == "58b":
         return block.header + block.data + b"\n" + TAG + b"\n"
     lines = [line.rstrip() for line in block.header.splitlines()]
@@ -460,7 +448,7 @@ QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force"
 """Quantities by the type of data."""
 FACTORS = {"displacement": "length", "velocity": "length", "acceleration": "length",
            "force": "force", "strain": ""}  # fmt: skip
-"""Which factor of set 164 makes a quantity SI: values are divided by it."""
+"""Factor of set 164 by which values of a quantity are divided to be in SI."""
 RATIOS = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
 """Quantities of frequency responses to a force."""
 RESPONSE = 4
@@ -473,7 +461,7 @@ def read_universal(path: Path) -> list[Sheet]:
     """Read the functions of a universal file.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Returns:
         A sheet for each set 58 that holds a history, a frequency response or a coherence.
@@ -511,7 +499,7 @@ def read_universal(path: Path) -> list[Sheet]:
 
 
 def _parsed(block: Block, path: Path) -> dict[str, Any]:
-    """Return what pyuff makes of a set, whose bytes are put right first."""
+    """Return a set as pyuff parses it, after its bytes have been put right."""
     import pyuff
 
     with tempfile.TemporaryDirectory(prefix="delam-fem-") as folder:
@@ -566,14 +554,15 @@ def _sheet(path: Path, block: Block, own: dict[str, Any], about: tuple[Any, ...]
         "s" if is_time else "Hz",
     )
     place = places.get(int(own["rsp_node"]))
-    values = own["data"][:n] * scale
-    column = Column(name, values, unit, quantity, place, kind=kind)
-    label = f"{path}, set {block.number}"
-    return Sheet(label, (axis, column), notes=block.notes, alias=f"set{block.number}")
+    column = Column(name, own["data"][:n] * scale, unit, quantity, place, kind=kind)
+    number = f"set{block.number}"
+    return Sheet(f"{path}, set {block.number}", (axis, column), notes=block.notes, alias=number)
 
 
 def _unit(own: dict[str, Any], factors: dict[str, Any]) -> tuple[str | None, str, float]:
-    """Return unit (None: not named), quantity (empty: not known), factor to that unit.
+    """Return the unit of a set (None: not named), its quantity (empty: not known), a factor.
+
+    Values times the factor are in the unit.
 
     The unit's label in the set comes first, then the factors of set 164, by which values are
     divided to be SI.

@@ -1,7 +1,7 @@
 """Read measurements of any known format into one dataset whose names are those of a run.
 
 `tip_displacement(lamina, time)`, `tip_velocity`, `base_displacement(time)`, `force(time)`,
-`sensor_NAME(time)` and `gap0(node)` with `x(node)` mean what they mean there. Besides:
+`sensor_NAME(time)` and `gap0(node)` with `x(node)` mean the same as in a run. Besides:
 
     response(frequency, output)    frequency responses, complex
     coherence(frequency, output)   their coherence, NaN where it was not measured
@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -36,7 +37,7 @@ from delam_fem.system.errors import CaseError
 from delam_fem.system.files import write_text
 
 SCHEMA = "delam_fem measurement"
-"""What the attribute `schema` of the dataset says."""
+"""Value of the dataset's attribute `schema`."""
 TIP = re.compile(
     r"tip[ _](?:(?:displacement|velocity|acceleration)[ _])?(?P<lamina>.+)", re.IGNORECASE
 )
@@ -46,7 +47,7 @@ OF_DRIVE = {("base", "displacement"): "base_displacement",
             ("base_displacement", "displacement"): "base_displacement",
             ("force", "force"): "force"}  # fmt: skip
 EQUAL = 1e-6
-"""Axes that differ by less of a step are the same."""
+"""Share of a step up to which two axes count as the same."""
 SMALLEST_STEP, LARGEST_STEP = 1e-12, 1e9
 """Bounds of the steps of an axis [s, Hz or m]."""
 TABLE = {
@@ -79,20 +80,20 @@ BESIDES = {
 
 
 def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Dataset:
-    """Return channels as one dataset.
+    """Return measured channels as one dataset.
 
     Histories over other times than the first are interpolated to the finest step over the time
     that all have; a note says so.
 
     Args:
-        channels: in SI.
+        channels: channels in SI.
         notes: what was put right when the files were read.
 
     Raises:
         CaseError: two channels have the same name, or their times have nothing in common.
     """
     notes, data = list(notes), xr.Dataset()
-    if any(_is_gap(channel) for channel in channels):  # beside it may be what is no gap
+    if any(_is_gap(channel) for channel in channels):  # then other columns over x are no gaps
         channels = [own for own in channels if own.axis != "x" or _is_gap(own)]
     seen: dict[tuple[str, str], str] = {}
     for own in channels:
@@ -175,60 +176,47 @@ def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatAr
 def _with_histories(
     data: xr.Dataset, channels: Sequence[Channel], time: FloatArray, values: Sequence[Values]
 ) -> xr.Dataset:
-    """Return the dataset with tips by lamina, drive and sensors over the time."""
+    """Return the dataset with histories: tips by lamina, drive and sensors."""
     tips: dict[str, dict[str, Values]] = {}
-    add(data, "time", time)
-    rest = []
+    drives, sensors = dict[str, Values](), dict[str, Any]()
     for channel, own in zip(channels, values, strict=True):
-        name, found = variable_of(channel), TIP.fullmatch(channel.name)
-        if found and name in OF_TIPS.values():
-            tips.setdefault(name, {})[found["lamina"]] = own
+        name = variable_of(channel)
+        if name in OF_TIPS.values():
+            tips.setdefault(name, {})[_lamina_of(channel)] = own
+        elif name in VARIABLES:
+            drives[name] = own
         else:
-            rest.append((name, channel, own))
+            words = f"{channel.si.quantity or 'signal'}: {channel.name}"
+            sensors[name] = (("time",), own, {"units": channel.si.units, "long_name": words})
     laminae = list(dict.fromkeys(lamina for own in tips.values() for lamina in own))
     if laminae:
         data = data.assign_coords(lamina=laminae)
     none = np.full(time.size, np.nan)
-    sensors = {}
-    for name, of_laminae in tips.items():
-        add(data, name, [of_laminae.get(lamina, none) for lamina in laminae])
-    for name, channel, own in rest:
-        if name in VARIABLES:
-            add(data, name, own)
-        else:
-            quantity = channel.si.quantity or "signal"
-            about = {"units": channel.si.units, "long_name": f"{quantity}: {channel.name}"}
-            sensors[name] = (("time",), own, about)
+    tables = {name: [own.get(lamina, none) for lamina in laminae] for name, own in tips.items()}
+    add(data, time=time, **tables, **drives)
     return data.assign(sensors)  # at once: one by one, thousands take minutes
 
 
 def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) -> xr.Dataset:
     """Return the dataset with frequency responses and coherences."""
     frequency, values = _on_one_axis(channels, notes)
-    by_kind: dict[str, dict[str, Values]] = {"response": {}, "coherence": {}}
-    units: dict[str, str] = {}
-    for channel, own in zip(channels, values, strict=True):
-        by_kind[variable_of(channel)][channel.name] = own
-        if variable_of(channel) == "response":
-            units[channel.name] = channel.si.units
-    names = list(dict.fromkeys([*by_kind["response"], *by_kind["coherence"]]))
+    tables = {
+        kind: {c.name: v for c, v in zip(channels, values, strict=True) if variable_of(c) == kind}
+        for kind in ("response", "coherence")
+    }
+    units = {own.si.units for own in channels if variable_of(own) == "response"}
+    names = list(dict.fromkeys([*tables["response"], *tables["coherence"]]))
     data = data.assign_coords(
         frequency=("frequency", frequency, {"units": "Hz", "long_name": BESIDES["frequency"]}),
         output=names,
     )
     none = np.full(frequency.size, np.nan)
-    common = set(units.values())
-    about = {
-        "units": common.pop() if len(common) == 1 else "see channel_units",
-        "long_name": BESIDES["response"],
-    }
-    for kind, long in (
-        ("response", about),
-        ("coherence", {"units": "1", "long_name": BESIDES["coherence"]}),
-    ):
-        if by_kind[kind]:
-            table = np.array([by_kind[kind].get(name, none) for name in names]).T
-            data[kind] = (("frequency", "output"), table, long)
+    shown_units = {"response": units.pop() if len(units) == 1 else "see channel_units"}
+    for kind, own in tables.items():
+        if own:
+            about = {"units": shown_units.get(kind, "1"), "long_name": BESIDES[kind]}
+            table = np.array([own.get(name, none) for name in names]).T
+            data[kind] = (("frequency", "output"), table, about)
     return data
 
 
@@ -243,9 +231,9 @@ def _with_gaps(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) 
     x, values = _on_one_axis(channels, notes)
     if len(channels) > 1:
         data = data.assign_coords(interface=[channel.name for channel in channels])
-    add(data, "x", x)
+    add(data, x=x)
     data = data.set_coords("x")
-    add(data, "gap0", values[0] if len(values) == 1 else np.array(values))
+    add(data, gap0=values[0] if len(values) == 1 else np.array(values))
     return data
 
 
@@ -295,7 +283,7 @@ READERS: dict[str, Callable[[Path], list[Sheet]]] = {
 
 
 def assigned(channels: Mapping[str, str] | Sequence[str] | None) -> dict[str, str]:
-    """Return what columns are by name, also of texts NAME=SOURCE as the option --channel takes."""
+    """Return sources by name of the channel, from a mapping or texts NAME=SOURCE (--channel)."""
     if isinstance(channels, Mapping):
         return dict(channels)
     found: dict[str, str] = {}
@@ -323,11 +311,11 @@ def read_measured(
         channels: what columns are, as `{"tip thick": "col2:mm", "mid": "Laser 3:mm/s@0.2/upper"}`:
             source, then after a colon the unit, after an @ the position [m] and the lamina.
             `tip LAMINA`, `base`, `force` and `gap` have their own variables; others are sensors.
-        units: of columns that name none; "SI" for the SI unit of what the file says they measure.
+        units: unit of columns that name none; "SI": the SI unit of the quantity that the file says.
         rate: samples per second of files without times.
 
     Returns:
-        A dataset as the head of this module describes.
+        A dataset as the docstring of this module describes it.
 
     Raises:
         CaseError: a file cannot be read, or what it holds is not clear.
@@ -355,7 +343,7 @@ def read_measured(
 
 
 def sheets_of(path: Path) -> list[Sheet]:
-    """Return the columns of a file.
+    """Return the columns of a file of any known format.
 
     Raises:
         CaseError: there is no such file, it is of no known format, or it is damaged.
@@ -407,7 +395,7 @@ def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataA
     Args:
         data: a measurement whose channels have positions.
         quantity: "displacement", "velocity", "acceleration" or "strain".
-        lamina: on which the points are; None: all points, whatever their lamina.
+        lamina: lamina on which the points are; None: points of all laminae.
 
     Returns:
         The field, dimensions (time, point), with the coordinates `position` [m], `lamina` and
@@ -456,10 +444,8 @@ def history_of(data: xr.Dataset, channel: int) -> Values:
         "interface": str(data["channel"][channel].item()),
         "output": str(data["channel"][channel].item()),
     }
-    values: Values = own.sel(
-        {dim: labels[str(dim)] for dim in own.dims if dim in labels}
-    ).to_numpy()
-    return values
+    here = {dim: labels[str(dim)] for dim in own.dims if dim in labels}
+    return np.asarray(own.sel(here).to_numpy())
 
 
 HEADING = ("channel", "in measured.nc", "quantity", "smallest", "largest")
@@ -482,7 +468,7 @@ def rows(data: xr.Dataset) -> Iterator[tuple[str, ...]]:
 
 
 def lines(data: xr.Dataset) -> Iterator[str]:
-    """Yield what holds for all channels: rate, duration, ranges, and what was put right."""
+    """Yield lines of text on all channels: rate, duration, ranges, and what was put right."""
     if "time" in data:
         time: FloatArray = data["time"].to_numpy()
         span = float(time[-1] - time[0])

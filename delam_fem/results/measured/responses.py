@@ -1,9 +1,9 @@
 """Frequency responses from measured histories: blows of a hammer, coherence, poles, pictures.
 
-Find the blows of a hammer in a measured force, and cut the record into a segment for each. A
-segment reaches from before a blow to before the next. If the response decays in it, the ratio of
-the spectra needs no window. If not, force and response are multiplied by exp(-a t); their ratio is
-then H(iω + a), and `on_axis` leads it back to H(iω).
+The blows of a hammer are found in the measured force, and the record is cut into a segment for
+each. A segment reaches from before a blow to before the next. If the response decays in it, the
+ratio of the spectra needs no window. If not, force and response are multiplied by exp(-a t); their
+ratio is then H(iω + a), and `on_axis` leads it back to H(iω).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from delam_fem.results.measured.reading import history_of
 from delam_fem.system.errors import CaseError
 
 QUIET = 15.0
-"""Largest force over the deviation of its noise from which it is of blows; noise has 4 to 6."""
+"""Largest force over the deviation of its noise, least for blows; noise alone has 4 to 6."""
 MOST_LOUD = 0.1
 """Largest share of the time in which blows act."""
 FEWEST = 6
@@ -47,20 +47,21 @@ DECAYED, WINDOWED, FILLED = 0.005, 0.001, 4
 """Share of the response that may be left at the end without a window, and with one; such segments
 are filled with zeros to that many times their length, to show peaks narrower than 1/length."""
 IN_NOISE, FAINT = 5.0, 1e-3
-"""Lines that tell what is left: above this multiple of the median and share of the largest."""
+"""Spectral lines that show what is left: multiple of the median and share of the largest line."""
 RESONANT, DRIVEN, EXPLAINED = 0.3, 0.1, 0.99
-"""Peaks that are led back: decades of |H|^2, share of the largest force, size in the pole."""
+"""Peaks that are led back: least height in decades of |H|^2, least share of the largest force,
+least share of the peak that its pole explains."""
 
 
 PASSES = 5
-"""Passes over the peaks; each leaves out what the others add to a peak."""
+"""Passes over the peaks; each subtracts what the other modes add to a peak."""
 
 
 def pulses(force: FloatArray) -> list[tuple[int, int]]:
     """Return first and last sample, exclusive, of each pulse of a force that rests between them.
 
     Returns:
-        In order of time; none: the force is not that of blows.
+        The pulses in order of time; an empty list if the force is not one of blows.
     """
     size = np.abs(force - np.median(force))
     noise = 1.4826 * float(np.median(size))  # deviation of a normal number by its median
@@ -83,16 +84,16 @@ def cut(
     """Return the segments of a record of blows.
 
     Args:
-        time: of the samples, at equal steps [s], shape (n,).
-        force: shape (n,).
-        response: shape (n_outputs, n).
+        time: times of the samples, at equal steps [s], shape (n,).
+        force: measured force, shape (n,).
+        response: measured responses, shape (n_outputs, n).
         struck: pulses of the force.
-        length: of the segments in samples; None: up to the next blow.
+        length: length of the segments in samples; None: up to the next blow.
 
     Returns:
-        Nothing of the force but its pulses, shape (n_blows, 1, m); responses without their means,
-        zero behind their ends, shape (n_blows, n_outputs, m); a of the window per sample, 0 where
-        there is none; what a user has to know.
+        Forces, zero but for the pulses, shape (n_blows, 1, m); responses without their means, zero
+        behind their ends, shape (n_blows, n_outputs, m); the decay a of the window per sample, 0
+        without a window; notes for the user.
 
     Raises:
         CaseError: the record holds no whole blow.
@@ -146,19 +147,20 @@ def _left(decaying: FloatArray) -> float:
     early, late = np.abs(np.fft.rfft(parts))[:, :, 2:]
     is_clear = late > IN_NOISE * np.median(late, axis=1, keepdims=True)
     is_clear &= early > FAINT * early.max(axis=1, keepdims=True)
+    # the two quarters are 3/4 of the segment apart
     return float(np.minimum(np.max(late[is_clear] / early[is_clear], initial=0.0), 1.0) ** (4 / 3))
 
 
 def on_axis(
     frequency: FloatArray, response: Values, force: FloatArray, decay: float
 ) -> tuple[Values, FloatArray]:
-    """Return responses H(iω) of those behind an exponential window, H(iω + a).
+    """Return responses H(iω) from those that an exponential window has made H(iω + a).
 
     About each peak H is r / (s - λ) and a straight line. The pole λ follows by linear least
     squares, which the window does not change; its term is exchanged for that at s = iω.
 
     Args:
-        frequency: at equal steps [Hz], shape (n,).
+        frequency: frequencies at equal steps [Hz], shape (n,).
         response: H(iω + a), shape (n_outputs, n).
         force: |F|, shape (n,).
         decay: a [1/s].
@@ -182,6 +184,7 @@ def on_axis(
         h = h + np.outer(residue, 1.0 / (s[near] - pole))
         line, _ = np.linalg.qr(np.array([np.ones(s[near].size), s[near] - s[k]]).T)
         h, sh = (v - (v @ line.conj()) @ line.T for v in (h, s[near] * h))
+        # (s - λ) h = r beside a straight line, which is projected out, and r with it: s h = λ h
         pole = complex(np.vdot(h, sh) / np.vdot(h, h))
         term = 1.0 / (s[near] - pole)
         term = term - (term @ line.conj()) @ line.T
@@ -194,7 +197,7 @@ def on_axis(
 
 
 def _terms(s: Values, pole: complex, residue: Values) -> Values:
-    """Return what a mode adds to responses, r / (s - λ) + r* / (s - λ*), shape (n_outputs, n)."""
+    """Return a mode's part of the responses, r / (s - λ) + r* / (s - λ*), shape (n_outputs, n)."""
     own, conjugate = np.outer(residue, 1.0 / (s - pole)), residue.conj()
     return np.asarray(own + np.outer(conjugate, 1.0 / (s - pole.conjugate())))
 
@@ -204,7 +207,7 @@ ESTIMATORS = ("H1", "H2", "Hv")
 SEGMENTS = 8
 """Segments without overlap that a record is cut into where their length is not given."""
 UNEVEN = 0.5
-"""Deviation of a sample from equal steps that is refused, in steps."""
+"""Largest deviation of a sample from equal steps, in steps; more is refused."""
 
 
 def with_responses(
@@ -217,7 +220,7 @@ def with_responses(
     """Return a measurement with the frequency responses of all channels to one of them.
 
     sdypy-FRF averages over segments that overlap by half, each with a Hann window; where the
-    excitation is that of a hammer, over one segment for each blow (`blows`), without it.
+    excitation is that of a hammer, over one segment for each blow (`pulses`), without a window.
 
         H1 = S_fx / S_ff,  H2 = S_xx / S_xf,  coherence = |S_fx|^2 / (S_ff S_xx)
 
@@ -358,7 +361,7 @@ class Pole:
         frequency: natural frequency [Hz].
         damping: ratio of critical damping [-].
         frequency_scatter: standard deviation over the orders [Hz].
-        damping_scatter: the same of the damping [-].
+        damping_scatter: standard deviation of the damping ratio over the orders [-].
     """
 
     frequency: float
@@ -439,9 +442,9 @@ def _at_peak(model: Any, peak: float) -> Pole | None:
 
 
 ORDERS = (4, 6, 8)
-"""Numbers of damped exponentials, two for each mode: so many modes may be close to one another."""
+"""Numbers of damped exponentials, two for each mode: 2, 3 or 4 modes may be close together."""
 CYCLES = 10.0
-"""Length of a segment, where it is not given."""
+"""Length of a segment in cycles of the least frequency, where it is not given."""
 OVERSAMPLED = 4.0
 """Rate to which a record is thinned, over its highest frequency."""
 
@@ -451,9 +454,9 @@ def with_free_vibrations(
 ) -> xr.Dataset:
     """Return a measurement with frequency and damping of a free vibration over time.
 
-    Each segment is a sum of damped exponentials, by the matrix pencil. Of those between the two
-    frequencies the one with the most energy counts. What vibrates close by is another exponential
-    and does no harm; a segment in which the structure changes has large errors.
+    Each segment is fitted by a sum of damped exponentials, by the matrix pencil. Of those between
+    the two frequencies the one with the most energy counts. Another mode close by is another
+    exponential and does no harm; a segment in which the structure changes has large errors.
 
     Args:
         data: a measurement, or the result of a run.
@@ -511,13 +514,14 @@ def _strongest(
 ) -> tuple[float, float, float, float, float]:
     """Return the `FREE` numbers of the strongest mode between two frequencies.
 
-    They are medians over the orders. The errors hold the scatter over the orders, and what the
-    rest that is left does to the poles, by linear least squares of the sum and its derivatives.
+    They are medians over the orders. The errors hold the scatter over the orders, and the effect of
+    the residual on the poles, by linear least squares of the sum and its derivatives.
     """
     t, found = step * np.arange(values.size), []
     rows = np.lib.stride_tricks.sliding_window_view(values, values.size // 2 + 1)
     vectors = np.linalg.svd(rows, full_matrices=False)[2]
     for order in ORDERS:
+        # the first vectors span the exponentials: a shift by a sample multiplies each by its z
         shifted = vectors[:order]
         z = np.linalg.eigvals(np.linalg.lstsq(shifted[:, :-1].T, shifted[:, 1:].T, rcond=None)[0])
         roots = np.log(z[np.abs(z) > 0.5].astype(complex)) / step
@@ -534,6 +538,7 @@ def _strongest(
             np.argmax(np.where(fits, np.abs(sizes) ** 2 * (np.abs(sums) ** 2).sum(axis=0), 0.0))
         )
         slopes = t[:, None] * sums * sizes
+        # how the root λ_k follows noise in each sample; its imaginary part is the frequency
         of_root = np.linalg.pinv(np.hstack([sums, slopes]))[roots.size + k]
         errors = noise * np.linalg.norm([of_root.imag, of_root.real], axis=1) / np.abs(roots[k])
         found.append([size[k], size[k] * errors[0], damping[k], errors[1], 2.0 * np.abs(sizes[k])])
@@ -581,7 +586,7 @@ def responses(data: xr.Dataset) -> Figure:
 
 
 def free_vibration(data: xr.Dataset) -> Figure:
-    """Draw frequency and damping of a free vibration over the time, where they are known well."""
+    """Draw frequency and damping of a free vibration over time, where the errors are small."""
     figure, panels = stacked(2, 5.0, sharex=True)
     data = data.isel(free_time=data["free_frequency_error"] < STABLE * data["free_frequency"])
     for panel, name, unit, factor in zip(

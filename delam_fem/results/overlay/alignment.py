@@ -1,13 +1,12 @@
-"""Put a measurement on the clock of a run, channel by channel.
+"""Align a measurement with the clock of a run: where it begins, and how fast its own clock runs.
 
-Find where on the clock of a run a measurement begins, and how fast its clock runs. A sample at the
-time t of the measurement belongs to the time
+A sample at the time t of the measurement belongs to the time
 
     u = tau + s (t - t_first)
 
-of the run. A coarse tau is where the normalised histories correlate best; tau and s are then found
-by Gauss and Newton's method for measured = gain * computed(u) + mean, with gain and mean free for
-each channel. A wrong unit or sensor offset therefore does not disturb the alignment.
+of the run. The first, coarse tau is where the normalised histories correlate best; tau and s are
+then found by Gauss and Newton's method for measured = gain * computed(u) + mean, with gain and mean
+free for each channel. A wrong unit or sensor offset therefore does not disturb the alignment.
 """
 
 from __future__ import annotations
@@ -32,13 +31,13 @@ class Course:
     """Histories of a run between and beyond its steps.
 
     Attributes:
-        spline: of all histories, over the time since `start`; of a motion that repeats, the mean
-            of its cycles.
+        spline: all histories over the time since `start`; of a motion that repeats, the mean of its
+            cycles.
         start: time of the first step that is used [s].
         end: time of the last step [s].
-        period: after which the motion repeats [s]; None: it does not, and nothing is known beyond
-            the window.
-        multiple: periods of the drive in it.
+        period: time after which the motion repeats [s]; None: it does not, and nothing is known
+            beyond the window.
+        multiple: periods of the drive in `period`.
         cycles: single cycles less their mean, shape (n_channels, n_cycles, n); None: no cycles.
         rows: numbers of the histories that are used; None: all.
     """
@@ -55,13 +54,13 @@ class Course:
     def of(
         cls, time: FloatArray, values: FloatArray, period: float | None, multiple: int = 1
     ) -> Course:
-        """Return the course through steps.
+        """Return the course through the steps of a run.
 
         Args:
-            time: of the steps [s], equidistant, shape (m,).
+            time: times of the steps [s], equidistant, shape (m,).
             values: histories, shape (n_channels, m).
-            period: after which the motion repeats [s]; the last whole cycles are averaged.
-            multiple: periods of the drive in it.
+            period: time after which the motion repeats [s]; the last whole cycles are averaged.
+            multiple: periods of the drive in `period`.
         """
         if period is None:
             return cls(CubicSpline(time - time[0], values, axis=1), time[0], time[-1], None)
@@ -81,8 +80,8 @@ class Course:
 
         Args:
             since: instants of the record after its beginning, on the clock of the run [s].
-            number: of instants for each period of the drive; of a motion that does not repeat 32
-                times as many for window and record together.
+            number: number of instants for each period of the drive; of a motion that does not
+                repeat 32 times as many for window and record together.
         """
         if self.period is not None:
             n = number * self.multiple
@@ -101,7 +100,7 @@ class Course:
         """Return the histories, or derivatives of them, at instants.
 
         Args:
-            time: of the run's clock [s], shape (n,).
+            time: instants on the run's clock [s], shape (n,).
             derivative: 0, 1 or 2.
 
         Returns:
@@ -119,7 +118,7 @@ class Course:
     def delay_error(self) -> float:
         """Return the standard deviation of the phases of single cycles of the run [s].
 
-        It is not reduced by their number: what is left of a transient shifts them one way.
+        More cycles do not reduce it: what is left of a transient shifts all of them one way.
         """
         if self.cycles is None or self.period is None or self.cycles.shape[1] < 2:
             return 0.0
@@ -133,7 +132,7 @@ class Course:
 
 
 DRIVES = ("base_displacement", "force")
-"""Variables that are the drive: they are aligned with, and never differ."""
+"""Variables that are the drive. Channels of the drive lead the alignment."""
 
 
 @dataclass(frozen=True)
@@ -141,12 +140,12 @@ class Pairs:
     """Histories that a measurement and a run both have.
 
     Attributes:
-        names: of the channels.
-        units: of the channels.
-        time: of the measurement [s], shape (n,).
-        measured: shape (n_channels, n).
-        run_time: of the steps of the run's window [s], shape (m,).
-        computed: shape (n_channels, m).
+        names: names of the channels.
+        units: units of the channels.
+        time: times of the samples, on the measurement's clock [s], shape (n,).
+        measured: histories of the measurement, shape (n_channels, n).
+        run_time: times of the steps in the run's window [s], shape (m,).
+        computed: histories of the run, shape (n_channels, m).
         is_drive: whether a channel is the drive.
         unmatched: channels of the measurement that the run does not have.
     """
@@ -162,10 +161,10 @@ class Pairs:
 
 
 def matched(history: xr.Dataset, data: xr.Dataset) -> Pairs:
-    """Return the channels that the dataset of a run has under the same name.
+    """Return the channels of a measurement that the dataset of a run has under the same name.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
         data: a measurement; see `measured.reading`.
 
     Raises:
@@ -207,8 +206,7 @@ def _of_run(history: xr.Dataset, variable: str, lamina: str) -> FloatArray | Non
     own = history[variable]
     if own.dims == (f"{variable}_time",):  # a sensor with a sampling rate
         sampled = CubicSpline(own[own.dims[0]].to_numpy(), own.to_numpy())
-        times: FloatArray = history["time"].to_numpy()
-        return np.asarray(sampled(times))
+        return np.asarray(sampled(history["time"].to_numpy()))
     if "time" not in own.dims:
         return None
     if "lamina" in own.dims:
@@ -266,9 +264,9 @@ def aligned(
     """Return the alignment of histories with the course of a run.
 
     Args:
-        time: of the samples [s], shape (n,).
+        time: times of the samples [s], shape (n,).
         measured: histories, shape (n_channels, n).
-        course: of the same channels.
+        course: course of the same channels.
         rate: s to begin with.
         is_rate_free: whether s is estimated too.
         starts: values of tau that are tried first; None: all that the course allows.
@@ -290,13 +288,13 @@ def aligned(
     _, errors = _step(residual, slopes, is_rate_free)
     scatter = max(float(errors[0]), _scatter_of_blocks(residual, slopes))
     of_cycles = course.delay_error()
-    rate_error = float(errors[1]) * scatter / (float(errors[0]) or 1.0)  # no whiter for the slope
-    if is_rate_free and course.period is not None:  # of a slope through so many cycles
+    # what enlarges the error of tau beyond white noise enlarges that of s as well
+    rate_error = float(errors[1]) * scatter / (float(errors[0]) or 1.0)
+    if is_rate_free and course.period is not None:  # error of a slope through so many cycles
         duration = trial.rate * float(time[-1] - time[0])
         spread = of_cycles * np.sqrt(12.0 / max(duration / course.period, 1.0)) / duration
         rate_error = float(np.hypot(rate_error, spread))
-    error = float(np.hypot(scatter, of_cycles))
-    return replace(trial, start_error=error, rate_error=rate_error)
+    return replace(trial, start_error=float(np.hypot(scatter, of_cycles)), rate_error=rate_error)
 
 
 def best_start(
@@ -306,12 +304,12 @@ def best_start(
     """Return that of several tau at which the sum of the channels' correlations is largest.
 
     Args:
-        time: of the samples [s], shape (n,).
+        time: times of the samples [s], shape (n,).
         measured: histories, shape (n_channels, n).
-        course: of the same channels.
-        trial: with the rate of the clock.
-        starts: tau [s].
-        power: 2: of their squares, so that a channel with its sign turned counts as well.
+        course: course of the same channels.
+        trial: an alignment with the rate of the clock.
+        starts: values of tau [s].
+        power: 2: the squares are summed, so that a channel with its sign turned counts as well.
     """
     stride = -(-time.size // MOST_SAMPLES)
     t, own = trial.rate * (time[::stride] - trial.first), measured[:, ::stride]
@@ -320,7 +318,7 @@ def best_start(
 
 
 def _correlation(measured: FloatArray, computed: FloatArray, power: int) -> float:
-    """Return the sum of the channels' correlations, to a power, where both are known."""
+    """Return the sum of the channels' correlations to a power, where both histories are known."""
     known = np.isfinite(computed).all(axis=0)
     if known.sum() < LEAST_OVERLAP * known.size / 2:
         return -np.inf
@@ -350,7 +348,7 @@ def _linearised(
 ) -> tuple[FloatArray, FloatArray]:
     """Return residuals over their deviation, and their derivatives by tau and s.
 
-    The parts of the derivatives that gain and mean can take are taken out of them.
+    The derivatives are without the parts that a change of gain and mean makes up for.
 
     Returns:
         Residuals, shape (n_channels * n,); derivatives, shape (n_channels * n, 2); zeros where
@@ -364,6 +362,7 @@ def _linearised(
         gain, mean, _ = gains(own, r)
         rest = np.where(known, own - gain * np.nan_to_num(r) - mean, 0.0)
         sigma = float(np.sqrt((rest**2).sum() / max(known.sum() - 4, 1))) or 1.0
+        # a change of the mean, and of the gain: orthogonal, so each is projected out alone
         base = np.array([known * 1.0, np.where(known, r - np.nanmean(r), 0.0)])
         by = gain * np.nan_to_num(dr) * np.array([np.ones_like(time), time - trial.first])
         weights = (by @ base.T) / np.maximum((base**2).sum(axis=1), np.finfo(float).tiny)
@@ -388,7 +387,7 @@ def _step(
 def _scatter_of_blocks(residual: FloatArray, slopes: FloatArray) -> float:
     """Return the deviation of tau by the scatter of the offsets of parts of the record [s].
 
-    It also holds where what is left over is not white: a run that differs from the measurement.
+    It also holds where the residual is not white, because the run differs from the measurement.
     """
     parts = np.array_split(np.arange(residual.size), BLOCKS)
     own = [

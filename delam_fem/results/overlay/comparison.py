@@ -1,4 +1,4 @@
-"""How a measurement differs from a run once both are aligned, in numbers and sentences."""
+"""Compare a measurement with a run once both are aligned, in numbers and sentences."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
+from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.harmonics import total_harmonic_distortion
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.overlay.alignment import COARSE, Alignment, Course, Pairs, aligned, gains
-
-ComplexArray = npt.NDArray[np.complex128]
 
 MOST = 40
 """Largest number of harmonics of the drive that is fitted."""
@@ -26,7 +24,7 @@ BELOW_NYQUIST = 0.9
 NEIGHBOURHOOD = 0.1
 """Relative range about the drive's frequency in which the measured one is looked for."""
 CLEAR = 2.0
-"""Amplitudes of noise above which a harmonic is taken for one of the motion."""
+"""Multiple of the noise's amplitude above which a harmonic is taken for one of the motion."""
 FEWEST_PERIODS = 3.0
 """Periods of a record below which its frequency cannot be told from that of the drive."""
 
@@ -36,7 +34,7 @@ class HarmonicFit:
     """The periodic part of a history.
 
     Attributes:
-        mean: of the history.
+        mean: mean of the history.
         coefficients: complex amplitudes c_k of Re c_k exp(2 pi i k f t / p), k = 1, 2, …
         frequency: f / p, the lowest frequency [Hz].
         multiple: p, the periods of the drive after which the motion repeats.
@@ -67,8 +65,7 @@ class HarmonicFit:
     @property
     def amplitudes(self) -> FloatArray:
         """Amplitudes A_1, A_2, … of the harmonics of the drive."""
-        sizes: FloatArray = np.abs(self.coefficients[self.multiple - 1 :: self.multiple])
-        return sizes
+        return np.asarray(np.abs(self.coefficients[self.multiple - 1 :: self.multiple]))
 
     @property
     def floor(self) -> float:
@@ -93,9 +90,9 @@ def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int
     """Return the periodic part of a history by least squares.
 
     Args:
-        time: of the samples [s], shape (n,).
-        values: shape (n,).
-        frequency: of the drive [Hz].
+        time: times of the samples [s], shape (n,).
+        values: the history, shape (n,).
+        frequency: frequency of the drive [Hz].
         multiple: periods of the drive after which the motion repeats.
     """
     lowest, n = frequency / multiple, time.size
@@ -120,7 +117,7 @@ def strongest_frequency(time: FloatArray, values: FloatArray, lowest: float) -> 
     """Return the frequency at which a measurement moves most.
 
     Args:
-        time: of the samples [s], shape (n,).
+        time: times of the samples [s], shape (n,).
         values: histories in one unit, shape (n_channels, n).
         lowest: frequency below which motions are not looked at [Hz].
 
@@ -141,7 +138,7 @@ def drive_frequency(
     """Return the frequency near the drive's at which a measurement has its line.
 
     Args:
-        time: of the samples [s], shape (n,).
+        time: times of the samples [s], shape (n,).
         values: histories, shape (n_channels, n).
         expected: frequency of the drive [Hz].
         reach: how far from it the line may be [Hz]; None: `NEIGHBOURHOOD`.
@@ -152,8 +149,7 @@ def drive_frequency(
     duration = float(time[-1] - time[0])
     if duration * expected < FEWEST_PERIODS:
         return None
-    window = np.hanning(time.size)
-    scaled = window * (values - values.mean(axis=1, keepdims=True))
+    scaled = np.hanning(time.size) * (values - values.mean(axis=1, keepdims=True))
     scaled /= np.maximum(np.abs(scaled).max(axis=1, keepdims=True), np.finfo(float).tiny)
 
     def power(f: float) -> float:
@@ -173,7 +169,7 @@ def drive_frequency(
 
 
 SEVERAL = 3.0
-"""Size of what is not explained over that of the noise from which it is no noise."""
+"""Unexplained motion over the noise, from which it no longer counts as noise."""
 ALIKE = 0.8
 """Correlation from which motions are alike; below its negative a sign is turned."""
 
@@ -183,20 +179,20 @@ class Comparison:
     """One channel of a measurement beside that of a run.
 
     Attributes:
-        name: of the channel.
-        units: of its values.
-        is_drive: whether it is the drive.
+        name: name of the channel.
+        units: units of its values.
+        is_drive: whether the channel is the drive.
         gain: measured amplitude over that of the run, at the channel's own phase.
         gain_error: its standard deviation.
         delay: time by which the channel comes later than the run after the alignment [s].
         delay_error: standard deviation of the channel's own phase [s].
-        correlation: of both after the alignment.
+        correlation: correlation of both after the alignment.
         mean_difference: mean of the measurement minus that of the run.
         residual: root mean square of measured minus computed without the mean difference.
         unlike: share of the motion that the run does not explain at the channel's own gain and
             phase; 0: it is within the noise.
-        misfit: the same for what repeats only; None: the motion does not repeat.
-        noise: standard deviation of what does not repeat; None likewise.
+        misfit: as `residual`, of the periodic part of the measurement; None: no periodic motion.
+        noise: standard deviation of the part that does not repeat; None likewise.
         measured: harmonics of the measurement; None likewise.
         computed: harmonics of the run; None likewise.
     """
@@ -221,7 +217,7 @@ class Comparison:
 def compared(
     pairs: Pairs, k: int, course: Course, alignment: Alignment, turn: float | None
 ) -> Comparison:
-    """Return the comparison of one channel.
+    """Return the comparison of one channel of a measurement with that of a run.
 
     The channel's own phase is that at which it correlates best within a period of the drive; a
     channel that is mirrored has a negative gain.
@@ -229,8 +225,8 @@ def compared(
     Args:
         pairs: measurement and run.
         k: number of the channel.
-        course: of all channels of the run.
-        alignment: of all channels together.
+        course: course of all channels of the run.
+        alignment: alignment of all channels together.
         turn: period of the drive [s]; None: there is none.
     """
     single = course.only([k])
@@ -271,7 +267,7 @@ def compared(
 
 
 def _unlike(measured: FloatArray, explained: FloatArray, noise: float) -> float:
-    """Return the share of a motion that is not explained; 0: it is that of the noise."""
+    """Return the share of a motion that is not explained; 0 if that may be noise."""
     rest = float(np.nanstd(measured - explained))
     return rest / float(np.std(measured)) if rest > SEVERAL * noise else 0.0
 
@@ -284,7 +280,7 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
 
 
 SIGNIFICANT = 3.0
-"""Standard deviations from which a difference is not the noise's."""
+"""Number of standard deviations from which a difference is no chance."""
 SAME_GAIN, SAME_PHASE, SAME_RATE = 0.05, 5.0, 1e-4
 """Differences that are not worth a sentence: of amplitude, of phase [degrees], of clocks."""
 SAME_SHAPE = 0.1
@@ -301,19 +297,19 @@ FACTORS = {
     0.5: "as if an amplitude were peak-to-peak",
     -1.0: "is its sign turned?",
 }
-"""Ratios that mistakes have, with what they look like."""
+"""Ratios of amplitudes that common mistakes make, with the mistake in words."""
 NEAR_FACTOR = 0.05
 NO_NUMBERS = "not compared, as its gain, delay or correlation is no finite number"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One difference.
+    """One difference between a measurement and a run.
 
     Attributes:
         kind: "clock", "amplitude", "phase", "shape" or "numbers".
-        channel: name; empty: of all channels.
-        text: a sentence.
+        channel: name of the channel; empty: all channels.
+        text: the difference in a sentence.
     """
 
     kind: str
@@ -328,8 +324,8 @@ def findings(
 
     Args:
         channels: comparisons.
-        alignment: of all channels together.
-        frequency: of the run's drive [Hz]; None: there is none.
+        alignment: alignment of all channels together.
+        frequency: frequency of the run's drive [Hz]; None: there is none.
     """
     found = list(_of_clock(alignment, frequency))
     reference = next((own for own in channels if own.is_drive), None)
@@ -346,7 +342,7 @@ def findings(
 
 
 def _of_clock(alignment: Alignment, frequency: float | None) -> Iterator[Finding]:
-    """Yield whether the clocks differ, or the frequencies of the drives, which looks the same."""
+    """Yield a finding if the clocks differ, or the frequencies of the drives, which looks alike."""
     rate, error = alignment.rate, alignment.rate_error
     if not abs(rate - 1.0) <= max(SAME_RATE, SIGNIFICANT * error):
         driven = "" if frequency is None else (
@@ -359,7 +355,7 @@ def _of_clock(alignment: Alignment, frequency: float | None) -> Iterator[Finding
 
 
 def _of_shape(own: Comparison) -> Iterator[Finding]:
-    """Yield whether a channel moves alike, and whether by the same amplitude."""
+    """Yield findings if a channel moves in another way, or by another amplitude, than the run."""
     is_found = abs(own.gain) > SIGNIFICANT * own.gain_error
     if own.unlike > SAME_SHAPE or not is_found:
         yield Finding(
@@ -378,7 +374,7 @@ def _of_shape(own: Comparison) -> Iterator[Finding]:
 
 
 def _of_phase(own: Comparison, reference: Comparison, frequency: float) -> Iterator[Finding]:
-    """Yield whether a channel has another phase than the drive or, without it, than a channel."""
+    """Yield a finding if a channel's phase differs from that of the reference channel."""
     turn = 360.0 * frequency
     phase = (turn * (own.delay - reference.delay) + 180.0) % 360.0 - 180.0
     error = turn * math.hypot(own.delay_error, reference.delay_error)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,17 +20,16 @@ from delam_fem.results.diagnostics import summary as summary_of_run
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
-    canvas,
     label_x,
     lamina_colours,
     legend_above,
     save_figure,
     shown_unit,
+    side_by_side,
     stacked,
     time_axis,
-    title,
 )
-from delam_fem.results.folder import Result, json_ready, load_numbers, write_dataset
+from delam_fem.results.folder import Result, load_numbers, write_dataset
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.results.overlay.alignment import (
     COARSE,
@@ -52,7 +50,7 @@ from delam_fem.results.overlay.comparison import (
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Paragraph, Section, Table, embedded
 from delam_fem.results.pages.report import shown
-from delam_fem.system.files import write_text
+from delam_fem.system.files import json_ready, write_json, write_text
 
 SHOWN_PERIODS = 3.0
 """Periods that histories show."""
@@ -65,7 +63,7 @@ SMOOTHED = 11
 
 
 def save_figures(overlay: Overlay, directory: Path) -> list[Path]:
-    """Write the figures as PNG.
+    """Write the figures of an overlay as PNG.
 
     Harmonics are left out where the motion does not repeat.
 
@@ -92,7 +90,7 @@ def _channels(overlay: Overlay) -> list[tuple[int, Comparison, str]]:
 
 
 def histories(overlay: Overlay) -> Figure:
-    """Draw each channel over the run, and what is left over below it."""
+    """Draw each channel over the run, and below it the difference."""
     shown, data = _channels(overlay), overlay.data
     unit, label = time_axis(overlay.case)
     t = data["time"].to_numpy()
@@ -107,8 +105,7 @@ def histories(overlay: Overlay) -> Figure:
             color=BLACK, markersize=2.5, label="measured",
         )  # fmt: skip
         fine = np.linspace(t[0], t[inside][-1], 2000)
-        computed = overlay.course.at(fine)[k]
-        axes.plot(fine / unit, factor * computed, color=colour, label="run")
+        axes.plot(fine / unit, factor * overlay.course.at(fine)[k], color=colour, label="run")
         axes.set_ylabel(f"[{name}]")
         axes.set_title(own.name, loc="left", color=colour)
         axes.margins(x=0.0)
@@ -118,12 +115,12 @@ def histories(overlay: Overlay) -> Figure:
         below.set_ylabel(f"difference\n[{name}]")
         label_x((axes, below), label)
         below.margins(x=0.0)
-    figure.suptitle(f"{title(overlay.case)}; differences without their mean")
+    figure.suptitle(f"{overlay.case.title}; differences without their mean")
     return figure
 
 
 def harmonics(overlay: Overlay) -> Figure:
-    """Draw the amplitudes of the harmonics of both side by side, with the floor of the noise."""
+    """Draw measured and computed amplitudes of the harmonics, with the floor of the noise."""
     shown = _channels(overlay)
     figure, panels = stacked(len(shown), 2.7 * len(shown))
     for (_, own, colour), axes in zip(shown, panels, strict=True):
@@ -144,27 +141,25 @@ def harmonics(overlay: Overlay) -> Figure:
         text = f"{own.name}: d measured {100 * d:.2f} %, run {100 * d_run:.2f} %"
         axes.set_title(text, loc="left", color=colour, fontsize=9.0)
         legend_above(axes)
-    figure.suptitle(title(overlay.case))
+    figure.suptitle(overlay.case.title)
     return figure
 
 
 def portraits(overlay: Overlay) -> Figure:
     """Draw the time derivative of each channel over the channel itself, measured and computed."""
     shown = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
-    columns = min(2, len(shown))
-    rows = -(-len(shown) // columns)
-    figure = canvas(4.4 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes in panels[len(shown) :]:
-        axes.remove()
-    for (k, own, colour), axes in zip(shown, panels, strict=False):
+    figure, panels = side_by_side(len(shown), 4.4)
+    for (k, own, colour), axes in zip(shown, panels, strict=True):
         _portrait(axes, overlay, k, own, colour)
-    figure.suptitle(title(overlay.case))
+    figure.suptitle(overlay.case.title)
     return figure
 
 
 def _portrait(axes: Axes, overlay: Overlay, k: int, own: Comparison, colour: str) -> None:
-    """Draw the portrait of one channel, of both from the same harmonics, without the noise."""
+    """Draw the phase portrait of one channel, measured and computed from the same harmonics.
+
+    Harmonics within the noise are left out. A motion that does not repeat is smoothed instead.
+    """
     name, factor = shown_unit(own.units)
     u = overlay.alignment.on_clock_of_run(overlay.pairs.time)
     period = overlay.course.period
@@ -211,7 +206,7 @@ IN_UNITS = ("mean_difference", "residual_rms", "misfit_rms", "noise_rms")
 
 
 def page(overlay: Overlay, figures: Sequence[Path]) -> str:
-    """Return the page as HTML, with the figures inside.
+    """Return the page of an overlay as HTML, with the figures inside.
 
     Raises:
         OSError: a figure cannot be read.
@@ -228,7 +223,7 @@ def page(overlay: Overlay, figures: Sequence[Path]) -> str:
         *(Section(name, [_channel(own)]) for name, own in numbers["channels"].items()),
         Section("Figures", pictures),
     ]
-    return html.page(f"Measured over {title(overlay.case)}", sections, contents=True)
+    return html.page(f"Measured over {overlay.case.title}", sections, contents=True)
 
 
 def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> Table:
@@ -274,11 +269,11 @@ class Overlay:
     """A measurement laid over a run.
 
     Attributes:
-        case: of the run.
+        case: case of the run.
         pairs: the histories of both.
         course: the motion of the run.
-        alignment: of the measurement with it.
-        measured_frequency: of the drive in the measurement [Hz]; None: not found.
+        alignment: alignment of the measurement with the run.
+        measured_frequency: frequency of the drive in the measurement [Hz]; None: not found.
         channels: a comparison for each channel.
         findings: differences worth a sentence; none: both agree.
     """
@@ -295,8 +290,8 @@ class Overlay:
     def offset(self) -> float:
         """Time of the run minus that of the measurement at its first sample [s].
 
-        For a periodic motion within half a period of zero. At the last sample it is larger by
-        `drift`.
+        For a periodic motion the offset is within half a period of zero. At the last sample it is
+        larger by `drift`.
         """
         offset = self.alignment.start - self.alignment.first
         period = self.course.period
@@ -331,7 +326,7 @@ class Overlay:
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """What overlay.json says; SI units, None where something is not defined."""
+        """The entries of overlay.json in SI units; None where something is not defined."""
         frequency = self.frequency
         found: dict[str, Any] = {
             "method": "periodic" if self.course.period is not None else "cross-correlation",
@@ -360,8 +355,7 @@ class Overlay:
 
     def _of_channel(self, own: Comparison) -> dict[str, Any]:
         """Return the numbers of one channel."""
-        frequency = self.frequency
-        turn = None if frequency is None else 360.0 * frequency
+        turn = None if self.frequency is None else 360.0 * self.frequency
         found: dict[str, Any] = {
             "units": own.units, "gain": own.gain, "gain_error": own.gain_error,
             "delay": own.delay, "delay_error": own.delay_error,
@@ -414,7 +408,7 @@ class Overlay:
         """Write overlay.json, overlay.nc, figures and overlay.html.
 
         Args:
-            directory: made where it does not exist.
+            directory: folder, which is made where it does not exist.
 
         Returns:
             The files.
@@ -424,25 +418,23 @@ class Overlay:
         """
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.numbers, indent=2, allow_nan=False) + "\n"
         written = [
-            write_text(directory / "overlay.json", text),
+            write_json(directory / "overlay.json", self.numbers),
             write_dataset(self.data, directory / "overlay.nc"),
         ]
         figures = save_figures(self, directory)
-        report = write_text(directory / "overlay.html", page(self, figures))
-        return [*written, *figures, report]
+        return [*written, *figures, write_text(directory / "overlay.html", page(self, figures))]
 
 
 def overlay(
     run: str | Path | Result, *measurements: str | Path | xr.Dataset, **options: Any
 ) -> Overlay:
-    """Lay a measurement over a run.
+    """Lay a measurement over a run: align both, and compare them channel by channel.
 
     Args:
         run: the folder of a run, or its result.
         measurements: files, or one dataset of `read_measured`.
-        options: `channels`, `units`, `rate` as of `read_measured`.
+        options: `channels`, `units` and `rate`, as `read_measured` takes them.
 
     Returns:
         Alignment, comparison of each channel, findings.
@@ -471,21 +463,22 @@ def overlay(
         low, high = course.starts(rate * (pairs.time - pairs.time[0]), COARSE)[[0, -1]]
         first = alignment.start - turn * np.floor((alignment.start - low) / turn)
         starts = np.arange(first, high + turn, turn)
-        others = (pairs.measured[tips], course.only(tips))
-        start = best_start(pairs.time, *others, alignment, starts, power=2)
+        start = best_start(
+            pairs.time, pairs.measured[tips], course.only(tips), alignment, starts, power=2
+        )
         alignment = replace(alignment, start=start)
     channels = tuple(compared(pairs, k, course, alignment, turn) for k in range(len(pairs.names)))
     drive = 1.0 / turn if turn else None
     if frequency is not None and drive is not None:
         frequency = alignment.rate * drive
-    found = findings(channels, alignment, drive)
-    return Overlay(case, pairs, course, alignment, frequency, channels, tuple(found))
+    found = tuple(findings(channels, alignment, drive))
+    return Overlay(case, pairs, course, alignment, frequency, channels, found)
 
 
 def _course(
     pairs: Pairs, case: Case, periodicity: int | None
 ) -> tuple[Course, float, float | None]:
-    """Return the motion of the run, s to begin with, and the measured frequency of the drive."""
+    """Return the course of the run, a first rate s of the clock, the drive's measured frequency."""
     if not case.is_periodic:
         return Course.of(pairs.run_time, pairs.computed, None), 1.0, None
     frequency = drive_frequency(pairs.time, pairs.measured, 1.0 / case.period)

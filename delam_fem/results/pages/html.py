@@ -31,8 +31,8 @@ class Link:
     """A link within a text.
 
     Attributes:
-        text: of the link.
-        address: of the target; `#name` is an anchor of the same page.
+        text: text of the link.
+        address: address of the target; `#name` is an anchor of the same page.
     """
 
     text: str
@@ -55,7 +55,7 @@ class Paragraph:
     """A paragraph.
 
     Attributes:
-        text: of the paragraph.
+        text: text of the paragraph.
         kind: CSS class, empty for none.
     """
 
@@ -87,10 +87,10 @@ class Cell:
     """A cell of a map.
 
     Attributes:
-        text: in the cell, a few letters.
-        address: to which it leads.
-        colour: of its background, which black text suits.
-        description: what it shows in words.
+        text: text in the cell, a few letters.
+        address: address to which the cell leads.
+        colour: colour of its background, which black text suits.
+        description: the meaning of the cell in words.
     """
 
     text: str
@@ -120,8 +120,8 @@ class Gallery:
 
     Attributes:
         pictures: addresses of the pictures; `embedded` makes one from a file.
-        description: what a reader without pictures gets.
-        caption: below the pictures.
+        description: text for a reader without pictures.
+        caption: text below the pictures.
     """
 
     pictures: Sequence[str]
@@ -131,12 +131,12 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Film:
-    """Moving laminae; film.js says what it reads.
+    """A film of moving laminae, played by film.js.
 
     Attributes:
-        data: what JSON can hold.
-        description: what a reader without pictures gets.
-        caption: below the film.
+        data: entries that film.js describes, of types that JSON can hold.
+        description: text for a reader without pictures.
+        caption: text below the film.
     """
 
     data: Mapping[str, Any]
@@ -159,7 +159,7 @@ class Section:
     """A part of a page.
 
     Attributes:
-        heading: empty for none.
+        heading: the heading; empty for none.
         blocks: the content.
         anchor: name that links can point to; empty: made from the heading.
     """
@@ -170,7 +170,7 @@ class Section:
 
     @property
     def name(self) -> str:
-        """The anchor; empty where there is no heading either."""
+        """The anchor of the section; empty where there is no heading either."""
         return self.anchor or re.sub(r"\W+", "-", self.heading.lower()).strip("-")
 
 
@@ -180,17 +180,16 @@ def embedded(picture: Path) -> str:
     Raises:
         OSError: the file cannot be read.
     """
-    data = base64.b64encode(picture.read_bytes()).decode("ascii")
-    return f"data:image/png;base64,{data}"
+    return f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
 
 
 def page(
     title: str, sections: Sequence[Section], *, style: str = "", contents: bool = False
 ) -> str:
-    """Return a complete page.
+    """Return a complete page as HTML.
 
     Args:
-        title: of the page, also its first heading.
+        title: title of the page, also its first heading.
         sections: the content.
         style: CSS rules in addition to the common ones.
         contents: whether a list of the sections follows the sections without a heading.
@@ -201,8 +200,7 @@ def page(
         if contents and headed and section is headed[0]:
             parts.append(_contents(headed))
         if section.heading:
-            name = _attribute("id", section.name)
-            parts.append(f"<h2{name}>{escape(section.heading)}</h2>")
+            parts.append(f"<h2{_attribute('id', section.name)}>{escape(section.heading)}</h2>")
         parts += [_block(block) for block in section.blocks]
     kinds = {type(block) for section in sections for block in section.blocks}
     scripts = [name for name, kind in (("page.js", Gallery), ("film.js", Film)) if kind in kinds]
@@ -219,7 +217,7 @@ def page(
 
 
 def files(folder: Path, meanings: Mapping[str, str]) -> Table:
-    """Return links to the files of a folder, each with what it is; missing ones are left out."""
+    """Return a table of links to files of a folder with their meaning, without missing files."""
     found = {name: meaning for name, meaning in meanings.items() if (folder / name).exists()}
     rows = [(Link(name, name), meaning) for name, meaning in found.items()]
     return Table(("file", "content"), rows)
@@ -337,11 +335,11 @@ LEAST_SECONDS = 0.1
 
 @contextmanager
 def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | None]:
-    """Yield the function that takes in progress.
+    """Yield a function to call with the progress of a computation; None if nobody wants to know.
 
     Args:
-        progress: such a function; True: show a bar; None or False: nothing.
-        unit: what is counted, as in "period".
+        progress: the function; True: show a bar; None or False: nothing.
+        unit: name of what is counted, such as "period".
     """
     if not isinstance(progress, bool):
         yield progress
@@ -359,14 +357,14 @@ def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | No
 
 
 class NotebookBar:
-    """A bar in the output of a cell; it needs no widgets.
+    """A bar of progress in the output of a notebook's cell, without widgets.
 
     Attributes:
-        unit: what is counted.
+        unit: name of what is counted.
     """
 
     def __init__(self, unit: str) -> None:
-        """Start the clock."""
+        """Prepare a bar that is not shown yet."""
         self.unit = unit
         self._start: tuple[float, int] | None = None
         self._shown = 0.0

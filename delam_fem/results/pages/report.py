@@ -1,8 +1,8 @@
-"""A run as one self-contained page, with a film of its laminae.
+"""Write a run as one self-contained page: a sentence, its numbers, its figures and a film.
 
-What a run shows: a sentence, a table of its numbers, and both in a notebook. Each clause is a
-function of the numbers that returns its words, or nothing. A new clause is a function and its place
-in `CLAUSES`.
+Sentence and table of numbers also show a run in a notebook. Each clause of the sentence is a
+function of the run that returns its words, or nothing. A new clause is a function and its place in
+`CLAUSES`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
 from delam_fem.results.fields import derived
 from delam_fem.results.fields.pictures import drawable_frames, marks, middle_lines
 from delam_fem.results.figures.run import FLOWS
-from delam_fem.results.figures.style import lamina_colours, title
+from delam_fem.results.figures.style import lamina_colours
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (
     Block,
@@ -47,11 +47,11 @@ LAST = ("outcome", "periods", "engine", "steps", "wall_seconds", "microseconds_p
 
 
 def rows(summary: Mapping[str, Any], laminae: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Return table rows: name, value with its unit, meaning.
+    """Return table rows of a summary: name, value with its unit, meaning.
 
     Args:
         summary: the numbers of summary.json.
-        laminae: names, shown before the values of each lamina.
+        laminae: names of the laminae, shown before the values of each.
     """
     intervals = summary.get("intervals") or {}
     values: dict[str, Any] = {}
@@ -107,7 +107,7 @@ EQUAL = 0.05
 
 @dataclass(frozen=True)
 class Run:
-    """What the clauses are made of."""
+    """The dataset, the summary and the case of a run, from which the clauses are made."""
 
     history: xr.Dataset
     summary: Mapping[str, Any]
@@ -120,10 +120,10 @@ class Run:
 
 
 def sentence(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> str:
-    """Return what a run shows in a sentence.
+    """Return the outcome of a run in a sentence.
 
     Args:
-        history: of the run; see `schema.VARIABLES`.
+        history: dataset of the run; see `schema.VARIABLES`.
         summary: the numbers of summary.json; those that are missing are not mentioned.
         case: the case.
     """
@@ -168,7 +168,7 @@ def _periodicity(run: Run) -> str:
 def _contacts(run: Run) -> str:
     """Say how often the probes meet, and how fast."""
     rate, gap = run.summary.get("tip_contacts_per_period"), run.summary.get("minimum_tip_gap")
-    if rate is None and len(run.case.lamina) > 1:
+    if rate is None and run.history.sizes["lamina"] > 1 and "gap0" in run.history:
         return "without contact: the laminae pass through one another"
     if not rate:
         if gap is None or not np.isfinite(gap):  # nothing is known of contacts
@@ -228,10 +228,10 @@ def _word(number: int) -> str:
 
 
 def of_result(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> str:
-    """Return a result as a piece of HTML, without style and scripts."""
+    """Return a result as a piece of HTML for a notebook, without style and scripts."""
     names = [str(name) for name in history["lamina"].to_numpy()]
     blocks: list[Block] = [
-        Paragraph(title(case)),
+        Paragraph(case.title),
         Paragraph(sentence(history, summary, case)),
         *(Paragraph(str(text)) for text in summary.get("warnings", ())),
         Table(("", "value", "meaning"), rows(summary, names)),
@@ -240,9 +240,9 @@ def of_result(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> st
 
 
 MOST_NUMBERS = 300_000
-"""Positions that a film holds at most: they make a page 0.8 MB larger."""
+"""Largest number of positions in a film: so many make a page 0.8 MB larger."""
 MOST_NODES = 101
-"""Nodes that a film shows of each lamina at most."""
+"""Largest number of nodes of each lamina that a film shows."""
 LARGEST = 32_000
 """Largest quantised position; int16 holds it."""
 
@@ -327,6 +327,7 @@ CAPTIONS = {
         "Positions of the reference probes over the last periods: yᵢ is the displacement qᵢ plus "
         "the gaps at rest below lamina i."
     ),
+    "probe_histories": "Displacements of the probes over the last periods; ticks are impacts.",
     "phase_portraits": "Phase portraits of the reference probes.",
     "sensors": "Signals of the sensors over the last periods.",
     "spectra": "Amplitude spectra of the displacements at the reference probes.",
@@ -362,10 +363,10 @@ def write_report(
     """Write report.html with the figures found in the folder `figures` beside it.
 
     Args:
-        history: of a run; see `schema.VARIABLES`.
+        history: dataset of a run; see `schema.VARIABLES`.
         summary: the numbers of summary.json.
         case: the case.
-        directory: made where it does not exist.
+        directory: folder, which is made where it does not exist.
 
     Returns:
         The file.
@@ -379,16 +380,18 @@ def write_report(
 
 
 def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory: Path) -> str:
-    """Return the page as HTML.
+    """Return the page of a run as HTML.
 
     Args:
-        history: of a run.
+        history: dataset of a run.
         summary: the numbers of summary.json.
-        case: the case.
-        directory: of the results; the page shows its figures and names its files.
+        case: the case; of a run of operators the `Problem` in its place.
+        directory: folder of the results; the page shows its figures and names its files.
     """
     names = [str(name) for name in history["lamina"].to_numpy()]
-    about = f"Over the window of the last periods; laminae from bottom to top: {', '.join(names)}."
+    has_laminae = "tip_node" in history  # else it is a run of operators
+    words = "laminae from bottom to top" if has_laminae else "probes"
+    about = f"Over the window of the last periods; {words}: {', '.join(names)}."
     flows = "What changed the stored energy, added up over the run and in the last period."
     energy = Table(("", "whole run [mJ]", "last period [mJ]"), energy_rows(history))
     origin = [(name, str(history.attrs[name])) for name in ORIGIN if name in history.attrs]
@@ -403,23 +406,27 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     )
     sections = [
         Section("", [Paragraph(sentence(history, summary, case), "verdict"), *warnings]),
-        Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")]),
+        *(
+            [Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")])]
+            if has_laminae
+            else []
+        ),
         Section("Numbers", [Paragraph(about, "about"), table]),
         Section("Figures", [Gallery([embedded(p)], text, text) for p, text in figures]),
         *([Section("Sensors", [Table(heading, signals)])] if signals else []),
         Section("Energy", [Paragraph(flows, "about"), energy]),
         Section("Files", [html.files(directory, FILES)]),
-        Section("Case", [Preformatted(case.to_toml())]),
+        *([Section("Case", [Preformatted(case.to_toml())])] if has_laminae else []),
         Section("Made by", [Table(("", "version"), origin)]),
     ]
-    return html.page(title(case), sections, contents=True)
+    return html.page(case.title, sections, contents=True)
 
 
 NO_FRAMES = "There is no film, because output.fields_per_period is 0 or the motion is not finite."
 
 
 def sensor_rows(history: xr.Dataset) -> list[tuple[str, ...]]:
-    """Return table rows of all sensors over the window: what, smallest, largest, rms."""
+    """Return table rows of all sensors over the window: name, meaning, smallest, largest, rms."""
     rows = []
     for name in sensors_of(history):
         own = history[name]

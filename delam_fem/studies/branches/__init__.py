@@ -1,1 +1,1 @@
-"""Branches of periodic orbits: follow them over a key of a case, through what happens on them."""
+"""Branches of periodic orbits over a key of a case, and the events on them."""

@@ -1,17 +1,17 @@
 """Follow a branch of orbits past its folds, and find the events on it.
 
-Find folds, period doublings, Neimark-Sacker points and grazing on a branch, with intervals. A
+The branch is followed by pseudo-arclength in the slow coordinates and λ. A step predicts along the
+tangent and corrects in the plane across it (N2 of newton.py). It is accepted if the residual is
+zero within its confidence and the correction is small beside the step. A point depends only on the
+points before it, so a branch that is broken off goes on the same.
+
+Events are folds, period doublings, Neimark-Sacker points and grazing, each with an interval. A
 multiplier crosses the unit circle between two points at which its side is certain (its 95 %
 interval lies on that side). A line is fitted through these and the points between, for each
-bootstrap sample, and where the lines cross gives λ with its interval. The interval contains all
-points between, and where parabolas through a further point cross, because the test function is
+bootstrap sample; the zeros of the lines give λ with its interval. The interval also contains all
+points between, and the zeros of parabolas through a further point, because the test function is
 curved. A fold is where λ turns. Grazing, where the tips begin to touch, is an event of its own: the
 map has no derivative there, and nothing is interpolated across it.
-
-Follow a branch of orbits past its folds: pseudo-arclength in the slow coordinates and λ. A step
-predicts along the tangent and corrects in the plane across it (N2 of newton.py). It is accepted if
-the residual is zero within its confidence and the correction is small beside the step. A point
-depends only on the points before it, so a branch that is broken off goes on the same.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ Kind = Literal["period doubling", "Neimark-Sacker", "fold", "grazing"]
 SAME_PAIR = 0.4
 """Difference of the arguments of complex multipliers at two points that belong together [rad]."""
 TURNED = 3.0
-"""Standard errors of λ by which it must turn back to make a fold."""
+"""Standard errors by which λ must turn back to make a fold."""
 LEAST_TURN = 0.003
-"""The same, in ranges of λ."""
+"""Share of the range of λ by which λ must turn back to make a fold."""
 BESIDE = 2
 """Points on either side of a fold through which a parabola is fitted."""
 TWO_SIDES = 2.0
@@ -52,13 +52,13 @@ _REAL = 1e-9
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happens on a branch.
+    """An event on a branch.
 
     Attributes:
         kind: what happens.
         parameter: λ.
         low, high: 95 % interval of λ; of grazing, the points between which it happens.
-        index: number of the point after it.
+        index: number of the first point behind the event.
     """
 
     kind: Kind
@@ -69,7 +69,7 @@ class Event:
 
 
 def events_of(points: Sequence[Point], span: float) -> list[Event]:
-    """Return what happens on a branch, in the order of its points.
+    """Return the events on a branch, in the order of its points.
 
     Args:
         points: the branch.
@@ -95,12 +95,12 @@ def events_of(points: Sequence[Point], span: float) -> list[Event]:
 
 
 def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: float) -> list[Event]:
-    """Return where a test function passes 0.
+    """Return the events at which a test function passes 0.
 
     Args:
-        kind: what that means.
-        tests: the function at each point: its value and samples, shape (n_points, 1 + n_samples);
-            NaN: it has none.
+        kind: kind of these events.
+        tests: value and samples of the function at each point, shape (n_points, 1 + n_samples); NaN
+            where it has none.
         points: the branch.
         span: unit of λ.
     """
@@ -113,8 +113,10 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
         rows = tests[a : b + 1]
         if side[a] == side[b] or np.isnan(rows).mean() > 0.5:
             continue
+        # zeros of the lines, by length along the branch: of the value, then of each sample
         places = np.array([_root(place[a : b + 1], column) for column in rows.T])
         after = min(max(int(np.searchsorted(place, np.nanmedian(places))), 1), b)
+        # parabolas through the two points about the zero and one more on either side
         beside = range(max(after - 2, 0), min(after, len(points) - 2))
         middle = float(place[after - 1 : after + 1].mean())
         curved = np.array([_root(place[i : i + 3], tests[i : i + 3, 0], 2, middle) for i in beside])
@@ -123,9 +125,10 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
             for found_at in (places[np.isfinite(places)], curved[np.isfinite(curved)])
         )
         error = TWO_SIDES * max(points[a].parameter_error, points[b].parameter_error)
+        # half of the samples is from kicks of all sizes, half from small ones (`multipliers`)
         every, small = (float(np.median(part)) for part in np.array_split(at[1:], 2))
-        beyond = 2.0 * small - every  # what kicks change goes on as they shrink
-        ends = [*interval(at), *crossed, beyond, *parameters[a + 1 : b]]  # between: open sides
+        beyond = 2.0 * small - every  # still smaller kicks may change λ as much again
+        ends = [*interval(at), *crossed, beyond, *parameters[a + 1 : b]]  # between: no side
         low, high = float(min(ends)), float(max(ends))
         found.append(Event(kind, float(at[0]), low - error, high + error, after))
     return found
@@ -151,7 +154,7 @@ def turns(points: Sequence[Point], span: float) -> list[tuple[float, float]]:
 
 
 def _side(samples: FloatArray) -> int:
-    """Return 1 or -1 if samples lie on that side of 0 with certainty, 0 otherwise."""
+    """Return the sign of samples if their 95 % interval does not contain 0, otherwise 0."""
     if np.isnan(samples).mean() > 0.05:
         return 0
     low, high = interval(samples[np.isfinite(samples)])
@@ -159,7 +162,7 @@ def _side(samples: FloatArray) -> int:
 
 
 def _root(place: FloatArray, values: FloatArray, degree: int = 1, middle: float = 0.0) -> float:
-    """Return where a polynomial through values is 0, nearest to a place; NaN: nowhere."""
+    """Return the zero nearest to `middle` of a polynomial fitted to values; NaN without one."""
     known = np.isfinite(values)
     if known.sum() <= degree:
         return float("nan")
@@ -177,7 +180,7 @@ def lengths(points: Sequence[Point], span: float) -> FloatArray:
 
 
 def folds(points: Sequence[Point], span: float) -> list[Event]:
-    """Return where λ turns back by more than its errors."""
+    """Return the folds of a branch: where λ turns back by more than its errors."""
     parameters = np.array([point.parameter for point in points])
     place, found = lengths(points, span), []
     extreme, way = 0, 0.0
@@ -202,6 +205,7 @@ def _fold(points: Sequence[Point], place: FloatArray, extreme: int) -> Event:
     s = place[near] - place[extreme]
     values = np.array([point.parameter for point in points[near]])
     a, b, c = np.polyfit(s, values, 2)
+    # λ at the vertex s = -b / 2a, or at the extreme point if the vertex is far from these points
     fitted = float(c - b * b / (4.0 * a)) if abs(b) < 2.0 * abs(a) * np.ptp(s) else float(c)
     scatter = float(np.sqrt(np.mean((np.polyval([a, b, c], s) - values) ** 2)))
     error = TWO_SIDES * max(scatter, points[extreme].parameter_error)
@@ -212,7 +216,7 @@ def _fold(points: Sequence[Point], place: FloatArray, extreme: int) -> Event:
 
 
 def grazings(points: Sequence[Point]) -> list[Event]:
-    """Return where the tips begin or cease to touch in one of the periods."""
+    """Return the grazings of a branch: where tips begin or cease to touch in one of the periods."""
     found = []
     for period in range(points[0].gaps.size):
         for i, (left, right) in enumerate(pairwise(points)):
@@ -234,8 +238,8 @@ class Point:
         slow: its slow coordinates, shape (m,).
         residual, residual_error: of the mean map, relative to the norm of the slow coordinates.
         parameter_error: standard error of λ, as the point lies on the branch.
-        derivatives: of the slow coordinates, independent estimates, shape (k, m, m).
-        decays: of kicks, see `Ensemble.decays`, shape (n + 1, k, m).
+        derivatives: of the slow coordinates, independent estimates, shape (n_pairs, m, m).
+        decays: of kicks, see `Ensemble.decays`, shape (n_periods, 2, n_kicks, m).
         by_parameter: derivative of the slow coordinates of the mean map by λ, shape (m,).
         tangent: of the branch in (slow / scale, λ / span), of length 1, shape (m + 1,).
         step: length of the step that led here, for the next one.
@@ -278,26 +282,29 @@ class Point:
 
     @property
     def stability(self) -> Stability:
-        """What the multipliers say; no point is stable beside a motion of a multiple of P."""
+        """Stability by the multipliers; never "stable" beside a motion of a multiple of P."""
         found = self.multipliers.stability
         return "undecided" if found == "stable" and self.doubled else found
 
     def x(self, span: float) -> FloatArray:
-        """Return (slow / scale, λ / span), shape (m + 1,)."""
+        """Return the coordinates (slow / scale, λ / span) of the point, shape (m + 1,)."""
         return np.append(self.slow / self.scale, self.parameter / span)
 
 
 def measured(
     ensemble: Ensemble, at: Solved, *, heading: FloatArray, span: float, step: float
 ) -> Point:
-    """Return what is known at a solved point.
+    """Return the point of a branch at a solved orbit: its derivatives, multipliers and motion.
 
     Args:
         ensemble: the mean map.
-        at: the solved point.
-        heading: the way in (slow, λ) that the branch has come, in units of z and λ, shape (m + 1,).
+        at: the solved orbit.
+        heading: the way in (slow, λ) that the branch has come, not scaled, shape (m + 1,).
         span: unit of λ.
         step: length of the step that led here.
+
+    Raises:
+        ArithmeticError: a kicked motion diverges.
     """
     map_ = ensemble.map
     y = map_.slow.of(at.state)
@@ -342,7 +349,7 @@ def tangent(derivative: FloatArray, slope: FloatArray, heading: FloatArray) -> F
     """Return the direction of the branch, of length 1, shape (m + 1,).
 
     It is the mean of the tangent of F(y, λ) = y and of the way that the branch has come, because
-    both are known to some degrees only.
+    the direction of either is known roughly only.
 
     Args:
         derivative: of F by y, shape (m, m).
@@ -361,20 +368,20 @@ EASY, HARD = 5, 10
 """Iterations up to which the next step is longer, and from which it is shorter."""
 LONGER, SHORTER = 1.3, 0.5
 DEVIATION = 2.0
-"""Largest correction, in steps."""
+"""Largest correction, relative to the step."""
 LOOSE = 4.0
-"""Standard errors within which a point is kept, and marked as not solved, where shorter steps do
-not help either."""
+"""Standard errors of the residual within which a point is kept at the shortest step, marked as not
+solved."""
 ONSETS = (0.1, 0.14, 0.2, 0.3)
-"""Amplitudes at which a doubled branch is sought, relative to the state. At those not much larger
-than the kicks the two orbits are smeared into one another and λ may be far off; at large ones the
-branch is no longer along its first direction."""
+"""Amplitudes at which a doubled branch is sought, relative to the state. At amplitudes not much
+larger than the kicks both orbits are smeared into one another, and λ may be far off. At large ones
+the branch no longer lies along its first direction."""
 LEADS_ON = 2
 """Steps that must be accepted behind the first point of a doubled branch."""
 FARTHEST = 0.3
-"""Largest correction of the first point of a doubled branch, in states and ranges."""
+"""Largest correction of the first point of a doubled branch, relative to state and range."""
 ROUNDS = 3
-"""New derivatives at each amplitude."""
+"""Number of new derivatives at each amplitude."""
 
 
 @dataclass(frozen=True)
@@ -410,7 +417,8 @@ def first_point(ensemble: Ensemble, guess: FloatArray, path: Path) -> Point:
     """Return the first point of a branch, at the start of the range, from a state near it.
 
     Raises:
-        ArithmeticError: no orbit is found.
+        ArithmeticError: no orbit is found, or a motion diverges.
+        LinAlgError: the equations are singular.
     """
     scale = float(np.linalg.norm(ensemble.map.slow.of(guess)))
     J = ensemble.derivatives(guess, path.start, scale).mean(axis=0)
@@ -431,7 +439,7 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
 
     Args:
         ensemble: the mean map of twice the period.
-        near: the point of the old branch that is nearest to the doubling.
+        near: the first point of the old branch behind the doubling.
         parameter: λ at the doubling.
         path: the range of λ.
 
@@ -460,7 +468,7 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
 
 
 def _leads_on(ensemble: Ensemble, point: Point, path: Path) -> bool:
-    """Return whether some steps are accepted behind a point."""
+    """Return whether `LEADS_ON` further steps are accepted behind a point."""
     after: Point | None = point
     for _ in range(LEADS_ON):
         after = None if after is None else next_point(ensemble, after, path)
@@ -490,8 +498,8 @@ def _opening_side(
 ) -> float:
     """Return the sign of a direction with which the tips are farther apart at the beginning.
 
-    The orbit of twice the period may begin with either of its periods. Kicks are the less harmful
-    the farther apart the tips are.
+    The orbit of twice the period may begin with either of its periods. The farther apart the tips
+    are, the less harmful are kicks.
     """
     move = ensemble.map.slow.lifted(ONSETS[0] * near.scale * direction / np.linalg.norm(direction))
     openings = [
@@ -573,7 +581,7 @@ def why_lost(ensemble: Ensemble, last: Point, path: Path) -> str:
 
 
 def _corrected(ensemble: Ensemble, last: Point, span: float, step: float) -> Solved | None:
-    """Return the corrected point of a step; None if a motion diverges."""
+    """Return the corrected point of a step; None if motions diverge or equations are singular."""
     predicted = last.x(span) + step * last.tangent
     move = last.scale * step * last.tangent[:-1]
     state = last.state + ensemble.map.slow.lifted(move)
@@ -595,5 +603,5 @@ def _is_accepted(found: Solved, step: float, is_shortest: bool) -> bool:
 
 
 def _is_near(found: Solved, errors: float) -> bool:
-    """Return whether a residual is zero within some standard errors."""
+    """Return whether a residual is zero within a number of standard errors."""
     return found.is_solved or found.residual <= errors * found.residual_error

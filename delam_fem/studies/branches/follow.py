@@ -1,7 +1,7 @@
 """Follow branches of orbits: the study, its dataset and its diagram.
 
 The orbits of a case are followed over one of its keys, with the branches that leave at doublings.
-Each accepted point survives a kill.
+Each accepted point is on the disk at once, so that a killed continuation goes on.
 
 In Python:
 
@@ -41,8 +41,8 @@ from delam_fem.results.figures.style import (
     ORANGE,
     PURPLE,
     VERMILLION,
-    WIDTH,
     label_x,
+    stacked,
 )
 from delam_fem.results.folder import write_dataset
 from delam_fem.results.schema import Variable, provenance
@@ -67,6 +67,7 @@ from delam_fem.studies.orbits.search import (
     map_of,
     mean_of_motion,
     settled_map,
+    start_of,
     usual,
 )
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
@@ -132,7 +133,7 @@ class Branch:
     Attributes:
         periods: P, number of periods of the drive in one of the orbit.
         points: its points in order.
-        events: what happens on it.
+        events: events on it.
         ending: why it ends: "range", "points", "lost" or "interrupted".
     """
 
@@ -219,24 +220,6 @@ def of(
     return data
 
 
-def read(path: Path) -> xr.Dataset:
-    """Return the dataset of branches that `follow` wrote.
-
-    Raises:
-        CaseError: the file is missing, damaged or another one.
-    """
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as data:
-            data["strobe_displacement"], data["event_kind"], data.attrs["key"]
-            return data.load()
-    except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
-        _log.debug("%s cannot be read", path, exc_info=True)
-        raise CaseError(
-            f"{path}: expected branches of orbits, as delam-fem orbit follow writes them; "
-            "this file is missing, damaged or another one"
-        ) from error
-
-
 COLOURS = {"stable": BLUE, "unstable": VERMILLION, "undecided": ORANGE}
 MARKS = {"period doubling": "D", "fold": "s", "Neimark-Sacker": "o", "grazing": "x"}
 EVENT_COLOURS = {"period doubling": GREEN, "fold": BLACK, "Neimark-Sacker": PURPLE,
@@ -257,8 +240,7 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     """
     names = [lamina.name for lamina in Case.from_toml(data.attrs["case"]).lamina]
     count = min(len(names), data.sizes["probe"])
-    figure = Figure(figsize=(WIDTH, 3.1 * count + 2.6), layout="constrained")
-    *panels, lowest = figure.subplots(count + 1, 1, sharex=True, squeeze=False)[:, 0]
+    figure, (*panels, lowest) = stacked(count + 1, 3.1 * count + 2.6, sharex=True)
     for i, panel in enumerate(panels):
         if swept is not None:
             _swept(panel, swept, i, str(data.attrs["key"]))
@@ -277,7 +259,7 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
 
 
 def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
-    """Draw the points of all branches in a panel, and what happens on them."""
+    """Draw the points of all branches in a panel, and the events on them."""
     parameter, branch = data["parameter"].to_numpy(), data["branch"].to_numpy()
     q = 1e3 * data["strobe_displacement"].isel(probe=i).to_numpy()
     stability = data["stability"].to_numpy()
@@ -296,7 +278,7 @@ def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
 
 
 def _events(panel: Axes, data: xr.Dataset, q: FloatArray) -> None:
-    """Mark what happens, with its interval, at the height of the points beside it."""
+    """Mark each event with its interval, at the height of the points beside it."""
     for k in range(data.sizes["event"]):
         kind, point = str(data["event_kind"][k].item()), int(data["event_point"][k])
         at = float(data["event_parameter"][k])
@@ -339,7 +321,7 @@ def _moduli(panel: Axes, data: xr.Dataset) -> None:
 
 
 def _legend(panel: Axes, data: xr.Dataset, swept: xr.Dataset | None) -> None:
-    """Put a legend of what is there above the panels."""
+    """Put a legend of the stabilities and events that occur above the panels."""
     shown: list[tuple[str, dict[str, Any]]] = [
         (name, {"color": colour, "marker": "o", "linestyle": "",
                 "markerfacecolor": colour if name == "stable" else "white"})
@@ -373,15 +355,18 @@ class PointJournal:
     """The points of all branches of a continuation, one file each.
 
     Attributes:
-        folder: where they are.
+        folder: folder of the files.
     """
 
-    def __init__(self, directory: Path, identity: str, *, resume: bool) -> None:
+    def __init__(
+        self, directory: Path, plan: Mapping[str, object], case: Case, *, resume: bool
+    ) -> None:
         """Open the journal of a continuation, or begin one.
 
         Args:
             directory: folder of the continuation.
-            identity: text that is equal only for the same continuation.
+            plan: values that are equal only for the same continuation of a case.
+            case: the case.
             resume: whether to go on with the points in the folder.
 
         Raises:
@@ -391,10 +376,13 @@ class PointJournal:
         if not resume and self.folder.exists():
             shutil.rmtree(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        about = self.folder / _ABOUT
+        about, expected = self.folder / _ABOUT, {**plan, "case": case.to_toml()}
         if not about.is_file():
-            write_text(about, identity)
-        elif about.read_text("utf-8") != identity:
+            write_text(about, json.dumps(expected, indent=1))
+        kept = json.loads(about.read_text("utf-8"))
+        if case.is_in(kept.get("case", "")):
+            kept["case"] = expected["case"]
+        if kept != json.loads(json.dumps(expected)):
             raise CaseError(
                 f"resume: {self.folder} belongs to another continuation; run it with the settings "
                 "of the interrupted one, or choose another folder with -o DIR"
@@ -439,7 +427,7 @@ Progress = Callable[[int, int, float], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """What a continuation does.
+    """Settings of a continuation.
 
     Attributes:
         key: key of the case that is the parameter.
@@ -508,11 +496,10 @@ def follow(
         case = case.with_overrides({key: value})
     family = map_of(case, key)
     directory, begin = Path(directory), time.process_time()
-    about = {"plan": asdict(plan), "model": family.nature.name, "case": case.to_toml()}
-    identity = json.dumps(about, indent=1)
-    journal = PointJournal(directory, identity, resume=resume)
+    about = {"plan": asdict(plan), "model": family.nature.name}
+    journal = PointJournal(directory, about, case, resume=resume)
     save_case(case, directory)
-    map_, state = settled_map(family, start, settle)
+    map_, state = settled_map(family, start, settle, start_of(case))
     with stop_signals() as is_stopped:
         branches = _branches(map_, state, plan, journal, is_stopped, report)
     seconds = time.process_time() - begin
@@ -536,7 +523,7 @@ def _branches(
 ) -> list[Branch]:
     """Return all branches from a settled state of a map at the start of the range.
 
-    Each doubling of one begins another, up to `plan.doublings`.
+    Each doubling on a branch begins another one, up to `plan.doublings` times in a row.
     """
     ready = [_First(plan.periods, 0)]
     branches: list[Branch] = []
@@ -589,7 +576,7 @@ class _First:
     Attributes:
         periods: P.
         doubled: number of doublings on the way here.
-        near: the point of the other branch behind the doubling; None: the start of the range.
+        near: the first point of the other branch behind the doubling; None: the start of the range.
         parameter: λ at the doubling.
     """
 
@@ -602,7 +589,8 @@ class _First:
         """Return the first point of the branch; `state` is settled at the start of the range.
 
         Raises:
-            ArithmeticError: there is none.
+            ArithmeticError: no orbit is found.
+            LinAlgError: the equations are singular.
         """
         if self.near is not None:
             return doubled_point(ensemble, self.near, self.parameter, plan.way)
@@ -612,7 +600,7 @@ class _First:
 
 @dataclass(frozen=True)
 class Branches(Finding):
-    """Branches that were followed, in the folder that holds their dataset.
+    """Branches that were followed, as a finding.
 
     Attributes:
         data: the dataset of `follow`.
@@ -624,7 +612,7 @@ class Branches(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says on the terminal."""
+        """Report of the finding on the terminal."""
         data, unit = self.data, _behind(self.data["parameter"].attrs["units"])
         names = ("branch", "kind", "parameter", "low", "high")
         columns = (data[f"event_{name}"].values for name in names)
@@ -648,7 +636,7 @@ class Branches(Finding):
 
 
 def _number(unit: str, option: str, text: str) -> float:
-    """Return a number of the user in a unit, which it may carry, or another one.
+    """Return the number in a text of the user in a unit; the text may name a unit that fits.
 
     Raises:
         CaseError: the text is no number, or its unit does not fit.
@@ -661,7 +649,7 @@ def _number(unit: str, option: str, text: str) -> float:
 
 
 def _behind(unit: str) -> str:
-    """Return what stands behind a number: a unit, or nothing behind a pure number."""
+    """Return the unit as a text behind a number; empty behind a pure number."""
     return "" if unit == "1" else f" {unit}"
 
 

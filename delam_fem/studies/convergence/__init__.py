@@ -1,1 +1,1 @@
-"""Refine a case in elements and steps by several methods (a ladder) and measure the convergence."""
+"""Ladders: refine a case in elements and steps by several methods, and measure convergence."""

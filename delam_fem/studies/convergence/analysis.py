@@ -1,4 +1,4 @@
-"""Analyse a ladder: errors, limits, costs, tables, figures, one line that sums them up."""
+"""Analyse a ladder: errors, limits and costs, in tables, figures and a verdict."""
 
 from __future__ import annotations
 
@@ -32,6 +32,8 @@ from delam_fem.results.figures.style import (
     label_x,
     lamina_colours,
     legend_above,
+    legend_outside,
+    stacked,
 )
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, RIGID, Ladder, Method, Rung
 from delam_fem.studies.convergence.rung import (
@@ -49,7 +51,7 @@ from delam_fem.studies.study import Finding, Report, Table
 from delam_fem.system.errors import CaseError
 
 NOISE = 2.0
-"""Standard errors of the means that an interval holds."""
+"""Standard errors of the means that the uncertainty of a distance contains."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class Convergence(Finding):
 
     @property
     def what(self) -> str:
-        """The numbers that are judged, in words."""
+        """Names of the numbers that are judged."""
         return ", ".join(q.symbol for q in self.judged) if self.ladder.judged else "tip extremes"
 
     @property
@@ -107,7 +109,7 @@ class Convergence(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         case, rungs = self.ladder.case, self.ladder.rungs()
         left = sum(rung.key not in self.results for rung in rungs)
         there = f"{len(self.results)} of {len(rungs)} runs are there."
@@ -169,11 +171,12 @@ class Convergence(Finding):
         return float(np.abs((found - exact) / size).max())
 
     def interval(self, rung: Rung, rungs: Sequence[Rung], by: str) -> tuple[float, float]:
-        """Return how far a rung is from the limit, and the uncertainty of that [-].
+        """Return the distance of a rung from the limit, and the uncertainty of this distance [-].
 
-        The distance is `error`, over meshes from the finest rung. Beyond the finest, errors go on
-        as a power of the size that the last three rungs show, of order 1 at most. `NOISE` standard
-        errors of the means are added.
+        The distance is `error`: from the rigid limit in steps, otherwise from the finest rung. The
+        uncertainty is what the finest rung is away from the limit of its own line, by the power of
+        the size that the last three rungs show, of order 1 at most; and `NOISE` standard errors of
+        the means.
 
         Args:
             rung: a rung with contact.
@@ -181,7 +184,7 @@ class Convergence(Finding):
             by: what they refine.
 
         Returns:
-            A NaN uncertainty without two rungs that are finer; infinite if errors do not shrink.
+            Both. The uncertainty is NaN without two finer rungs, infinite if errors do not shrink.
         """
         finest = rungs[-1]
         is_limit = by == "steps" and self.ladder.has_limit
@@ -191,6 +194,7 @@ class Convergence(Finding):
         first, second = (self.error(a, b) for a, b in pairwise(rungs[-3:]))
         noise = NOISE * (self._noise(rung, finest) + self._noise(finest, finest))
         a, b, c = (1.0 / getattr(one, by) for one in rungs[-3:])
+        # the second difference if errors were proportional to the size
         at_first_order = first * (b - c) / (a - b)
         if second <= max(noise, at_first_order):  # a small difference may be chance
             return away, max(second, at_first_order) / (b / c - 1.0) + noise
@@ -200,12 +204,12 @@ class Convergence(Finding):
         return away, left + noise
 
     def _noise(self, rung: Rung, reference: Rung) -> float:
-        """Return the largest standard error of what is judged of a rung, in units of `error`."""
+        """Return the largest standard error of judged numbers of a rung, in units of `_scale`."""
         own = np.array([self.standard_error(rung, q.name) for q in self.judged])
         return float((own / self._scale(reference)[1]).max())
 
     def _scale(self, reference: Rung) -> tuple[FloatArray, FloatArray]:
-        """Return what is judged of a rung, and the unit of the distance of each; see `error`."""
+        """Return the judged numbers of a rung, and the units of their distances; see `error`."""
         exact = np.array([self.value(reference, q.name) for q in self.judged])
         low_high = np.array([self.value(reference, q.name) for q in self.extrema]).reshape(-1, 2)
         half = np.diff(low_high).ravel() / 2.0
@@ -245,7 +249,7 @@ class Convergence(Finding):
 
 
 def _is_of(name: str, given: str) -> bool:
-    """Return whether a name is a given one, or that with the numbers of laminae and harmonics."""
+    """Return whether a name is a given one, alone or with numbers of laminae and harmonics."""
     return name == given or (name.startswith(f"{given}_") and not name[len(given) + 1].isalpha())
 
 
@@ -257,11 +261,11 @@ def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
 
 Direction = Literal["steps", "elements", "points"]
 NOTHING = "–"
-NO_LIMIT = "The ladder has no limit (0 steps): errors against the rigid limit are left out."
+NO_LIMIT = "The ladder has no rigid limit: errors against it are left out."
 
 
 def page(found: Convergence, verdict: str) -> str:
-    """Return all tables of a ladder as a page of Markdown, below a verdict."""
+    """Return a verdict and all tables of a ladder as a page of Markdown."""
     parts = [f"# Convergence of case {found.ladder.case.name}\n", f"{verdict}\n"]
     if not found.ladder.has_limit:
         parts.append(f"{NO_LIMIT}\n")
@@ -274,18 +278,22 @@ def tables(found: Convergence) -> Iterator[Table]:
         yield free_table(found, rungs, direction, where)
     shown = (*found.extrema, *general(found.n_laminae))
     of_harmonics = amplitudes(found.n_laminae)
-    for direction, where, rungs in lines(found.ladder, found.ladder.methods):
-        title = f"{rungs[0].method}, {where}"
-        yield contact_table(found, rungs, direction, title, shown)
-        yield contact_table(found, rungs, direction, f"{title}: harmonics", of_harmonics)
-    if found.ladder.has_limit:
-        rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
-        steps = f"{found.ladder.limit_steps} steps per period"
-        title = f"rigid limit of each mesh: newton@moreau-jean with {steps}"
-        by = found.ladder.refines
-        yield contact_table(found, rungs, by, title, shown)
-        yield contact_table(found, rungs, by, f"{title}: harmonics", of_harmonics)
-    yield from limit_tables(found)
+    steps = f"{found.ladder.limit_steps} steps per period"
+    of_limit = f"rigid limit of each mesh: newton@moreau-jean with {steps}"
+    for direction, where, rungs in _with_limit(found.ladder, of_limit):
+        yield contact_table(found, rungs, direction, where, shown)
+        yield contact_table(found, rungs, direction, f"{where}: harmonics", of_harmonics)
+    for direction, where, rungs in _with_limit(found.ladder, "rigid limit over meshes"):
+        if len(rungs) > 2:
+            yield limit_table(found, rungs, direction, where)
+
+
+def _with_limit(ladder: Ladder, of_limit: str) -> Iterator[tuple[Direction, str, list[Rung]]]:
+    """Yield the lines of all methods with their titles, then that of the rigid limit with its."""
+    for direction, where, rungs in lines(ladder, ladder.methods):
+        yield direction, f"{rungs[0].method}, {where}", rungs
+    if ladder.has_limit:
+        yield ladder.refines, of_limit, ladder.along_meshes(LIMIT, ladder.limit_steps)
 
 
 def lines(ladder: Ladder, methods: Sequence[Method]) -> Iterator[tuple[Direction, str, list[Rung]]]:
@@ -361,17 +369,6 @@ def contact_table(
             )
         )
     return Table(title, heading, tuple(rows))
-
-
-def limit_tables(found: Convergence) -> Iterator[Table]:
-    """Yield tables of extrapolated limits, for each line of at least three rungs."""
-    ladder = found.ladder
-    for direction, where, rungs in lines(ladder, ladder.methods):
-        if len(rungs) > 2:
-            yield limit_table(found, rungs, direction, f"{rungs[0].method}, {where}")
-    if ladder.has_limit and len(ladder.meshes) > 2:
-        rungs = ladder.along_meshes(LIMIT, ladder.limit_steps)
-        yield limit_table(found, rungs, ladder.refines, "rigid limit over meshes")
 
 
 def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, title: str) -> Table:
@@ -466,7 +463,7 @@ def _directions(ladder: Ladder) -> list[Direction]:
 
 
 def _line(found: Convergence, method: Method, rung: Rung, direction: Direction) -> list[Rung]:
-    """Return the rungs that refine a rung in a direction, with the rigid limit if it is one."""
+    """Return the line of rungs through a rung; in steps it may end with the rigid limit."""
     ladder = found.ladder
     if direction != "steps":
         return ladder.along_meshes(method, rung.steps)
@@ -488,7 +485,7 @@ def _judged(found: Convergence, method: Method, rung: Rung) -> tuple[float, floa
 
 
 def overview(found: Convergence) -> Iterator[Table]:
-    """Yield the short tables: errors, y1 and contact work of all methods side by side."""
+    """Yield short tables of all methods side by side: errors, judged numbers, contact work."""
     ladder = found.ladder
     for direction, where, rungs in _shown(ladder, FREE):
         yield _brief_free_table(found, rungs, direction, where)
@@ -515,7 +512,7 @@ def overview(found: Convergence) -> Iterator[Table]:
 
 
 def _percent(found: Convergence, rung: Rung, method: Method, direction: Direction) -> str:
-    """Return the interval of a rung as text [%]; only the distance where no more is known."""
+    """Return distance and uncertainty of a rung as text [%]; the latter only where it is finite."""
     line = _line(found, method, rung, direction)
     away, left = (100.0 * part for part in found.interval(rung, line, direction))
     text = number(away, ".2f")
@@ -523,7 +520,7 @@ def _percent(found: Convergence, rung: Rung, method: Method, direction: Directio
 
 
 def _shown(ladder: Ladder, method: Method) -> Iterator[tuple[Direction, str, list[Rung]]]:
-    """Yield the lines of a method, over meshes only those with the smallest steps."""
+    """Yield the lines of rungs of a method; over meshes, those with the smallest steps only."""
     for direction, where, rungs in lines(ladder, (method,)):
         if direction == "steps" or rungs[0].steps == ladder.steps[-1]:
             yield direction, where, rungs
@@ -532,7 +529,7 @@ def _shown(ladder: Ladder, method: Method) -> Iterator[tuple[Direction, str, lis
 def _brief_free_table(
     found: Convergence, rungs: list[Rung], direction: Direction, where: str
 ) -> Table:
-    """Return the largest errors of all laminae without contact."""
+    """Return the table of the largest errors of all laminae without contact."""
     rows = []
     for rung in rungs:
         errors = abs(found.free_errors(rung)).reshape(-1, 2).max(axis=0)
@@ -582,7 +579,7 @@ FREE_FLOOR = 1e-13
 
 
 def pictures(found: Convergence) -> dict[str, Callable[[Convergence], Figure]]:
-    """Return the functions that draw what the rungs of a ladder allow, by name.
+    """Return the functions that draw the figures of a ladder, by name.
 
     A ladder without a limit has no figures of errors against the limit.
     """
@@ -605,50 +602,44 @@ def pictures(found: Convergence) -> dict[str, Callable[[Convergence], Figure]]:
 
 def error_over_steps(found: Convergence) -> Figure:
     """Draw the error against the rigid limit of each mesh over steps per period."""
-    figure = _panels(found, lambda rung: rung.steps, lambda rung: 100.0 * found.error(rung))
-    _finish(figure, found, "steps per period", f"error of the {found.what} [%]")
-    return figure
+    label, text = "steps per period", f"error of the {found.what} [%]"
+    return _panels(found, lambda r: r.steps, lambda r: 100.0 * found.error(r), label, text)
 
 
 def error_over_cost(found: Convergence) -> Figure:
     """Draw the error against the rigid limit of each mesh over the processor time of a period."""
-    figure = _panels(
-        found, lambda rung: 1e6 * found.cost(rung), lambda rung: 100.0 * found.error(rung)
+    label, text = "processor time per period [µs]", f"error of the {found.what} [%]"
+    return _panels(
+        found, lambda r: 1e6 * found.cost(r), lambda r: 100.0 * found.error(r), label, text
     )
-    _finish(figure, found, "processor time per period [µs]", f"error of the {found.what} [%]")
-    return figure
 
 
 def work_over_steps(found: Convergence) -> Figure:
     """Draw the contact work per period over steps per period, with the rigid limit dashed."""
-    figure = _panels(
-        found, lambda rung: rung.steps, lambda rung: WORK.factor * found.value(rung, WORK.name)
-    )
-    if found.ladder.has_limit:
-        for axes, mesh in zip(figure.axes, found.ladder.meshes, strict=True):
-            level = WORK.factor * found.value(found.ladder.limit_of(mesh), WORK.name)
-            if level > 0.0:
-                axes.axhline(level, color=BASE_COLOUR, linestyle="--", linewidth=1.0)
-    _finish(figure, found, "steps per period", "contact work per period [mJ]")
-    return figure
+
+    def work(rung: Rung) -> float:
+        return WORK.factor * found.value(rung, WORK.name)
+
+    label, text = "steps per period", "contact work per period [mJ]"
+    return _panels(found, lambda r: r.steps, work, label, text, has_limit=found.ladder.has_limit)
 
 
 def free_over_steps(found: Convergence) -> Figure:
     """Draw the errors without contact over steps per period on the finest mesh."""
     rungs = found.ladder.along_steps(FREE, found.ladder.meshes_of(FREE)[-1])
-    return _free(found, rungs, "steps", "steps per period", (-2.0,))
+    return _free(found, rungs, "steps", "steps per period", -2.0)
 
 
 def free_over_elements(found: Convergence) -> Figure:
     """Draw the errors without contact over elements per lamina with the smallest steps."""
     rungs = found.ladder.along_meshes(FREE, found.ladder.steps[-1])
-    return _free(found, rungs, "elements", "elements per lamina", (-4.0,))
+    return _free(found, rungs, "elements", "elements per lamina", -4.0)
 
 
 def limit_over_meshes(found: Convergence) -> Figure:
     """Draw the rigid limit over what meshes refine: extremes of the tips and contact work.
 
-    Without limits the last method with the smallest steps stands for them.
+    In a ladder without a limit, the last method with the smallest steps stands for it.
     """
     ladder = found.ladder
     method, steps = (
@@ -683,15 +674,23 @@ def limit_over_meshes(found: Convergence) -> Figure:
 def _with_bars(
     axes: Axes, found: Convergence, rungs: Sequence[Rung], shown: Statistic, **style: Any
 ) -> None:
-    """Draw the size of a statistic over the points with `BARS` standard errors of its mean."""
+    """Draw the size of a statistic over the contact points, with bars of `BARS` standard errors."""
     n = [rung.points for rung in rungs]
     values = [abs(shown.factor * found.value(rung, shown.name)) for rung in rungs]
     errors = [BARS * shown.factor * found.standard_error(rung, shown.name) for rung in rungs]
     axes.errorbar(n, values, yerr=errors, capsize=4.0, **style)
 
 
-def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
-    """Draw one line for each method, in one panel for each mesh."""
+def _panels(
+    found: Convergence,
+    abscissa: Value,
+    ordinate: Value,
+    xlabel: str,
+    ylabel: str,
+    *,
+    has_limit: bool = False,
+) -> Figure:
+    """Draw one line for each method, in one panel for each mesh, and maybe the limit, dashed."""
     meshes = found.ladder.meshes
     columns = min(PANELS, len(meshes))
     rows = math.ceil(len(meshes) / columns)
@@ -705,31 +704,23 @@ def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
             points = np.array([(abscissa(rung), ordinate(rung)) for rung in rungs])
             drawn = points[np.isfinite(points).all(axis=1) & (points > 0.0).all(axis=1)]
             axes.loglog(*drawn.T, marker=marker, color=colour, label=method.name, markersize=5)
+        if has_limit and (level := ordinate(found.ladder.limit_of(mesh))) > 0.0:
+            axes.axhline(level, color=BASE_COLOUR, linestyle="--", linewidth=1.0)
         axes.set_title(rungs[0].mesh_text, loc="left")
+    for axes in grid[::columns]:
+        axes.set_ylabel(ylabel)
+    for axes in figure.axes:
+        _plain_numbers(axes.xaxis)
+        _plain_numbers(axes.yaxis)
+    label_x(figure.axes, xlabel)
+    legend_outside(figure, grid[0], 4, "outside lower center")
+    figure.suptitle(_title(found))
     return figure
 
 
-def _finish(figure: Figure, found: Convergence, xlabel: str, ylabel: str) -> None:
-    """Add labels, legend and title to a figure of panels."""
-    axes = figure.axes
-    columns = min(PANELS, len(axes))
-    for k, panel in enumerate(axes):
-        if k % columns == 0:
-            panel.set_ylabel(ylabel)
-        _plain_numbers(panel.xaxis)
-        _plain_numbers(panel.yaxis)
-    label_x(axes, xlabel)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
-    figure.suptitle(_title(found))
-
-
-def _free(
-    found: Convergence, rungs: list[Rung], size: str, label: str, slopes: Sequence[float]
-) -> Figure:
-    """Draw the errors without contact and lines of a slope."""
-    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
-    axes = figure.subplots()
+def _free(found: Convergence, rungs: list[Rung], size: str, label: str, slope: float) -> Figure:
+    """Draw the errors without contact, and a line with a given slope."""
+    figure, (axes,) = stacked(1, 4.6)
     n = np.array([getattr(rung, size) for rung in rungs], dtype=float)
     errors = np.abs([found.free_errors(rung) for rung in rungs])
     errors[~(errors > FREE_FLOOR)] = np.nan
@@ -743,10 +734,9 @@ def _free(
                 color=colours[i],
                 label=f"{name}, {lamina.name}",
             )
-    for slope in slopes:
-        if np.isfinite(errors[0]).any():
-            start = 0.4 * np.nanmin(errors[0])
-            axes.loglog(n, start * (n / n[0]) ** slope, ":", color=BLACK, label=f"order {-slope:g}")
+    if np.isfinite(errors[0]).any():
+        start = 0.4 * np.nanmin(errors[0])
+        axes.loglog(n, start * (n / n[0]) ** slope, ":", color=BLACK, label=f"order {-slope:g}")
     if np.isfinite(errors).any():
         axes.set_ylim(bottom=max(0.3 * float(np.nanmin(errors)), FREE_FLOOR))
     axes.set(xlabel=label, ylabel="relative error")

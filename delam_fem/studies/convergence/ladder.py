@@ -1,12 +1,12 @@
 """Describe a ladder: one case by several methods, refined as far as the beam has a meaning.
 
-Tell where refinement goes below what the beam and its damping can mean. Two lengths bound what a
-finer mesh adds. Waves of modes that are overdamped do not wave: a bump that short creeps back. And
-a beam knows nothing of what happens within its thickness.
+A ladder is one case by several methods, on finer and finer meshes, with smaller steps. One run of a
+ladder is a rung. This module describes the rungs; `rung.py` computes one rung, and `run.py`
+computes all of them.
 
-Describe a ladder: one case by several methods, on finer and finer meshes, with smaller steps. One
-run of a ladder is a rung. This module describes the rungs; `rung.py` computes one rung, and
-`run.py` computes all of them.
+Warnings say where refinement goes below what the beam and its damping can mean. Two lengths bound
+what a finer mesh adds. Overdamped modes do not oscillate: a bump as short as their waves creeps
+back. And a beam knows nothing of what happens within its thickness.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from delam_fem.system.errors import CaseError
 
 @dataclass(frozen=True)
 class ShortWave:
-    """The longest wave of a lamina that is overdamped.
+    """The longest overdamped bending wave of a lamina.
 
     Attributes:
         name: name of the lamina.
@@ -50,7 +50,7 @@ def short_waves(case: Case) -> tuple[ShortWave, ...]:
     """Return the longest overdamped wave of each lamina, from bottom to top.
 
     A wave of a beam has the length λ = 2π (EI/ρA)^(1/4) / ω^(1/2). With mass damping alone no mode
-    is overdamped by its shortness; its wavelength is 0.
+    is overdamped by its shortness, and the length is 0.
     """
     found = []
     for i, lamina in enumerate(case.lamina):
@@ -62,14 +62,16 @@ def short_waves(case: Case) -> tuple[ShortWave, ...]:
 
 
 def refinement_warnings(case: Case, points: Iterable[int]) -> list[str]:
-    """Return a warning for each length that some of the meshes go below.
+    """Return a warning for each length of the beam model that some of the meshes go below.
 
-    Points at a distance h hold waves down to 2 h.
+    Points at a distance h hold waves down to the length 2 h.
 
     Args:
         case: the case that is refined.
         points: numbers of contact points along the laminae, of all meshes.
     """
+    if case.is_axial:  # both lengths are those of bending
+        return []
     numbers = sorted(set(points))
     waves = short_waves(case)
     longest = max(waves, key=lambda wave: wave.length)
@@ -116,7 +118,7 @@ class PointMesh:
 
 
 MeshChoice: TypeAlias = int | Path | PointMesh
-"""Number of equal elements per lamina, or a mesh file, maybe with contact points inside."""
+"""Number of equal elements per lamina, or a mesh file, maybe with points inside elements."""
 
 IMPULSES = get_args(Impulse)
 ELEMENTS = (5, 10, 20, 40, 80, 160)
@@ -163,8 +165,8 @@ def method(text: str) -> Method:
     """Return the method that a text names: LAW or LAW@SCHEME, maybe with :R, /lumped, /consistent.
 
     A law without a scheme gets the first scheme that it can be combined with. The name of the
-    method always contains the scheme. `:64` refines steps near contact 64 times; without it no step
-    is refined.
+    method always contains the scheme. `:64` divides steps near contact into up to 64; without it no
+    step is divided.
 
     Raises:
         CaseError: the text has another form, or its law and scheme cannot be combined.
@@ -186,6 +188,18 @@ def method(text: str) -> Method:
     if slash:
         chosen.append(("contact.impulse", impulse))
     return Method(name + colon + refine + slash + impulse, tuple(chosen))
+
+
+def usual_methods(case: Case) -> tuple[Method, ...]:
+    """Return the methods that a case is compared by if none are given.
+
+    Elastic stops go with springs alone, so that such a case is computed with `penalty` only.
+    """
+    texts: Sequence[str] = METHODS[-2:] if case.is_massless else METHODS
+    if case.is_elastic:
+        is_explicit = case.time.scheme == "central-difference"
+        texts = (combined_name("penalty", case.time.scheme if is_explicit else "newmark"),)
+    return tuple(method(text) for text in texts)
 
 
 @dataclass(frozen=True)
@@ -235,7 +249,8 @@ class Ladder:
         steps: numbers N of steps per period, increasing.
         periods: number of periods in the statistics. As many periods, but at most `SETTLING`, are
             computed before them.
-        limit_steps: N of the rungs that stand for the rigid limit; 0: no such rungs.
+        limit_steps: N of the rungs that stand for the rigid limit; 0, or with elastic stops: there
+            are no such rungs.
         engine: name of the engine that computes the steps.
         judged: names of the numbers that are judged, see `Convergence.judged`; none: tip extremes.
     """
@@ -253,7 +268,8 @@ class Ladder:
         """Check the ladder before any rung is computed.
 
         Raises:
-            CaseError: a rung has an invalid case, or the meshes or steps do not become finer.
+            CaseError: the excitation is not periodic, a rung has an invalid case, or the meshes or
+                steps do not become finer.
         """
         if not self.case.is_periodic:
             raise CaseError(
@@ -267,7 +283,7 @@ class Ladder:
             raise CaseError("elements: expected at least one number or mesh file, given none")
         if not (self.case.model.is_continuum or self.meshes == (self.case.mesh.elements,)):
             require_kind(self.case, "converge")
-        sizes = [self._new(LIMIT, mesh, self.steps[0]).points for mesh in self.meshes]
+        sizes = [self._new(FREE, mesh, self.steps[0]).points for mesh in self.meshes]
         _require_rising(self.refines, sizes)
 
     def rungs(self) -> list[Rung]:
@@ -317,11 +333,20 @@ class Ladder:
     @property
     def has_limit(self) -> bool:
         """Whether the ladder has rungs that stand for the rigid limit."""
-        return self.limit_steps > 0
+        return self.limit_steps > 0 and not self.case.is_elastic
 
     @property
     def identity(self) -> str:
         """Text that is equal for ladders that can share rungs; methods and sizes may differ."""
+        return f"periods = {self.periods}\n{self._without_sizes.to_toml()}"
+
+    def is_in(self, identity: str) -> bool:
+        """Return whether a ladder with the text `identity` can share rungs with this one."""
+        periods, _, case = identity.partition("\n")
+        return periods == f"periods = {self.periods}" and self._without_sizes.is_in(case)
+
+    @property
+    def _without_sizes(self) -> Case:
         sizes: dict[str, object] = {
             "mesh.elements": 1,
             "time.steps_per_period": 1000,
@@ -331,8 +356,7 @@ class Ladder:
         if self.refines == "points":
             sizes["contact.points_per_element"] = 1
         kept = {"output.fields_per_period": 0, "output.window_periods": 1}
-        case = self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})
-        return f"periods = {self.periods}\n{case.to_toml()}"
+        return self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})
 
     def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
         plain, periods = _plain(mesh), self.periods

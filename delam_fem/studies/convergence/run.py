@@ -4,6 +4,7 @@ In Python:
 
     import delam_fem as df
     from delam_fem.studies.convergence.ladder import Ladder, method
+    from delam_fem.studies.convergence.run import run_ladder
     methods = (method("newton@moreau-jean:64"),)
     ladder = Ladder(df.preset("default"), methods, (10, 20, 40), (1000, 2000, 4000))
     found = run_ladder(ladder, "runs/ladder", workers=2)
@@ -26,7 +27,6 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
 from delam_fem.engines.session import EngineName
-from delam_fem.results.folder import json_ready
 from delam_fem.results.pages.html import reporting
 from delam_fem.results.schema import provenance
 from delam_fem.simulation.checkpoint import stop_signals
@@ -35,7 +35,6 @@ from delam_fem.studies.convergence.analysis import Convergence, page, verdict
 from delam_fem.studies.convergence.ladder import (
     ELEMENTS,
     LIMIT_STEPS,
-    METHODS,
     PERIODS,
     POINTS,
     STEPS,
@@ -44,20 +43,21 @@ from delam_fem.studies.convergence.ladder import (
     PointMesh,
     method,
     refinement_warnings,
+    usual_methods,
 )
 from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.options import Converge
 from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import write_text
+from delam_fem.system.files import json_ready, write_json, write_text
 
 _log = logging.getLogger(__name__)
 
 RESULT = "convergence.json"
 """Name of the file with the results in the folder of a ladder."""
 RUNG_BYTES = 3000
-"""Bytes of a rung in that file."""
+"""Bytes of a rung in `convergence.json`."""
 
 
 def run_ladder(
@@ -123,7 +123,7 @@ def converge(
     case: CaseSource,
     directory: str | Path | None = None,
     *,
-    laws: Sequence[str] = METHODS,
+    laws: Sequence[str] | None = None,
     elements: Sequence[int] = (),
     meshes: Sequence[MeshChoice | str] = (),
     steps: Sequence[int] = (),
@@ -140,7 +140,8 @@ def converge(
     Args:
         case: the case to refine; also the name of a preset, or the path of a case file.
         directory: folder of the results; None: runs/NAME-converge.
-        laws: methods, as "newton@moreau-jean".
+        laws: methods, as "newton@moreau-jean"; None: five of them, or with elastic stops that of
+            the case.
         elements: numbers of elements per lamina, increasing.
         meshes: mesh files, from coarse to fine; with neither: the mesh of the case.
         steps: numbers of steps per period, increasing; none: those of the case.
@@ -161,7 +162,7 @@ def converge(
     own = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
     ladder = Ladder(
         case,
-        tuple(method(text) for text in laws),
+        usual_methods(case) if laws is None else tuple(method(text) for text in laws),
         (*elements, *(Path(m) if isinstance(m, str) else m for m in meshes)) or (own,),
         tuple(steps) or (case.time.steps_per_period,),
         periods,
@@ -184,23 +185,17 @@ def ladder_cost(ladder: Ladder, workers: int | None = None) -> Cost:
     return Cost(hours, n_workers * memory, files, (1 + n_workers) * WORKER_BYTES)
 
 
-def load_results(directory: str | Path) -> dict[str, RungResult]:
-    """Return the results in the folder of a ladder by key; {} if the folder has none."""
-    path = Path(directory) / RESULT
-    return _read(path)[0] if path.is_file() else {}
-
-
 def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
     """Return the results in a file by key, after a check that they belong to this ladder."""
     if not path.is_file():
         return {}
-    results, identity = _read(path)
+    results, identity = load_results(path)
     if not resume:
         raise CaseError(
             f"{path.parent}: holds {len(results)} rungs of a ladder; go on with --resume, choose "
             "another folder with -o DIR, or delete it"
         )
-    if identity != ladder.identity:
+    if not ladder.is_in(identity):
         raise CaseError(
             f"resume: {path} belongs to another case or number of periods; run it with the "
             "settings of the interrupted ladder, or choose another folder with -o DIR"
@@ -208,7 +203,7 @@ def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
     return results
 
 
-def _read(path: Path) -> tuple[dict[str, RungResult], str]:
+def load_results(path: Path) -> tuple[dict[str, RungResult], str]:
     """Return the results in a file by key, and the identity of their ladder.
 
     Rungs whose checksum does not fit are left out, to be computed anew.
@@ -263,11 +258,11 @@ def _write(path: Path, found: Convergence) -> None:
         "identity": found.ladder.identity,
         "rungs": entries,
     }
-    write_text(path, json.dumps(content, indent=1, allow_nan=False))
+    write_json(path, content)
 
 
 def _ladder(case: Case, given: Converge) -> Ladder:
-    """Return the ladder with options of a user; what is not given follows the direction."""
+    """Return the ladder by options of a user; sizes that are not given follow the direction."""
     if given.elements is not None and given.meshes is not None:
         raise CaseError("converge: expected --elements or --meshes, given both")
     own = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
@@ -281,8 +276,7 @@ def _ladder(case: Case, given: Converge) -> Ladder:
     if points is None and given.direction == "points":
         points = POINTS
     refined = [PointMesh(mesh, n) for mesh in meshes for n in points or ()]
-    usual = METHODS[-2:] if case.is_massless else METHODS
-    methods = tuple(method(text) for text in given.laws or usual)
+    methods = tuple(method(text) for text in given.laws or ()) or usual_methods(case)
     every = tuple(refined or meshes)
     return Ladder(
         case, methods, every, steps, given.periods, given.limit_steps, given.engine,

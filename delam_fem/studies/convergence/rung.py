@@ -1,9 +1,9 @@
 """Compute one rung of a ladder, and reduce its run to a few numbers with their scatter.
 
-Reduce the periods of a motion to numbers, and these numbers to means with their scatter.
-Trajectories of an impacting motion depend on round-off; these statistics do not. The scatter of a
-motion that repeats after P periods is taken between blocks of P periods, so that alternating cycles
-do not count as scatter. The names of statistics contain the number of the lamina: 1, 2, ….
+Each period of a motion is reduced to numbers, and these to means with their scatter. Trajectories
+of an impacting motion depend on round-off; these statistics do not. The scatter of a motion that
+repeats after P periods is taken between blocks of P periods, so that alternating cycles do not
+count as scatter. The names of statistics contain the number of the lamina: 1, 2, ….
 
 With contact, all rungs of a mesh start from the same state, which newton@moreau-jean reaches from
 rest with `SPIN_UP_STEPS` steps per period; each rung then settles to its own motion. Without
@@ -25,11 +25,9 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.engines.cost import step_hours
 from delam_fem.engines.session import EngineName, session_of
-from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
+from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import first_shapes, openings
-from delam_fem.model.mesh import node_coordinates
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
@@ -38,7 +36,12 @@ from delam_fem.results.schema import MEASURES, SHOWN
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import LEDGER, N_BASE, N_SIZES, Recorder
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
-from delam_fem.studies.linear import first_frequencies, steady_motion
+from delam_fem.studies.linear import (
+    first_frequencies,
+    settling_periods,
+    slowest_decay,
+    steady_motion,
+)
 
 Statistics: TypeAlias = dict[str, tuple[float, float]]
 """Mean and scatter (standard deviation between blocks) of each statistic by name."""
@@ -51,7 +54,7 @@ SHOWN_HARMONICS = 5
 
 @dataclass(frozen=True)
 class Statistic:
-    """The way in which tables and figures show a statistic.
+    """A statistic as tables and figures show it.
 
     Attributes:
         name: name of the statistic.
@@ -92,8 +95,8 @@ def extrema(n_laminae: int) -> tuple[Statistic, ...]:
 def general(n_laminae: int) -> tuple[Statistic, ...]:
     """Return distortion factors, modal impulse and energy lost in contact, per period.
 
-    The plain sum of impulses is none of them: near a clamp pairs hardly move, and the share that
-    each of them takes has no limit in their number. Their work on the first mode has one.
+    The plain sum of impulses is left out: near a clamp pairs hardly move, and the share that each
+    of them takes has no limit as their number grows. Their work on the first mode has one.
     """
     return (
         *(
@@ -120,7 +123,7 @@ def converging(n_laminae: int) -> tuple[Statistic, ...]:
 
 
 def may_be_judged(n_laminae: int) -> tuple[Statistic, ...]:
-    """Return the statistics whose intervals hold beside finer runs (docs/calibration.md)."""
+    """Return the statistics whose intervals hold as often as they say (docs/calibration.md)."""
     return (*extrema(n_laminae), *amplitudes(n_laminae, 1), IMPULSE)
 
 
@@ -134,7 +137,7 @@ def row_of(recorder: Recorder, n_laminae: int, opening: FloatArray) -> PeriodRow
     Args:
         recorder: recorder of the run; its first probes are the tips, one for each lamina.
         n_laminae: number of laminae.
-        opening: of each pair in the first mode, shape (n_pairs,); see `linear.openings`.
+        opening: opening of each pair in the first mode, shape (n_pairs,); see `linear.openings`.
 
     Returns:
         The extremes of the tips [m], shape (n_laminae,); `harmonics`, the complex amplitudes of the
@@ -174,7 +177,7 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
     half_range = (high.max(axis=0) - low.min(axis=0)) / 2.0
     P = diagnostics.periodicity(strobe, half_range)[0]
     size = P or 1
-    first = len(rows) % size
+    first = len(rows) % size  # whole blocks only, up to the last period
     blocks = [rows[k : k + size] for k in range(first, len(rows), size)]
     table = [_of_block(block) for block in blocks]
     found = {
@@ -188,7 +191,7 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
 
 
 def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
-    """Return the statistics of a block of successive periods by name, those of laminae numbered."""
+    """Return the statistics of a block of periods by name, with the numbers of laminae in names."""
     of_harmonics = np.abs(np.mean([row["harmonics"] for row in rows], axis=0))
     means = {
         name: np.stack([row[name] for row in rows], axis=-1).mean(axis=-1)
@@ -208,9 +211,7 @@ SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
 """Steps per period and length [s] of the run whose final state the rungs of a mesh start from. Even
 without contact the slowest mode (1.4 Hz, D = 0.008) decays to a tenth in this time."""
 KEPT_STATES = 16
-"""Number of such final states that a worker keeps."""
-DECAY = 1e-3
-"""Factor to which the transient without contact decays; the transient is part of the error."""
+"""Number of final states of such runs that a worker keeps."""
 MOST_PERIODS = 2000
 """Largest number of settling periods without contact, for laminae with almost no damping."""
 RING_PERIODS = 8
@@ -283,7 +284,9 @@ class _Run:
 def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung with contact and return the statistics of its motion."""
     case = rung.case
-    run = _run(case, _structure(case), engine, _spun_up(case, engine), rung.periods)
+    run = _run(
+        case, assemble(case, needs_dolfinx=False), engine, _spun_up(case, engine), rung.periods
+    )
     periods, residual = run.recorder.n_closed, run.recorder.energy_residual()
     if run.outcome != "completed":
         error = f"{run.outcome} in period {periods}"
@@ -298,35 +301,29 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
 def _spun_up(case: Case, engine: EngineName) -> State:
     """Return the state from which the rungs of a mesh start.
 
-    A bonded stack needs as many decay times of its own as laminae apart have in `SPIN_UP_TIME`.
+    A bonded stack or a single lamina runs until its slowest mode has decayed to a tenth, as that of
+    laminae apart does in `SPIN_UP_TIME`. Elastic stops keep the method of the rung.
     """
-    slowest = _slowest_decay(case)
-    length = SPIN_UP_TIME if case.is_apart or not slowest else math.log(10.0) / slowest
+    slowest, is_usual = slowest_decay(case), case.is_apart and len(case.lamina) > 1
+    length = SPIN_UP_TIME if is_usual or not slowest else math.log(10.0) / slowest
     periods = math.ceil(length / case.period)
+    method = {} if case.is_elastic else RIGID
     spin = case.with_overrides(
-        {**RIGID, "time.steps_per_period": SPIN_UP_STEPS, "time.periods": periods}
+        {**method, "time.steps_per_period": SPIN_UP_STEPS, "time.periods": periods}
     )
     return _moving(spin.to_toml(), engine)
-
-
-def _slowest_decay(case: Case) -> float:
-    """Return the smallest rate D ω of decay of a first mode [1/s]."""
-    omegas = first_frequencies(case)
-    return min(
-        lamina.damping_ratio * omega for lamina, omega in zip(case.lamina, omegas, strict=True)
-    )
 
 
 @lru_cache(maxsize=KEPT_STATES)
 def _moving(case_text: str, engine: EngineName) -> State:
     """Run a case (as TOML) from rest, once per worker, and return its final state."""
     case = Case.from_toml(case_text)
-    return _run(case, _structure(case), engine, None, 0).state
+    return _run(case, assemble(case, needs_dolfinx=False), engine, None, 0).state
 
 
 def _free(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung without contact and return its amplitudes and frequencies."""
-    structure = _structure(rung.case)
+    structure = assemble(rung.case, needs_dolfinx=False)
     case = rung.case.with_overrides({"time.periods": _settling_periods(rung.case) + 1})
     run = _run(case, structure, engine, steady_motion(case, structure, is_closed=False), 1)
     columns = {
@@ -342,10 +339,8 @@ def _free(rung: Rung, engine: EngineName) -> RungResult:
 
 
 def _settling_periods(case: Case) -> int:
-    """Return after how many periods a motion without contact has settled."""
-    slowest = _slowest_decay(case)
-    decay = math.log(1.0 / DECAY) / (slowest * case.period) if slowest else math.inf
-    return math.ceil(min(decay, MOST_PERIODS))
+    """Return after how many periods a motion without contact counts as settled."""
+    return min(settling_periods(case) or MOST_PERIODS, MOST_PERIODS)
 
 
 def _frequencies(case: Case, engine: EngineName) -> list[float]:
@@ -359,7 +354,7 @@ def _frequencies(case: Case, engine: EngineName) -> list[float]:
             "output.window_periods": RING_PERIODS,
         }
     )
-    structure = _structure(ring)
+    structure = assemble(ring, needs_dolfinx=False)
     o = structure.operators
     motion = np.zeros((3, o.n_dofs))
     motion[0] = first_shapes(case, structure)
@@ -413,11 +408,3 @@ def _run(
         outcome = replace(opened, motion=motion).run(collect, every=1)
         cost = 1e6 * float(np.median(seconds or [math.nan])) / case.steps_per_period
         return _Run(outcome, rows, recorder, opened.engine.state(), cost)
-
-
-def _structure(case: Case) -> Structure:
-    """Assemble a case; beams in closed form, which equals dolfinx and needs no start-up."""
-    if case.model.kind != "beam":
-        return discretise.assemble(case)
-    x = node_coordinates(case) if case.mesh.file is not None else None
-    return closed_form.assemble(case, x)

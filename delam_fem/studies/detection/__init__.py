@@ -1,1 +1,1 @@
-"""Find delaminations by what clapping adds to the motion: measure, mark, recommend, judge."""
+"""Detect delaminations by what clapping adds to the motion: measure, mark, recommend, judge."""

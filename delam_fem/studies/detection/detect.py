@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from delam_fem.case.definition import Case
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
-from delam_fem.model.linear import elastic, keeping_closed, response
+from delam_fem.model.linear import keeping_closed, response
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
@@ -33,6 +33,8 @@ from delam_fem.results.figures.style import (
     VERMILLION,
     WIDTH,
     label_x,
+    legend_outside,
+    stacked,
 )
 from delam_fem.results.measured.reading import assigned, read_measured
 from delam_fem.results.measured.reading import scan as measured_scan
@@ -57,7 +59,7 @@ from delam_fem.studies.detection.indices import (
     mark,
     repeated,
 )
-from delam_fem.studies.linear import steady_motion
+from delam_fem.studies.linear import settling_periods, steady_motion
 from delam_fem.studies.options import Detect, Measured, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
@@ -67,12 +69,10 @@ SAMPLES = 50
 LEAST_STEPS = 100
 """Steps per period below which contact is not resolved."""
 SLOWEST = 0.125
-"""Share of the excitation's frequency below which a motion is the surroundings'."""
+"""Share of the excitation's frequency below which a motion is that of the surroundings."""
 SAME_FREQUENCY, UNCERTAIN = 0.01, 0.001
-"""Relative difference of a record's drive and the case's that may be one of clocks, and periods by
-which both may part over the record and be the same."""
-SETTLED = 0.001
-"""Share of a free motion of the lowest mode that may be left when the record begins."""
+"""Relative difference between the drive frequencies of a record and its case that may be one of
+clocks, and periods by which both may part over the record and count as the same."""
 
 
 def samples_of(scan: Scan, frequency: float) -> int:
@@ -94,13 +94,13 @@ def samples_of(scan: Scan, frequency: float) -> int:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured field.
+    """A field of velocities or displacements along a lamina, measured or simulated.
 
     Attributes:
         times: shape (k,) [s].
         x: positions, shape (n,) [m].
         field: velocity or displacement, shape (k, n) [m/s or m].
-        frequency: of the excitation [Hz].
+        frequency: frequency of the excitation [Hz].
     """
 
     times: FloatArray
@@ -124,7 +124,7 @@ class Measurement:
         return float(single / math.sqrt(scan.averages))
 
     def noisy(self, noise: float | FloatArray, seed: int) -> Measurement:
-        """Return the measurement with white noise of a root mean square, for all or each point."""
+        """Return the measurement with white noise of a root mean square, one or one per point."""
         added = np.random.default_rng(seed).normal(scale=noise, size=self.field.shape)
         return Measurement(self.times, self.x, self.field + added, self.frequency)
 
@@ -132,13 +132,13 @@ class Measurement:
 def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
     """Compute the motion of a case and return the field that a sensor without noise would measure.
 
-    The run begins with the linear motion of the closed structure, and its record begins when 0.1 %
-    of a free motion of the lowest mode would be left, or after the periods of the case if these are
-    more. The record has whole steps: the number of steps per period is raised to a multiple of the
-    samples per period.
+    The run begins with the linear motion of the closed structure. The record, its last periods,
+    begins when 0.1 % of a free motion of the lowest mode would be left, or later if the case has
+    more periods. Samples are at ends of steps: the number of steps per period is raised to a
+    multiple of the samples per period.
 
     Args:
-        case: with a harmonic excitation.
+        case: the case, with a harmonic excitation.
         scan: how to measure.
         kept: folder for a checkpoint, from which the run goes on; None: none is kept.
 
@@ -173,7 +173,10 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
 def drive_responses(
     case: Case, lamina: str, x: FloatArray, frequency: float, orders: Sequence[float] = ORDERS
 ) -> dict[float, ComplexArray]:
-    """Return how points of the closed structure answer harmonics of the drive, by order."""
+    """Return the linear responses of points to harmonics of the drive above the first, by order.
+
+    Delaminations are closed, and the drive has a unit amplitude. Each shape (n_points,).
+    """
     structure = discretise.assemble(case, needs_dolfinx=False)
     base = np.array([1.0 if case.excitation.acts_on == "base" else 0.0, 0.0])
     found, S = {}, keeping_closed(structure)
@@ -188,12 +191,12 @@ def drive_responses(
 def read(data: xr.Dataset, case: Case, scan: Scan) -> Measurement:
     """Return the field in a dataset of measurements (`results.measured`).
 
-    Its frequency is that at which the record moves most, so that a clock that is a little wrong
-    does no harm.
+    The frequency of the field is that at which the record moves most, so that a clock that is a
+    little wrong does no harm.
 
     Args:
-        data: with the histories of points along a lamina.
-        case: with the excitation of the record.
+        data: dataset with the histories of points along a lamina.
+        case: case with the excitation of the record.
         scan: gives the lamina and the quantity.
 
     Raises:
@@ -219,16 +222,6 @@ def read(data: xr.Dataset, case: Case, scan: Scan) -> Measurement:
     return Measurement(times, x, field[whole], drive if is_same else frequency)
 
 
-def settling_periods(case: Case, settled: float = SETTLED) -> int:
-    """Return after how many periods that share of a free motion of the lowest mode is left."""
-    structure = discretise.assemble(case, needs_dolfinx=False)
-    o = structure.operators
-    found, _ = elastic(o.stiffness, o.mass, 1, case.n_rigid)
-    D = min(lamina.damping_ratio for lamina in case.lamina)
-    decay = 2.0 * math.pi * D * float(found[0])
-    return math.ceil(-math.log(settled) / decay * case.excitation.top_frequency) if decay else 0
-
-
 def intact(case: Case) -> Case:
     """Return the case without its delaminations: one bonded beam on the same supports."""
     discretise.require_kind(case, "comparison with the intact structure")
@@ -250,12 +243,11 @@ class Detection(Finding):
     """A measurement and what the indices say of it.
 
     Attributes:
-        case: that was measured.
+        case: the case that was measured.
         scan: how it was measured.
         is_measured: whether the field comes from a file.
-        index: that calls and locates.
+        index: name of the index that calls and locates.
         shapes: of the measurement, with its noise.
-        intact_shapes: of the same structure without delaminations, with as much noise.
         marks: what each index says, by name.
         intact_marks: the same of the intact structure.
         repeated: ends and calls over repeated noise.
@@ -267,7 +259,6 @@ class Detection(Finding):
     is_measured: bool
     index: str
     shapes: Shapes
-    intact_shapes: Shapes
     marks: Mapping[str, Mark]
     intact_marks: Mapping[str, Mark]
     repeated: Repeated
@@ -275,7 +266,7 @@ class Detection(Finding):
 
     @property
     def mark(self) -> Mark:
-        """What the index says that calls and locates."""
+        """Mark of the index that calls and locates."""
         return self.marks[self.index]
 
     @property
@@ -294,7 +285,7 @@ class Detection(Finding):
 
     @property
     def verdict(self) -> str:
-        """What was found in words: what was called, where, and with what uncertainty."""
+        """Sentences on what was called, where, and with what uncertainty."""
         main, again = self.mark, self.repeated
         at = f"At {self.shapes.frequency:g} Hz the index {self.index}"
         if not main.is_detected:
@@ -311,7 +302,7 @@ class Detection(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal; lengths in m."""
+        """Report of the finding in files and on the terminal; lengths in m."""
         main, again = self.mark, self.repeated
         indices = {
             name: {
@@ -399,8 +390,8 @@ def detect(
     """Measure a case with and without its delaminations, and compute all indices.
 
     Args:
-        case: with a harmonic excitation.
-        scan: how it is measured; None: as `Scan` has it.
+        case: the case, with [[delamination]] and a harmonic excitation.
+        scan: how it is measured; None: with the defaults of `Scan`.
         index: name of the index that calls and locates.
         measured: a measured field in place of a simulated one. The intact structure is still
             simulated, with the noise that the field shows between its harmonics.
@@ -408,7 +399,7 @@ def detect(
         kept: folder for checkpoints, from which the runs go on; None: none are kept.
 
     Raises:
-        CaseError: the case, the scan or the record does not allow it.
+        CaseError: the case, the scan, the index or the record is not valid.
     """
     scan = scan or Scan()
     if index not in INDICES:
@@ -436,28 +427,27 @@ def detect(
         clean = found = shapes(measured)
         noise = per_sample(found.noise, measured.times.size)
     there = np.interp(without.x, found.x, np.broadcast_to(noise, found.x.shape))
-    reference = shapes(without.noisy(there, scan.seed + _INTACT_SEED))
+    intact_marks = _marks(shapes(without.noisy(there, scan.seed + _INTACT_SEED)))
     return Detection(
         case,
         scan,
         measured is not None,
         index,
         found,
-        reference,
         _marks(found),
-        _marks(reference),
+        intact_marks,
         repeated(index, clean, clean.noise, repetitions=repetitions, seed=scan.seed),
         _rms(noise),
     )
 
 
 def _rms(noise: float | FloatArray) -> float:
-    """Return the root mean square over all points."""
+    """Return the root mean square of a noise over all points."""
     return float(np.sqrt(np.mean(np.square(noise))))
 
 
 def per_shape(sample_noise: float | FloatArray, n_samples: int) -> float | FloatArray:
-    """Return the root mean square of |δV| that white noise in n samples leads to.
+    """Return the root mean square of |δV| of a shape V that white noise in n samples leads to.
 
     V = 2/n Σ v exp(-iωt), so E|δV|² = 4 σ²/n.
     """
@@ -470,7 +460,7 @@ def per_sample(shape_noise: float | FloatArray, n_samples: int) -> float | Float
 
 
 def _marks(shapes: Shapes) -> dict[str, Mark]:
-    """Return what each index says; those whose orders were not sampled are left out."""
+    """Return the mark of each index; those whose orders were not sampled are left out."""
     needed = {"V3": 3.0, "V1/2": 0.5}
     names = [name for name in INDICES if needed.get(name, 2.0) in shapes.orders]
     return {name: mark(name, shapes) for name in names}
@@ -487,7 +477,7 @@ def _shown(value: float, form: str = ".4g") -> str:
 
 
 def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) -> Measurement:
-    """Return the field in files of measurements."""
+    """Return the field in files of measurements; see `read`."""
     channels = assigned(options.channels)
     data = read_measured(*files, channels=channels, units=options.units, rate=options.rate)
     return read(data, case, scan)
@@ -503,10 +493,24 @@ _TITLES = {
 }
 
 
+def beside_intact(
+    case: Case, x: FloatArray, values: FloatArray, intact_values: FloatArray, limits: FloatArray
+) -> Figure:
+    """Draw an index along the beam, that of the intact structure, and the limit of noise."""
+    figure, (axes,) = stacked(1, 4.0)
+    for own in case.delamination:
+        axes.axvspan(own.start, own.end, color=GAP_COLOUR, alpha=0.25, lw=0.0, label="delamination")
+    axes.plot(x, values, "o-", color=VERMILLION, ms=3, label="with it")
+    axes.plot(x, intact_values, "o-", color=BLUE, ms=3, label="without it")
+    axes.plot(x, limits, "--", color=GREEN, label="limit of noise")
+    axes.set_xlabel("x [m]")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    return figure
+
+
 def detection_figure(found: Detection) -> Figure:
     """Draw the index that calls, with and without the delamination, and the marked interval."""
-    figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
+    figure, panels = stacked(2, 6.0, sharex=True)
     for axes, own, text in (
         (panels[0], found.mark, "measured" if found.is_measured else "with the delamination"),
         (panels[1], found.intact_marks[found.index], "the same structure without delamination"),
@@ -541,15 +545,13 @@ def indices_figure(found: Detection) -> Figure:
         more = f", contrast {contrast:.1f}" if np.isfinite(contrast) else ""
         axes.set_title(_TITLES[name] + more, loc="left")
     label_x(panels[: len(marks)], "x [m]")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=5, frameon=False)
+    legend_outside(figure, panels[0], 5, "outside upper right")
     return figure
 
 
 def shapes_figure(found: Detection) -> Figure:
     """Draw real and imaginary part of the shapes at f and 2f."""
-    figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
+    figure, panels = stacked(2, 5.0, sharex=True)
     unit = "m/s" if found.scan.quantity == "velocity" else "m"
     for axes, order in zip(panels, (1.0, 2.0), strict=True):
         _spans(axes, found)

@@ -1,4 +1,4 @@
-"""Which excitation shows a delamination: the index over frequency, and what to avoid.
+"""Map how well excitations show a delamination, and recommend one.
 
 With an opening at rest the motion depends on g₀/A, the opening over the amplitude of the base; the
 map then has this ratio as a second axis. A delamination that is closed at rest has no such axis:
@@ -26,15 +26,16 @@ from delam_fem.results.figures.style import (
     BLUE,
     GREEN,
     VERMILLION,
-    WIDTH,
     label_x,
     legend_outside,
+    stacked,
 )
 from delam_fem.results.scan import Shapes, surface_of
-from delam_fem.studies.detection.detect import drive_responses, intact, per_shape, settling_periods
+from delam_fem.studies.detection.detect import drive_responses, intact, per_shape
 from delam_fem.studies.detection.indices import SHARE, mark, repeated
 from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, scanned
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.linear import settling_periods
 from delam_fem.studies.modes import structure_modes
 from delam_fem.studies.options import Excite
 from delam_fem.studies.study import Finding, Picture, Place, Report, Study
@@ -44,11 +45,11 @@ from delam_fem.system.errors import CaseError
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Values of g₀/A, if there is an opening."""
 NEAR = 0.04
-"""A frequency is avoided if its double is so near a resonance of the beam, relatively."""
+"""A frequency is avoided if its double is nearer to a resonance of the beam, relatively."""
 MISLEADS = 1.0 / SHARE
 """A frequency is avoided if its contrast is below this: points outside are marked, too."""
 OPENS = 0.3
-"""A mode is an opening mode if it opens a delamination by this part of its largest deflection."""
+"""A mode is an opening mode if it opens a delamination by this share of its largest deflection."""
 SURE = 0.9
 """Least rate of calls of a recommended excitation."""
 N_MODES = 12
@@ -62,17 +63,17 @@ class ExcitationMap(Finding):
     The arrays have the shape (n_ratios, n_frequencies); without an opening n_ratios is 1.
 
     Attributes:
-        case: with its delaminations.
-        noise_db: of the simulated sensor.
-        frequencies: of the excitation, shape (n_frequencies,) [Hz].
+        case: the case with its delaminations.
+        noise_db: signal over noise of the simulated sensor [dB].
+        frequencies: frequencies of the excitation, shape (n_frequencies,) [Hz].
         ratios: g₀/A; NaN without an opening, shape (n_ratios,).
         x: positions of the index, shape (n,) [m].
-        index: over its limit of noise, shape (n_ratios, n_frequencies, n). As in a scan, motion
-            between the harmonics counts as noise.
+        index: index over its limit of noise, shape (n_ratios, n_frequencies, n). As in a scan,
+            motion between the harmonics counts as noise.
         contrast: largest index inside over that outside, without noise.
         visibility: largest index inside over the limit of noise.
         calls: share of repetitions that call.
-        error: larger error of both ends, median over repeated noise [m]; NaN: not called.
+        error: larger error of the two ends, as medians over repeated noise [m]; NaN: not called.
         beam_modes: frequencies of the structure kept closed [Hz].
         opening_modes: frequencies of the modes that open a delamination [Hz].
     """
@@ -92,10 +93,10 @@ class ExcitationMap(Finding):
 
     @property
     def is_avoided(self) -> BoolArray:
-        """Which frequencies mislead, shape (n_frequencies,).
+        """Whether each frequency misleads, shape (n_frequencies,).
 
-        Their double is near a resonance of the closed structure, or the index is nearly as large
-        outside as inside wherever it is above its limit.
+        The double of such a frequency is near a resonance of the closed structure, or the index is
+        nearly as large outside as inside wherever it is above its limit.
         """
         near = np.abs(2.0 * self.frequencies[:, None] / self.beam_modes - 1.0) < NEAR
         seen = self.visibility > 1.0
@@ -106,9 +107,9 @@ class ExcitationMap(Finding):
     def recommended(self) -> tuple[int, int] | None:
         """Numbers of ratio and frequency of the best excitation; None: none shows it surely.
 
-        It is called in 90 % of repetitions and not to be avoided; of those whose ends are within
-        one spacing of the points, or else of all, it has the largest visibility, where that of the
-        worst neighbour counts: clapping changes much from frequency to frequency.
+        Only excitations that call in 90 % of repetitions and need not be avoided are compared; of
+        these, if there are any, those with ends within one spacing of the points. The best has the
+        largest `worst` visibility, because clapping changes much from frequency to frequency.
         """
         spacing = float(np.diff(self.x)[0])
         sure = (self.calls >= SURE) & ~self.is_avoided[None, :]
@@ -122,7 +123,7 @@ class ExcitationMap(Finding):
 
     @property
     def worst(self) -> FloatArray:
-        """The smallest visibility of each frequency and its neighbours, shape of `visibility`."""
+        """Smallest visibility of each frequency and its neighbours, shape of `visibility`."""
         wide = np.pad(self.visibility, ((0, 0), (1, 1)), mode="edge")
         return np.asarray(np.minimum(np.minimum(wide[:, :-2], wide[:, 2:]), self.visibility))
 
@@ -154,7 +155,7 @@ class ExcitationMap(Finding):
         )
 
     def _near_modes(self, frequency: float) -> str:
-        """Return which mode is near an excitation, or its double near an opening mode."""
+        """Return sentences on modes near an excitation, and on opening modes near its double."""
         texts = []
         for name, modes, multiple in (
             ("a mode of the beam", self.beam_modes, 1.0),
@@ -170,7 +171,7 @@ class ExcitationMap(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         best = self.recommended
         numbers = {
             "case": self.case.name,
@@ -223,11 +224,11 @@ def excitation_map(
     spacing: float = 0.01,
     **sweeping: Any,
 ) -> ExcitationMap:
-    """Compute a map as a sweep in a folder; see `run_sweep`.
+    """Compute the map of excitations of a case as a sweep in a folder; see `run_sweep`.
 
     Args:
-        case: with delaminations and a harmonic excitation: base motion, or a force at a point.
-        frequencies: of the excitation, shape (n,) [Hz].
+        case: case with delaminations and a harmonic excitation: base motion, or a force at a point.
+        frequencies: frequencies of the excitation, shape (n,) [Hz].
         directory: folder of the sweep.
         executor: see `run_sweep`.
         noise_db: overall root mean square of the signal over that of the noise [dB].
@@ -236,7 +237,7 @@ def excitation_map(
 
     Raises:
         CaseError: the case has no delamination, or see `run_sweep`.
-        KeyboardInterrupt: it was interrupted; `resume` goes on.
+        KeyboardInterrupt: the sweep was interrupted; `resume` goes on.
     """
     if not case.delamination:
         raise CaseError("excite: expected a case with [[delamination]], given none")
@@ -302,7 +303,7 @@ def excitation_map(
 def _judged(
     case: Case, pure: Shapes, per_rms: float, noise_db: float
 ) -> tuple[FloatArray, tuple[float, float, float, float]]:
-    """Return the index over its limit, and contrast, visibility, calls, error."""
+    """Return the index over its limit, and contrast, visibility, calls and error of a scan."""
     noise = np.hypot(per_rms * 10.0 ** (-noise_db / 20.0), pure.noise)
     start = min(own.start for own in case.delamination)
     end = max(own.end for own in case.delamination)
@@ -323,10 +324,10 @@ def excitation_figure(found: ExcitationMap) -> Figure:
     """Draw the index over frequency and place, and contrast, visibility and calls below."""
     best = found.recommended
     row = best[0] if best is not None else int(found.visibility.max(axis=1).argmax())
-    figure = Figure(figsize=(WIDTH, 8.0), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    figure, panels = stacked(2, 8.0, sharex=True, height_ratios=(3, 2))
     _map(panels[0], found, row, figure)
     _lines(panels[1], found, row)
+    legend_outside(figure, panels[1], ncols=5, loc="outside lower center")
     label_x(panels, "frequency of the excitation [Hz]")
     ratio = found.ratios[row]
     more = f", g₀/A = {ratio:g}" if np.isfinite(ratio) else ""
@@ -336,8 +337,7 @@ def excitation_figure(found: ExcitationMap) -> Figure:
 
 def ratio_figure(found: ExcitationMap) -> Figure:
     """Draw the visibility over frequency and g₀/A."""
-    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
-    axes = figure.subplots()
+    figure, (axes,) = stacked(1, 4.0)
     values = np.clip(found.visibility, 1.0, TOP)
     rows = np.arange(found.ratios.size)
     picture = axes.pcolormesh(
@@ -380,9 +380,6 @@ def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
     if found.recommended is not None:
         axes.axvline(f[found.recommended[1]], color="black", linestyle=":", label="recommended")
     axes.set(yscale="log", ylabel="[–]", xlim=(f[0], f[-1]))
-    figure = axes.figure
-    assert isinstance(figure, Figure)
-    legend_outside(figure, axes, ncols=5, loc="outside lower center")
 
 
 def _excite(case: Case, options: Excite, place: Place) -> ExcitationMap:

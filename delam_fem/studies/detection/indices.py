@@ -14,17 +14,17 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.scan import Shapes, amplitudes
 
 FALSE_CALLS = 0.01
-"""Rate of intact beams that noise may call damaged. Below the promised 5 %, to hold with a margin
-in a count of 200."""
+"""Share of intact beams that noise may call damaged. It lies below the promised 5 %, to hold with a
+margin in a count of 200."""
 
 _MANY = 1e9
-"""Lines that are as good as infinitely many."""
+"""Number of lines that is as good as infinitely many."""
 
 
 SHARE = 0.3
@@ -34,14 +34,14 @@ _ROUND_OFF = 1e-9
 
 @dataclass(frozen=True)
 class Mark:
-    """What an index says of a beam.
+    """Values of an index along a beam, their limits, and the interval that they mark.
 
     A point is marked where the index exceeds its limit and 30 % of its largest value. The interval
     runs from the first marked point to the last: what lies between is filled.
 
     Attributes:
         x: positions of the points, shape (n,) [m].
-        values: of the index, shape (n,).
+        values: values of the index, shape (n,).
         limits: what noise alone seldom exceeds anywhere on the beam, shape (n,).
     """
 
@@ -51,7 +51,7 @@ class Mark:
 
     @property
     def is_marked(self) -> BoolArray:
-        """Which points are marked, shape (n,)."""
+        """Whether each point is marked, shape (n,)."""
         return np.asarray(self.values > np.maximum(SHARE * self.values.max(), self.limits))
 
     @property
@@ -87,7 +87,7 @@ class Mark:
 
 
 def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2.0) -> Mark:
-    """Return |V''| of the complex shape at twice the excitation, by second differences, no fit.
+    """Return the index |V''| of the complex shape at twice the excitation, by second differences.
 
         V''(x_j) = 2 (V_{j-1} / (h₁ (h₁+h₂)) - V_j / (h₁ h₂) + V_{j+1} / (h₂ (h₁+h₂)))
 
@@ -103,7 +103,7 @@ def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2
     noise = np.broadcast_to(shapes.noise, x.shape)
     powers = (weights * np.stack([noise[:-2], noise[1:-1], noise[2:]])) ** 2
     power = powers.sum(axis=0)
-    # three estimates of noise vary less than one (Satterthwaite)
+    # a sum of three estimated noises varies less than one: effective lines (Satterthwaite)
     squares = (powers**2).sum(axis=0)
     share = np.divide(power**2, squares, out=np.ones_like(power), where=squares > 0.0)
     n_lines = shapes.n_lines * share
@@ -129,7 +129,7 @@ def magnitude(order: float) -> Callable[[Shapes, float], Mark]:
 def thd(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
     """Return the total harmonic distortion of each point, sqrt(Σ_{k>1} |V_k|²) / |V_1|.
 
-    Near a node of the fundamental it is large whatever the harmonics are.
+    Near a node of the fundamental the index is large whatever the harmonics are.
 
     Source: I. Müller, "Clapping in Delaminated Sandwich-beams due to Forced Oscillations", eq. 2.
     """
@@ -161,7 +161,9 @@ INDICES: dict[str, Callable[[Shapes, float], Mark]] = {
 
 
 def sideband_ratio(field: FloatArray, times: FloatArray, pump: float, probe: float) -> FloatArray:
-    """Return (|V(probe - pump)| + |V(probe + pump)|) / |V(probe)| of each point, shape (point,).
+    """Return the sideband ratio of each point, shape (point,).
+
+        (|V(probe - pump)| + |V(probe + pump)|) / |V(probe)|
 
     Two excitations act at once. A contact that the low one (pump) opens and closes modulates the
     motion at the high one (probe): vibro-acoustic modulation.
@@ -219,14 +221,17 @@ def _drift(signal: FloatArray, times: FloatArray) -> float:
 def _largest_of_noise(
     n_orders: int, n_lines: float | FloatArray, n: int, false_calls: float
 ) -> FloatArray:
-    """Return what sqrt(Σ |δ|²) / noise of some orders exceeds at one of n points that seldom.
+    """Return what sqrt(Σ |δ|²) / noise exceeds at some of n points at the rate of false calls.
 
     Σ|δ|² / (n_orders noise²) is distributed as F(2 n_orders, 2 n_lines), since the noise is
-    estimated from as many lines; with infinitely many P(|δ| > t noise) = exp(-t²) (Rayleigh).
+    estimated from n_lines lines. Of one order, P(|δ| > t noise) = (1 + t² / n_lines)^(-n_lines),
+    with infinitely many lines exp(-t²) (Rayleigh).
     """
     lines = np.minimum(n_lines, _MANY)
     share = -math.expm1(math.log1p(-false_calls) / n)  # at each of n independent points
-    return np.asarray(np.sqrt(n_orders * f_distribution.isf(share, 2 * n_orders, 2.0 * lines)))
+    if n_orders == 1:
+        return np.asarray(np.sqrt(lines * np.expm1(-math.log(share) / lines)))
+    return np.asarray(np.sqrt(n_orders * fdtri(2 * n_orders, 2.0 * lines, 1.0 - share)))
 
 
 CONFIDENCE = 0.95
@@ -235,12 +240,12 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Repeated:
-    """Ends and calls over repeated noise.
+    """Ends and calls of an index over repeated noise.
 
     Attributes:
         calls: share of the repetitions that call the beam damaged [-].
-        start, end: bounds of the true ends, each of shape (2,) [m]: those of the marks, where it is
-            called, and a spacing more, since an edge lies between two points.
+        start, end: bounds of the true ends, each of shape (2,) [m]: those of the marks over all
+            calls, and a spacing more, since an edge lies between two points.
         middle: medians of start and end, shape (2,) [m].
     """
 
@@ -251,11 +256,11 @@ class Repeated:
 
 
 def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
-    """Return what an index says of shapes.
+    """Return the mark of an index by its name.
 
     Args:
         name: an index of `INDICES`.
-        shapes: of the motion.
+        shapes: shapes of the motion.
         false_calls: rate of calls by noise alone.
     """
     return INDICES[name](shapes, false_calls)
@@ -264,15 +269,15 @@ def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
 def repeated(
     name: str, shapes: Shapes, noise: float | FloatArray, *, repetitions: int = 200, seed: int = 1
 ) -> Repeated:
-    """Mark shapes again and again with new noise.
+    """Mark shapes again and again with new noise, and return bounds of the ends.
 
     Args:
         name: an index of `INDICES`.
-        shapes: without noise; or measured, whose own noise then counts twice, so that the bounds
-            are rather too wide.
+        shapes: shapes without noise; or measured, whose own noise then counts twice, so that the
+            bounds are rather too wide.
         noise: root mean square of the noise of a shape, of all points or of each.
         repetitions: number of repetitions.
-        seed: of the random numbers.
+        seed: seed of the random numbers.
     """
     rng = np.random.default_rng(seed)
     ends = []

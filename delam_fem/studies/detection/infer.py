@@ -1,4 +1,4 @@
-"""Infer start, end and depth of a delamination from a noisy scan: a posterior, not a point.
+"""Infer start, end and depth of a delamination from noisy scans, as a posterior.
 
 Likelihood-free: one table of simulations from the prior serves every observation, by semi-automatic
 summaries, rejection and regression (`numerics.statistics`). The statistics of a simulation contain
@@ -51,7 +51,7 @@ STATISTICS = (
     "the first marked point", "the last marked point", "the curvature over its limit",
     "the second harmonic over the first", "the size of the first harmonic",
 )  # fmt: skip
-"""What is compared of each scan."""
+"""Names of the statistics of each scan, in order."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +68,17 @@ class Prior:
 
     @classmethod
     def of(cls, case: Case) -> Prior:
-        """Return the prior in the proportions of a case; for `embedded` that of the class."""
+        """Return the prior in proportion to a case; for `embedded`, the defaults of the class."""
         L, h = case.length, sum(own.thickness or 0.0 for own in case.lamina)
         return cls((0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h))
 
     @property
     def bounds(self) -> FloatArray:
-        """Shape (3, 2) [m]."""
+        """Lowest and highest value of middle, length and depth, shape (3, 2) [m]."""
         return np.array([self.middle, self.length, self.depth])
 
     def sample(self, n: int, seed: int) -> FloatArray:
-        """Return parameters, shape (n, 3) [m]."""
+        """Return n values of middle, length and depth, shape (n, 3) [m]."""
         low, high = self.bounds.T
         return np.asarray(np.random.default_rng(seed).uniform(low, high, size=(n, 3)))
 
@@ -86,7 +86,7 @@ class Prior:
 def specimens_of(
     parameters: FloatArray, support: str, frequencies: tuple[float, ...]
 ) -> list[Specimen]:
-    """Return the structures of parameters at the first frequency, then at the second, …."""
+    """Return the structures with given parameters at the first frequency, then the second, …."""
     return [
         Specimen(middle - 0.5 * length, middle + 0.5 * length, depth, support, frequency)
         for frequency in frequencies
@@ -96,7 +96,7 @@ def specimens_of(
 
 @dataclass(frozen=True)
 class Sensor:
-    """What the scan of one frequency was measured with, so that the table is measured alike.
+    """Noise and drive of the scan at one frequency, with which the table is measured alike.
 
     Attributes:
         noise_db: overall root mean square of the field over that of the noise in a sample of a
@@ -125,7 +125,7 @@ class Knowledge:
         bases: mean and principal components of the curvature at each frequency, shape (1 +
             COMPONENTS, n_points).
         frequencies: of the scans of one structure [Hz].
-        sensors: of each frequency.
+        sensors: sensor at each frequency.
     """
 
     table: Simulations
@@ -138,7 +138,7 @@ class Knowledge:
         return self.table.posterior(self._observed(scans))
 
     def mismatch(self, scans: tuple[Shapes, ...]) -> str | None:
-        """Return in which way scans are unlike those of all simulations; None: they are not."""
+        """Return in words how scans are unlike those of all simulations; None: they are not."""
         share, number = self.table.misfit(self._observed(scans))
         if share > UNLIKE:
             return None
@@ -160,14 +160,14 @@ def knowledge(
     found: Population, parameters: FloatArray, prior: Prior, sensors: tuple[Sensor, ...],
     seed: int = 3,
 ) -> Knowledge:  # fmt: skip
-    """Return what a population says; structures with a run that failed are left out.
+    """Return the table of a population, without structures of which a run failed.
 
     Args:
-        found: the specimens of `specimens_of`.
-        parameters: of the structures, shape (n, 3) [m].
-        prior: from which they were drawn.
-        sensors: of each frequency.
-        seed: of the noise.
+        found: population of the specimens of `specimens_of`.
+        parameters: parameters of the structures, shape (n, 3) [m].
+        prior: prior from which they were drawn.
+        sensors: sensor at each frequency.
+        seed: seed of the noise.
     """
     n = len(parameters)
     numbers = np.arange(len(found.specimens)).reshape(-1, n)
@@ -217,20 +217,20 @@ def _statistics(shapes: Shapes, basis: FloatArray) -> FloatArray:
 
 
 SAME_PLACE = 0.05
-"""Share of the spacing by which a scanned point may be elsewhere than on the grid."""
+"""Share of the spacing by which a scanned point may be off the grid."""
 
 
 @dataclass(frozen=True)
 class Inferred(Finding):
-    """What scans of a case say of its delamination.
+    """Posterior of the delamination of a case from its scans.
 
     Attributes:
-        case: with one delamination.
-        posterior: of start, end and depth [m].
-        n_structures: in the table of simulations.
-        uncertain: in what the rig may differ from the case.
+        case: case with one delamination.
+        posterior: posterior of start, end and depth [m].
+        n_structures: number of structures that were drawn from the prior.
+        uncertain: keys in which the rig may differ from the case.
         is_measured: whether the scans come from files.
-        mismatch: in which way the scans are unlike those of all simulations; None: they are not.
+        mismatch: how the scans are unlike those of all simulations; None: they are not.
     """
 
     case: Case
@@ -247,7 +247,7 @@ class Inferred(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         middle, bounds = self.posterior.quantile(0.5), self.posterior.interval()
         numbers = {
             "case": self.case.name,
@@ -311,12 +311,12 @@ class Inferred(Finding):
 def _infer(case: Case, options: Infer, place: Place) -> Inferred:
     """Infer start, end and depth of the one delamination between two laminae.
 
-    Its place in the case is that of simulated scans only. The rig differs from the case in what
-    `uncertain` says, drawn for each structure, by default in that of `of_rig`.
+    The delamination of the case itself serves for simulated scans only. The rig differs from the
+    case in the keys of `uncertain`, drawn for each structure; by default those of `of_rig`.
 
     Raises:
-        CaseError: the case or the scans do not allow it.
-        KeyboardInterrupt: it was interrupted; `resume` goes on.
+        CaseError: the case or the scans are not valid.
+        KeyboardInterrupt: the sweep was interrupted; `resume` goes on.
     """
     number, frequencies, noise_db = options.number, options.frequency, options.noise_db
     measured = _scans(case, options)

@@ -1,4 +1,4 @@
-"""Simulate a test with two excitations at once: vibro-acoustic modulation along the beam.
+"""Simulate vibro-acoustic modulation: a test along the beam with two excitations at once.
 
 The case gives the high frequency (probe). A low one (pump) of the same kind is added to it. Where
 the pump opens and closes a contact, the motion at the probe's frequency is modulated.
@@ -20,24 +20,17 @@ from delam_fem.engines.session import by_period, law_of, modes_of, scheme_of, se
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BLUE,
-    GAP_COLOUR,
-    GREEN,
-    VERMILLION,
-    WIDTH,
-)
 from delam_fem.results.scan import scan_field, scan_positions, surface_of
 from delam_fem.simulation.loop import State
 from delam_fem.studies.detection.detect import (
     LEAST_STEPS,
     Measurement,
+    beside_intact,
     intact,
     samples_of,
-    settling_periods,
 )
 from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
-from delam_fem.studies.linear import steady_motion
+from delam_fem.studies.linear import settling_periods, steady_motion
 from delam_fem.studies.options import Modulate, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study
 from delam_fem.system.errors import CaseError
@@ -62,12 +55,12 @@ class Tones:
 
     @classmethod
     def of(cls, case: Case, frequency: float, amplitude: float) -> Tones:
-        """Return a case with a pump.
+        """Return the excitation of a case together with a pump.
 
         Args:
-            case: with a harmonic excitation, the probe.
-            frequency: of the pump [Hz].
-            amplitude: of the pump, in the unit in which the case gives its own: m, m/s2 or N.
+            case: case whose harmonic excitation is the probe.
+            frequency: frequency of the pump [Hz].
+            amplitude: amplitude of the pump in the unit of that of the case: m, m/s2 or N.
 
         Raises:
             CaseError: the excitation is not harmonic, or the frequencies do not go together.
@@ -98,12 +91,12 @@ class Tones:
 
     @property
     def turns(self) -> int:
-        """Periods of the probe in a common period of both."""
+        """Number of periods of the probe in a common period of both excitations."""
         pump, probe = (Fraction(str(f)) for f in self.frequencies)
         return (probe / pump).numerator
 
     def states(self, times: FloatArray) -> FloatArray:
-        """Return both excitations together with two derivatives, shape (k, 3)."""
+        """Return the sum of both excitations with two derivatives, shape (k, 3)."""
         return drive(self.pump).states(times) + drive(self.probe).states(times)
 
     def intact(self) -> Tones:
@@ -111,7 +104,7 @@ class Tones:
         return Tones(intact(self.probe), intact(self.pump))
 
     def start(self, structure: Structure) -> State | None:
-        """Return the steady motion of the closed structure under both, at t = 0."""
+        """Return the steady motion of the closed structure under both excitations at t = 0."""
         parts = [steady_motion(case, structure) for case in (self.pump, self.probe)]
         known = [part for part in parts if part is not None]
         if len(known) < len(parts):
@@ -121,12 +114,12 @@ class Tones:
 
 @dataclass(frozen=True)
 class Modulation(Finding):
-    """What a test with two excitations shows.
+    """Sideband ratios of a test with two excitations.
 
     Attributes:
-        case: that was measured; its excitation is the probe.
+        case: the case that was measured; its excitation is the probe.
         pump: frequency of the pump [Hz].
-        pump_amplitude: in the unit of the case's own amplitude.
+        pump_amplitude: amplitude of the pump in the unit of that of the case.
         scan: how it was measured; its periods are common periods of both frequencies.
         x: positions of the points, shape (n,) [m].
         ratio: sideband ratio of each point [-].
@@ -160,7 +153,7 @@ class Modulation(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         f = self.case.excitation.top_frequency
         verdict = (
             f"Sidebands of {f:g} Hz at ±{self.pump:g} Hz: "
@@ -237,8 +230,9 @@ def modulation(tones: Tones, scan: Scan | None = None, *, kept: Path | None = No
 def two_tone(tones: Tones, scan: Scan, kept: Path | None = None) -> Measurement:
     """Return the field that a sensor without noise would measure under two excitations.
 
-    The run begins with the linear motion of the closed structure under both, and its record begins
-    when 0.1 % of a free motion is left. It has whole common periods, so that no line leaks.
+    The run begins with the linear motion of the closed structure under both excitations, and the
+    record begins when 0.1 % of a free motion is left. The record has whole common periods, so that
+    no spectral line leaks.
 
     Args:
         tones: the case with its pump.
@@ -275,24 +269,17 @@ def two_tone(tones: Tones, scan: Scan, kept: Path | None = None) -> Measurement:
 
 
 def modulation_figure(found: Modulation) -> Figure:
-    """Draw the ratio of each point, that of the intact structure, and its limit."""
-    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
-    axes = figure.subplots()
-    for own in found.case.delamination:
-        axes.axvspan(own.start, own.end, color=GAP_COLOUR, alpha=0.25, lw=0.0, label="delamination")
-    axes.semilogy(found.x, found.ratio, "o-", color=VERMILLION, ms=3, label="with it")
-    axes.semilogy(found.x, found.intact_ratio, "o-", color=BLUE, ms=3, label="without it")
-    axes.semilogy(found.x, found.limits, "--", color=GREEN, label="limit of noise")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("sideband ratio [-]")
+    """Draw the sideband ratio of each point, that of the intact structure, and its limit."""
+    figure = beside_intact(found.case, found.x, found.ratio, found.intact_ratio, found.limits)
     probe = found.case.excitation.top_frequency
-    axes.set_title(f"{found.case.name}, {probe:g} Hz ± {found.pump:g} Hz", loc="left")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    title = f"{found.case.name}, {probe:g} Hz ± {found.pump:g} Hz"
+    figure.axes[0].set(yscale="log", ylabel="sideband ratio [-]")
+    figure.axes[0].set_title(title, loc="left")
     return figure
 
 
 def _modulate(case: Case, options: Modulate, place: Place) -> Modulation:
-    """Measure with options of a user."""
+    """Simulate the test with options of a user."""
     scan = Scan(
         spacing=options.spacing, periods=options.periods, noise_db=options.noise_db,
         seed=options.seed,

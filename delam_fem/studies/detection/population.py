@@ -1,13 +1,13 @@
-"""Many structures with a delamination, and the probability that it is detected.
+"""Compute many structures with a delamination, and the probability that it is detected.
 
-They are computed as a sweep: each gives the shapes of a scan. Noise is added to the shapes
+The structures are points of a sweep: each gives the shapes of a scan. Noise is added to the shapes
 afterwards, so that one run serves any noise. The journal of the sweep makes a study resumable, and
 any executor can compute it.
 
-Probability of detection: hit or miss over length, depth and position; ROC curves. A specimen is a
-hit if the index calls it and marks something of its delamination. The logistic regression of hits
-on ln a follows MIL-HDBK-1823A (appendix G): POD(a) = 1 / (1 + exp(-β₀ - β₁ ln a)); a90 is where it
-is 0.9, a90/95 where its lower 95 % bound is.
+Probability of detection (POD): hit or miss over length, depth and position; ROC curves. A specimen
+is a hit if the index calls it and marks an interval that overlaps its delamination. The logistic
+regression of hits on ln a follows MIL-HDBK-1823A (appendix G): POD(a) = 1 / (1 + exp(-β₀ - β₁ ln
+a)); a90 is the length a at which it is 0.9, a90/95 that at which its lower 95 % bound is 0.9.
 """
 
 from __future__ import annotations
@@ -25,21 +25,26 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.results.figures.style import BASE_COLOUR, WIDTH, label_x, lamina_colours
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    canvas,
+    label_x,
+    lamina_colours,
+)
 from delam_fem.results.scan import Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     drive_responses,
     intact,
     per_shape,
-    settling_periods,
     simulated,
 )
 from delam_fem.studies.detection.indices import curvature, mark
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.linear import settling_periods
 from delam_fem.studies.options import Pod, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep, SweepFile, require_valid
@@ -47,7 +52,7 @@ from delam_fem.studies.sweeps.run import completed
 from delam_fem.system.errors import CaseError
 
 PERIODS, SAMPLES = 16, 50
-"""Periods of a record, samples per period."""
+"""Number of periods of a record, and of samples per period."""
 ELEMENTS, STEPS = 20, 100
 """Mesh and steps per period of the runs; 40 and 500 mark the same intervals (docs/detection.md)."""
 SETTLED = 0.05
@@ -60,9 +65,9 @@ class Specimen:
 
     Attributes:
         start, end: edges of the delamination [m].
-        thickness: of the lamina that is measured, the depth of the delamination [m].
-        support: at the end of the structure: "clamped" or "free".
-        frequency: of the excitation [Hz].
+        thickness: thickness of the lamina that is measured, the depth of the delamination [m].
+        support: support at the end of the structure: "clamped", "free" or "pinned".
+        frequency: frequency of the excitation [Hz].
     """
 
     start: float
@@ -83,8 +88,8 @@ class Population:
 
     Attributes:
         specimens: the structures.
-        x: positions of the scan, shape (n,) [m].
-        orders: of the shapes.
+        x: positions of the points of the scan, shape (n,) [m].
+        orders: orders of the shapes.
         values: complex shapes without noise, NaN where a run failed, shape (n_specimens, n_orders,
             n) [m/s].
         rms: overall root mean square of each field, shape (n_specimens,) [m/s].
@@ -96,34 +101,30 @@ class Population:
     values: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
     rms: FloatArray
 
-    def noise(self, index: int, noise_db: float | FloatArray) -> float | FloatArray:
-        """Return the root mean square of the noise on the shapes of a specimen [m/s].
-
-        Args:
-            index: of the specimen.
-            noise_db: overall root mean square of the field over that of the noise, of all points
-                or of each [dB].
-        """
-        return per_shape(self.rms[index] * 10.0 ** (-noise_db / 20.0), PERIODS * SAMPLES)
-
     def shapes(
         self, index: int, noise_db: float | FloatArray, rng: np.random.Generator,
         n_lines: float = math.inf,
     ) -> Shapes:  # fmt: skip
-        """Return the shapes of a specimen as a noisy sensor measures them; see `noise`."""
+        """Return the shapes of a specimen as a noisy sensor measures them.
+
+        Args:
+            index: number of the specimen.
+            noise_db: overall root mean square of the field over that of the noise, of all points
+                or of each [dB].
+            rng: source of the noise.
+            n_lines: spectral lines that the noise is estimated from.
+        """
+        single = self.rms[index] * 10.0 ** (-noise_db / 20.0)
         frequency = self.specimens[index].frequency
         pure = Shapes(self.x, frequency, self.orders, self.values[index])
-        return pure.noisy(self.noise(index, noise_db), rng, n_lines)
+        return pure.noisy(per_shape(single, PERIODS * SAMPLES), rng, n_lines)
 
     def at_first(self, n: int | None) -> Population:
-        """Return what a scan of the first n points sees; None: of all."""
+        """Return the population as scans of the first n points show it; None: of all points."""
         values = self.values[..., :n]
+        # Re(V e^{iωt}) has the mean square |V|² / 2
         rms = np.sqrt(0.5 * np.sum(np.mean(np.abs(values) ** 2, axis=-1), axis=-1))
         return self if n is None else replace(self, x=self.x[:n], values=values, rms=rms)
-
-    def is_there(self, index: int) -> bool:
-        """Return whether the run of a specimen was completed."""
-        return bool(np.isfinite(self.rms[index]))
 
 
 def population(
@@ -146,7 +147,7 @@ def population(
         specimens: the structures.
         directory: folder of the sweep.
         executor: see `run_sweep`.
-        name: of the sweep.
+        name: name of the sweep.
         spacing: distance of the scanned points [m].
         first: position of the first of them [m].
         also: values of further keys of the case, one for each specimen.
@@ -154,7 +155,7 @@ def population(
 
     Raises:
         CaseError: the case is not as described, or see `run_sweep`.
-        KeyboardInterrupt: it was interrupted; `resume` goes on.
+        KeyboardInterrupt: the sweep was interrupted; `resume` goes on.
     """
     if len(case.lamina) != 2 or len(case.delamination) != 1:
         raise CaseError(
@@ -211,19 +212,19 @@ def population(
 def scanned(
     name: str, case: Case, axes: Sequence[Axis], scan: ScanRecord, directory: Path, **sweeping: Any
 ) -> xr.Dataset:
-    """Return the scans of many motions that begin in their steady state, and nothing else of them.
+    """Return the dataset of scans of many motions that begin with their linear steady motion.
 
     Args:
-        name: of the sweep that computes them.
-        case: its base.
-        axes: whose k-th values belong together.
+        name: name of the sweep that computes them.
+        case: base case of the sweep.
+        axes: axes whose k-th values belong together.
         scan: the points that are kept.
         directory: folder of the sweep.
         sweeping: further arguments of `run_sweep`.
 
     Raises:
         CaseError: a value of an axis is not valid, or see `run_sweep`.
-        KeyboardInterrupt: it was interrupted; `resume` goes on.
+        KeyboardInterrupt: the sweep was interrupted; `resume` goes on.
     """
     fast = {
         "time.steps_per_period": STEPS,
@@ -240,7 +241,7 @@ def scanned(
 
 
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40)
-"""a/L of the grid."""
+"""Lengths of the delaminations of the grid over the length of the beam, a/L."""
 DEPTHS = (0.15, 0.30, 0.45)
 """Depths of the grid over the thickness of the beam."""
 MIDDLES = (0.25, 0.375, 0.5, 0.625, 0.75)
@@ -267,19 +268,19 @@ class Curve:
 
         Args:
             a: lengths, shape (n,) [m].
-            level: of a lower one-sided confidence bound (Wald, on the logit); 0.5: the curve.
+            level: confidence of a one-sided lower bound (Wald, on the logit); 0.5: the curve.
         """
         columns = np.stack([np.ones_like(a), np.log(a)], axis=-1)
         spread = np.sqrt(np.einsum("...i,ij,...j->...", columns, self.covariance, columns))
-        logit = columns @ self.beta - norm.ppf(level) * spread
+        logit = columns @ self.beta - ndtri(level) * spread
         return np.asarray(0.5 * (1.0 + np.tanh(0.5 * logit)))
 
     def length(self, probability: float, level: float = 0.5) -> float:
-        """Return the length with this POD, or whose lower bound is; NaN: there is none.
+        """Return the length at which the POD, or its lower bound, reaches a probability; NaN: none.
 
         Args:
-            probability: for example 0.9.
-            level: of the bound; 0.5: the curve itself.
+            probability: probability of detection, for example 0.9.
+            level: confidence of the bound; 0.5: the curve itself.
         """
         if not np.isfinite(self.beta).all() or self.beta[1] <= 0.0:
             return math.nan
@@ -295,8 +296,8 @@ def logistic(a: FloatArray, hit: BoolArray) -> Curve:
     Without misses, without hits, or with lengths that separate both, it has no solution: NaN.
 
     Args:
-        a: lengths, shape (n,).
-        hit: shape (n,).
+        a: lengths, shape (n,) [m].
+        hit: whether each was a hit, shape (n,).
     """
     from statsmodels.api import GLM, families
 
@@ -314,13 +315,13 @@ def logistic(a: FloatArray, hit: BoolArray) -> Curve:
 
 @dataclass(frozen=True)
 class Trials:
-    """Hits and misses of a population at one noise.
+    """Hits and misses of a population at one noise level.
 
     Attributes:
-        noise_db: of the sensor.
+        noise_db: signal over noise of the sensor [dB].
         specimens: the structures, shape (n,).
         start, end: marked ends [m], NaN where nothing is called, shape (n,).
-        hit: called, and something of the delamination is marked, shape (n,).
+        hit: whether the marked interval overlaps the delamination, shape (n,).
         score: largest index over its limit of noise, shape (n,).
     """
 
@@ -338,7 +339,7 @@ class Trials:
 
     @property
     def error(self) -> float:
-        """Median error of both ends where something is detected [m]; NaN: nothing is."""
+        """Median error of the ends of all hits [m]; NaN without a hit."""
         pairs = [
             (abs(start - own.start), abs(end - own.end))
             for own, start, end, hit in zip(
@@ -349,7 +350,7 @@ class Trials:
         return float(np.median(pairs)) if pairs else math.nan
 
     def of(self, chosen: BoolArray) -> Trials:
-        """Return the trials of some of the specimens."""
+        """Return the trials of the chosen specimens."""
         kept = tuple(own for own, there in zip(self.specimens, chosen, strict=True) if there)
         return Trials(
             self.noise_db, kept, self.start[chosen], self.end[chosen], self.hit[chosen],
@@ -387,7 +388,7 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> Tri
     start, end, score = (np.full(n, np.nan) for _ in range(3))
     hit = np.zeros(n, dtype=np.bool_)
     for k, own in enumerate(found.specimens):
-        if not found.is_there(k):
+        if not np.isfinite(found.rms[k]):  # its run failed
             continue
         noisy = found.shapes(k, noise_db, rng).without_drive(drives[own.support, own.frequency])
         called = mark("curvature", noisy)
@@ -402,8 +403,8 @@ def intact_scores(
 ) -> FloatArray:
     """Return the largest index over its limit of n noisy intact beams, shape (n,).
 
-    The noise is in the samples, and the limit follows from the noise between the harmonics, as of a
-    measurement. A beam is called if its score is above 1.
+    The noise is in the samples, and the limit follows from the noise between the harmonics, as it
+    does in a measurement. A beam is called if its score is above 1.
     """
     whole = _whole(case, support, frequency)
     scan = Scan(noise_db=noise_db, periods=PERIODS, sampling_rate=SAMPLES * frequency)
@@ -423,7 +424,7 @@ def roc(damaged: FloatArray, intact_ones: FloatArray) -> tuple[FloatArray, Float
     """Return false-call rates and rates of detection for every threshold on the score.
 
     Args:
-        damaged: scores of damaged structures, shape (n,); NaN: none.
+        damaged: scores of damaged structures, shape (n,); NaN where a run failed.
         intact_ones: scores of intact structures, shape (m,).
     """
     thresholds = np.unique(np.concatenate([intact_ones, damaged[np.isfinite(damaged)]]))[::-1]
@@ -441,9 +442,9 @@ class Line:
     """The result for one support, noise and frequency.
 
     Attributes:
-        support: at the end of the structure.
-        frequency: of the excitation [Hz].
-        trials: hits and misses at one noise.
+        support: support at the end of the structure.
+        frequency: frequency of the excitation [Hz].
+        trials: hits and misses at this noise.
         curve: POD over the length [m].
         intact: scores of intact beams; empty where it was not computed.
     """
@@ -467,12 +468,12 @@ class Line:
 
 @dataclass(frozen=True)
 class PodStudy(Finding):
-    """The study.
+    """Probability of detection for each support, noise and frequency.
 
     Attributes:
-        case: whose structure carries the delaminations.
-        lines: one for each support, noise and frequency.
-        recommended: frequency by support and noise: that with the most hits [Hz].
+        case: case whose structure carries the delaminations.
+        lines: results for each support, noise and frequency.
+        recommended: frequency with the most hits by support and noise [Hz].
     """
 
     case: Case
@@ -480,7 +481,7 @@ class PodStudy(Finding):
     recommended: dict[tuple[str, float], float]
 
     def best(self, support: str, noise_db: float) -> Line:
-        """Return the result at the recommended frequency."""
+        """Return the result for a support and a noise at the recommended frequency."""
         return next(
             line
             for line in self.lines
@@ -490,7 +491,7 @@ class PodStudy(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal; lengths over the length of the beam."""
+        """Report of the finding in files and on the terminal; lengths over that of the beam."""
         rows = [_row(self.best(*key), self.case.length) for key in self.recommended]
         return Report(
             name="pod",
@@ -522,12 +523,10 @@ class PodStudy(Finding):
 
     def pod_figure(self) -> Figure:
         """Draw POD curves with their bounds and the hits, for each support and noise."""
-        figure = Figure(figsize=(WIDTH, 6.5), layout="constrained")
-        keys, panels = self._panels(figure)
+        figure, panels = self._panels()
         L = self.case.length
         a = np.linspace(0.01, 0.45, 200) * L
-        for axes, key in zip(panels, keys, strict=True):
-            line = self.best(*key)
+        for axes, line in panels:
             own = line.trials
             lengths = np.unique(own.lengths.round(9))
             rates = [own.hit[np.isclose(own.lengths, length)].mean() for length in lengths]
@@ -538,21 +537,16 @@ class PodStudy(Finding):
             )
             axes.axhline(0.9, color=BASE_COLOUR, linewidth=0.8)
             axes.set(ylim=(-0.03, 1.03), ylabel="probability of detection")
-            axes.set_title(
-                f"{_WORDS[line.support]}, {own.noise_db:g} dB, {line.frequency:g} Hz", loc="left"
-            )
-        label_x(panels, "length of the delamination a/L")
-        panels[0].legend(loc="lower right")
+        label_x([axes for axes, _ in panels], "length of the delamination a/L")
+        panels[0][0].legend(loc="lower right")
         return figure
 
     def roc_figure(self) -> Figure:
         """Draw ROC curves for each support and noise, in classes of length."""
-        figure = Figure(figsize=(WIDTH, 6.5), layout="constrained")
-        keys, panels = self._panels(figure)
+        figure, panels = self._panels()
         L = self.case.length
         classes = ((0.0, 0.075), (0.075, 0.175), (0.175, 0.5))
-        for axes, key in zip(panels, keys, strict=True):
-            line = self.best(*key)
+        for axes, line in panels:
             share = line.trials.lengths / L
             for (low, high), colour in zip(classes, lamina_colours(3), strict=True):
                 chosen = (share >= low) & (share < high)
@@ -560,20 +554,21 @@ class PodStudy(Finding):
                 text = f"a/L {share[chosen].min():.2g} to {share[chosen].max():.2g}"
                 axes.step(false, true, where="post", color=colour, label=text)
             axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.03), ylabel="rate of detection")
-            axes.set_title(
-                f"{_WORDS[line.support]}, {key[1]:g} dB, {line.frequency:g} Hz", loc="left"
-            )
-        label_x(panels, "rate of false calls")
-        panels[-1].legend(loc="lower right")
+        label_x([axes for axes, _ in panels], "rate of false calls")
+        panels[-1][0].legend(loc="lower right")
         return figure
 
-    def _panels(self, figure: Figure) -> tuple[list[tuple[str, float]], list[Axes]]:
-        """Return supports and noises with a panel for each."""
-        keys = list(self.recommended)
-        panels = figure.subplots(-(-len(keys) // 2), 2, sharey=True, squeeze=False).ravel()
-        for axes in panels[len(keys) :]:
+    def _panels(self) -> tuple[Figure, list[tuple[Axes, Line]]]:
+        """Return a figure with a panel for the best line of each support and noise."""
+        lines = [self.best(*key) for key in self.recommended]
+        figure = canvas(6.5)
+        panels = figure.subplots(-(-len(lines) // 2), 2, sharey=True, squeeze=False).ravel()
+        for axes in panels[len(lines) :]:
             axes.remove()
-        return keys, panels[: len(keys)].tolist()
+        for axes, line in zip(panels, lines, strict=False):
+            words = f"{_WORDS[line.support]}, {line.trials.noise_db:g} dB, {line.frequency:g} Hz"
+            axes.set_title(words, loc="left")
+        return figure, list(zip(panels, lines, strict=False))
 
 
 HEADING = (
@@ -607,7 +602,7 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
 
 
 def _chosen(found: Population, support: str, frequency: float) -> BoolArray:
-    """Return which specimens have a support and a frequency."""
+    """Return whether each specimen has a given support and frequency, shape (n,)."""
     return np.array(
         [(own.support, own.frequency) == (support, frequency) for own in found.specimens]
     )
@@ -629,7 +624,7 @@ def _row(line: Line, L: float) -> tuple[str, ...]:
 
 
 def _numbers(line: Line) -> dict[str, object]:
-    """Return the numbers of a result."""
+    """Return the numbers of a result for pod.json."""
     own = line.trials
     return {
         "support": line.support,
@@ -651,7 +646,7 @@ def _numbers(line: Line) -> dict[str, object]:
 
 
 def _pod(case: Case, options: Pod, place: Place) -> PodStudy:
-    """Compute the structures of a grid, and judge them."""
+    """Compute the structures of the grid with options of a user, and judge them."""
     specimens = grid(case, options.supports, options.frequencies)
     found = population(case, specimens, place.folder, name="pod", **place.sweeping)
     return pod(case, found, options.noise_db)

@@ -1,8 +1,8 @@
-"""Identify a rig from clapping motions: measure or simulate, infer, check the intervals, draw.
+"""Identify keys of a rig from clapping motions, and check the intervals of their posterior.
 
-The keys that are sought, and those that only disturb, are drawn from a prior. The posterior follows
-from simulations alone (`numerics/statistics.py`): one sweep over the drawn parameters for each
-frequency, and the harmonics of both tips as statistics.
+The keys that are sought, and those that are uncertain, are drawn from a prior. The posterior
+follows from simulations alone (`numerics/statistics.py`): one sweep over the drawn parameters for
+each frequency, and the harmonics of the tips as statistics.
 
 The statistics describe a motion whatever the origin of time, since a measurement seldom knows the
 phase of the base. A shift of the origin by τ turns the k-th harmonic c_k by k ω τ; so c_k e^{-ikφ},
@@ -46,18 +46,18 @@ STIFFNESS = (0.9, 1.1)
 DAMPING = (0.5, 2.0)
 """Multiples of the damping ratio that a rig may have."""
 CLAMP = (50.0, 5000.0)
-"""Rotational stiffness of clamps that a rig may have, times L/EI."""
+"""Rotational stiffness that the clamps of a rig may have, in units of EI/L."""
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A key whose value is not known.
+    """A key whose value is not known, with its range.
 
     Attributes:
         key: key of the case; `lamina.*.KEY` is KEY of all laminae.
         low: lowest value.
         high: highest value.
-        is_relative: whether these are multiples of the values that the case has.
+        is_relative: whether low and high are multiples of the value that the case has.
     """
 
     key: str
@@ -84,7 +84,7 @@ class Unknown:
         return cls(key, low, high, is_relative)
 
     def keys(self, case: Case) -> tuple[str, ...]:
-        """Return the keys of the case that have the value."""
+        """Return the keys of a case that have this value, one or one for each lamina."""
         if not self.key.startswith(EVERY):
             return (self.key,)
         last = self.key.removeprefix(EVERY)
@@ -92,7 +92,7 @@ class Unknown:
 
 
 def require_values(unknowns: Sequence[Unknown]) -> None:
-    """Refuse multiples of the values of a case, which only what is uncertain may have."""
+    """Raise a CaseError if a sought key is given by multiples of the value of the case."""
     for own in unknowns:
         if own.is_relative:
             raise CaseError(
@@ -102,11 +102,11 @@ def require_values(unknowns: Sequence[Unknown]) -> None:
 
 
 def value_of(case: Case, key: str) -> float:
-    """Return a number of a case by its key; NaN if it has none."""
+    """Return the number of a case at a key; NaN where there is none."""
     found: object = case
     for part in key.split("."):
         if isinstance(found, tuple):
-            found = next(entry for entry in found if entry.name == part)
+            found = next((entry for entry in found if entry.name == part), None)
         else:
             found = getattr(found, part, None)
     return float(found) if isinstance(found, int | float) else math.nan
@@ -129,12 +129,12 @@ def drawn(unknowns: Sequence[Unknown], case: Case, n: int, seed: int) -> dict[st
 
 
 def doubts_of(case: Case, given: Sequence[str] | None) -> tuple[Unknown, ...]:
-    """Return in what a rig may differ from its case: what `uncertain` says, or `of_rig`."""
+    """Return the keys in which a rig may differ from its case: the given ones, or `of_rig`."""
     return of_rig(case) if given is None else tuple(map(Unknown.parse, given))
 
 
 def of_rig(case: Case) -> tuple[Unknown, ...]:
-    """Return in what a rig usually differs from its case: stiffness, damping, clamps that yield."""
+    """Return the keys in which a rig usually differs from its case: stiffness, damping, clamps."""
     given = any(lamina.bending_stiffness is not None for lamina in case.lamina)
     modulus = "bending_stiffness" if given else "young_modulus"
     found = [
@@ -163,11 +163,16 @@ def posterior_figure(
 
     Args:
         posterior: the sample.
-        unknowns: in the order of the columns.
-        truth: values of a synthetic measurement; None: not known.
+        unknowns: unknowns in the order of the columns.
+        truth: their values in a synthetic measurement; None: not known.
     """
     n = len(unknowns)
-    low, high = _ranges(posterior, truth)
+    # axes that hold nearly all samples and the truth
+    low, high = posterior.quantile(TAIL), posterior.quantile(1.0 - TAIL)
+    if truth is not None:
+        low, high = np.minimum(low, truth), np.maximum(high, truth)
+    margin = 0.1 * (high - low)
+    low, high = low - margin, high + margin
     figure = Figure(figsize=(PANEL * n, PANEL * n))
     axes = figure.subplots(n, n, squeeze=False)
     for i, row in enumerate(unknowns):
@@ -202,15 +207,6 @@ def posterior_figure(
     return figure
 
 
-def _ranges(posterior: Posterior, truth: list[float] | None) -> tuple[FloatArray, FloatArray]:
-    """Return the ends of the axes: nearly all samples, and the truth."""
-    low, high = posterior.quantile(TAIL), posterior.quantile(1.0 - TAIL)
-    if truth is not None:
-        low, high = np.minimum(low, truth), np.maximum(high, truth)
-    margin = 0.1 * (high - low)
-    return low - margin, high + margin
-
-
 def _short(unknown: Unknown) -> str:
     """Return the key of an unknown in the words of its last part."""
     return unknown.key.rsplit(".", 1)[-1].replace("_", " ")
@@ -235,9 +231,9 @@ def tips_of(case: Case, path: Path) -> tuple[FloatArray, FloatArray]:
 HARMONICS = 5
 """Number of harmonics of each lamina."""
 FITTED = 60
-"""Most harmonics that are fitted, so that those of an impact do not count as noise."""
+"""Largest number of harmonics that are fitted: those of impacts must not count as noise."""
 SAMPLES = 4
-"""A measurement needs so many times the samples that its harmonics have unknowns."""
+"""Least number of samples of a measurement for each unknown of its harmonics."""
 
 
 def of_points(sweep: xr.Dataset) -> ComplexArray:
@@ -258,7 +254,7 @@ def of_history(time: FloatArray, tips: FloatArray, frequency: float) -> tuple[Co
     Args:
         time: times of the samples, any origin, shape (n,) [s].
         tips: displacements of the laminae, shape (n_laminae, n) [m].
-        frequency: of the base [Hz].
+        frequency: frequency of the base [Hz].
 
     Returns:
         Harmonics, shape (n_laminae, HARMONICS) [m], and the standard deviation of a sample [m].
@@ -316,7 +312,7 @@ def noisy(harmonics: ComplexArray, noise: float, rng: np.random.Generator) -> Co
 
 
 FINER = 4
-"""How many times as many steps the repeated simulations have."""
+"""Factor on the steps per period in simulations that are repeated."""
 LIKE = 5
 """Number of repeated simulations of which one says what finer steps change."""
 BEYOND = 1.5
@@ -329,12 +325,12 @@ class Experiment:
 
     Attributes:
         case: the rig; the unknowns replace some of its values.
-        frequencies: of the base [Hz].
+        frequencies: frequencies of the base [Hz].
         unknowns: keys that are sought.
         noise: standard deviation of a sample of the displacement [m].
         n_samples: number of samples of each motion; None: as many as the window of the case.
-        uncertain: in what the rig may differ from the case although it is not sought, drawn for
-            each simulation; None: see `of_rig`.
+        uncertain: keys that are not sought, but in which the rig may differ from the case, drawn
+            for each simulation; None: see `of_rig`.
     """
 
     case: Case
@@ -345,12 +341,16 @@ class Experiment:
     uncertain: tuple[Unknown, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check that the sought keys have values, which the results show."""
+        """Check that the sought keys have values of their own, which the results show.
+
+        Raises:
+            CaseError: see `require_values`.
+        """
         require_values(self.unknowns)
 
     @property
     def doubts(self) -> tuple[Unknown, ...]:
-        """In what the rig may differ from the case."""
+        """Keys in which the rig may differ from the case."""
         return of_rig(self.case) if self.uncertain is None else self.uncertain
 
     @property
@@ -434,15 +434,15 @@ class Experiment:
     ) -> Simulations:  # fmt: skip
         """Return the simulations with noise as a table for the inference.
 
-        The steps of the simulations are not those of a rig. To each simulation is added, times a
-        number between 0 and `BEYOND`, what finer steps change in one of the `LIKE` simulations with
-        the nearest parameters that were repeated.
+        A rig has no time steps. So each simulation is changed by what finer steps change in one of
+        the `LIKE` repeated simulations with the nearest parameters, times a random number between 0
+        and `BEYOND`.
 
         Args:
-            harmonics: of the simulations, see `simulate`.
-            parameters: of the simulations, shape (n, n_unknowns).
-            seed: of the noise.
-            finer: the first of them repeated with finer steps; None: none.
+            harmonics: harmonics of the simulations, see `simulate`.
+            parameters: values of the unknowns, shape (n, n_unknowns).
+            seed: seed of the noise.
+            finer: harmonics of the first simulations with finer steps; None: none are repeated.
 
         Raises:
             CaseError: too few simulations were completed.
@@ -471,7 +471,7 @@ class Experiment:
 def _discrepancy(
     finer: ComplexArray, harmonics: ComplexArray, parameters: FloatArray, rng: np.random.Generator
 ) -> ComplexArray:
-    """Return what finer steps may change in all simulations; see `Experiment.table`."""
+    """Return the change of all simulations that stands for finer steps; see `Experiment.table`."""
     change = finer - harmonics[: len(finer)]
     whole = np.flatnonzero(np.isfinite(change).reshape(len(change), -1).all(axis=1))
     if whole.size == 0:
@@ -491,17 +491,16 @@ SEPARATED = 0.5
 
 @dataclass(frozen=True)
 class Identification(Finding):
-    """What a measurement says of the unknowns.
+    """Posterior of the unknowns of an experiment from a measurement.
 
     Attributes:
         experiment: the rig and its motions.
-        posterior: of the unknowns.
-        coverage: how often 90 % intervals contain the truth, by unknown; None: not checked.
-        finer: number of simulations that are repeated with finer steps, to know what steps change.
+        posterior: posterior of the unknowns.
+        coverage: share of 90 % intervals that contain the truth, by unknown; None: not checked.
         checks: number of simulations that served as observations for `coverage`.
         is_synthetic: whether the motions were simulated from the case itself.
         completed: number of simulations in the table.
-        mismatch: in which way the measurement is unlike all simulations; None: it is not.
+        mismatch: how the measurement is unlike all simulations; None: it is not.
     """
 
     experiment: Experiment
@@ -514,12 +513,12 @@ class Identification(Finding):
 
     @property
     def truth(self) -> list[float] | None:
-        """Values of the unknowns in a synthetic measurement."""
+        """Values of the unknowns in a synthetic measurement; None: the motions were measured."""
         return self.experiment.truth if self.is_synthetic else None
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         experiment, posterior, truth = self.experiment, self.posterior, self.truth
         middle, interval = posterior.quantile(0.5), posterior.interval(0.9)
         correlation, keys = posterior.correlation(), experiment.unknowns
@@ -580,14 +579,14 @@ def identify(
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Identification:
-    """Infer the unknowns of an experiment.
+    """Infer the unknowns of an experiment from measured or simulated motions.
 
     Args:
         experiment: the rig, its motions and the unknowns.
         directory: folder of the simulations; those that it has are used again.
         measured: files with the tips, one per frequency; None: the case simulates the measurement.
-        simulations: number of parameters from the prior.
-        finer: number of simulations that are repeated with finer steps, to know what steps change.
+        simulations: number of simulations, with parameters from the prior.
+        finer: number of these that are repeated with finer steps, to know what steps change.
         checks: number of simulations that serve as observations to check the intervals.
         seed: of the prior and of the noise.
         executor: see `run_sweep`.
@@ -596,6 +595,7 @@ def identify(
 
     Raises:
         CaseError: a file does not fit, or too few simulations were completed.
+        KeyboardInterrupt: a sweep was interrupted; its points are kept.
     """
     observed = None
     if measured is not None:
@@ -626,11 +626,12 @@ def identify(
 
 
 def mismatch(experiment: Experiment, table: Simulations, observed: FloatArray) -> str | None:
-    """Return in which way an observation is unlike all simulations; None: it is not."""
+    """Return in words how an observation is unlike all simulations; None: it is not."""
     share, number = table.misfit(observed)
     if share > UNLIKE:
         return None
     names = [lamina.name for lamina in experiment.case.lamina]
+    # statistics of a frequency, see `invariant`: real parts, then imaginary parts without the first
     each = 2 * len(names) * HARMONICS - 1
     number, of_one = number // each, number % each
     lamina, harmonic = divmod(of_one if of_one <= each // 2 else of_one - each // 2, HARMONICS)

@@ -1,9 +1,9 @@
 """Identify keys of a case from a natural frequency that was followed over time.
 
 What changes, such as the place of a support, is sought anew at each time. Natural frequencies of
-cases with parameters drawn from the prior are interpolated to many more. The error of a measured
-frequency, and that of the interpolation, is added to them as noise; those that come nearest to the
-measured one are accepted, and led to it along a straight line.
+cases with parameters drawn from the prior are interpolated to many more draws. Noise is added to
+them, with the errors of the measured frequency and of the interpolation. The draws whose noisy
+frequencies are nearest to the measured one are accepted, and corrected to it by a straight line.
 """
 
 from __future__ import annotations
@@ -15,11 +15,15 @@ from matplotlib.figure import Figure
 from scipy.interpolate import RBFInterpolator
 
 from delam_fem.case.definition import Case
-from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
+from delam_fem.model.discretise import assemble
 from delam_fem.model.linear import elastic
 from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH, label_x
+from delam_fem.results.figures.style import (
+    BLUE,
+    VERMILLION,
+    label_x,
+    stacked,
+)
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.studies import options
 from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn, require_values
@@ -29,21 +33,21 @@ from delam_fem.system.errors import CaseError
 QUANTILES = (0.05, 0.5, 0.95)
 """Ends of the 90 % interval and the median."""
 DRAWS, NEAREST = 20_000, 400
-"""Points of the prior at which the frequency is interpolated, and those that are accepted."""
+"""Number of draws at which the frequency is interpolated, and of those that are accepted."""
 
 
 @dataclass(frozen=True)
 class Followed(Finding):
-    """What a natural frequency over time says of the unknowns.
+    """Posterior of the unknowns over time from a natural frequency.
 
     Attributes:
-        case: of which keys change.
-        unknowns: that are sought.
-        uncertain: in what the rig may differ from the case.
-        time: shape (n,) [s].
-        frequency: measured, shape (n,) [Hz].
-        error: its standard error, shape (n,) [Hz].
-        quantiles: of the posterior at each time, in the order of `QUANTILES`, shape (n, 3,
+        case: the case whose keys are sought.
+        unknowns: keys that are sought.
+        uncertain: keys in which the rig may differ from the case.
+        time: times of the measured frequencies, shape (n,) [s].
+        frequency: measured frequencies, shape (n,) [Hz].
+        error: their standard errors, shape (n,) [Hz].
+        quantiles: those of the posterior at each time, in the order of `QUANTILES`, shape (n, 3,
             n_unknowns).
     """
 
@@ -57,7 +61,7 @@ class Followed(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         keys = [own.key for own in self.unknowns]
         numbers = {
             "time_s": self.time,
@@ -82,10 +86,9 @@ class Followed(Finding):
         )
 
     def figure(self) -> Figure:
-        """Draw the frequency, and below it the median and the interval of each unknown."""
+        """Draw the frequency over time, and below it median and interval of each unknown."""
         n = 1 + len(self.unknowns)
-        figure = Figure(figsize=(WIDTH, 1.0 + 2.2 * n), layout="constrained")
-        panels = figure.subplots(n, 1, sharex=True)
+        figure, panels = stacked(n, 1.0 + 2.2 * n, sharex=True)
         panels[0].errorbar(self.time, self.frequency, 2.0 * self.error, fmt=".", color=VERMILLION)
         panels[0].set_ylabel("frequency [Hz]\n± two errors")
         for axes, own, (low, middle, high) in zip(
@@ -100,13 +103,12 @@ class Followed(Finding):
 
 def natural_frequency(case: Case, mode: int = 1) -> float:
     """Return a natural frequency of a structure, rigid motions not counted [Hz]."""
-    assemble = closed_form.assemble if case.model.kind == "beam" else discretise.assemble
-    o = assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     return float(elastic(o.stiffness, o.mass, mode, case.n_rigid)[0][-1])
 
 
 def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
-    """Identify with options of a user."""
+    """Identify keys over time with options of a user."""
     data, n = read_measured(given.measured), given.simulations
     if "free_frequency" in data:
         data = data.isel(free_time=np.flatnonzero(np.isfinite(data["free_frequency_error"])))
@@ -128,15 +130,16 @@ def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
     columns, many = _prior(case, unknowns, doubts, DRAWS, given.seed + 1)
     many, places = (own / np.ptp(places, axis=0) for own in (many, places))
     interpolated = RBFInterpolator(places, simulated, kernel="cubic")(many)
+    # error of the interpolation: every other simulation is interpolated from the rest
     half = RBFInterpolator(places[::2], simulated[::2], kernel="cubic")(places[1::2])
-    rough = float(np.sqrt(np.mean((half - simulated[1::2]) ** 2)))  # the whole has less
+    rough = float(np.sqrt(np.mean((half - simulated[1::2]) ** 2)))  # all together have less
     sought = np.array([columns[own.keys(case)[0]] for own in unknowns]).T
     names = "time", "frequency", "frequency_error"
     time, frequency, error = (data[f"free_{name}"].to_numpy() for name in names)
     rng, found = np.random.default_rng(given.seed), []
     for f, e in zip(frequency, error, strict=True):
         off = interpolated - f + np.hypot(e, rough) * rng.standard_normal(DRAWS)
-        near = np.argsort(np.abs(off))[:NEAREST]
+        near = np.argsort(np.abs(off))[:NEAREST]  # then a regression moves them to off = 0
         line = np.column_stack([np.ones(NEAREST), off[near]])
         slope = np.linalg.lstsq(line, sought[near], rcond=None)[0][1]
         own = np.quantile(sought[near] - np.outer(off[near], slope), QUANTILES, axis=0)

@@ -1,13 +1,15 @@
 """Identify the first mode of each lamina from a stepped or a swept sine.
 
 A sweep that rises passes the resonance before the amplitude has grown, so its peak comes late; one
-that falls is late on the other side. The frequency that is read off the peak is biased by that. The
-fit compares the record with the response of one mode to the same sweep, so that the bias is gone:
+that falls is late on the other side. This biases the frequency that is read off the peak. The fit
+compares the record with the response of one mode to the same sweep, so that the bias is gone:
 
     x(t) = g z(u) + r z''(u) + Γ w(t) + Re(c e^{λt}) + m,   u = t - a - b (t - t_m)/T          (R1)
 
-w is the response of the mode (`oscillator`), r the quasi-static part of higher modes, c what still
-vibrates from before, a and b say when the record began and how fast its clock runs.
+z is the displacement of the base, w the response of the mode to z'' (`driven`), r the quasi-static
+part of higher modes, λ the pole of the mode, c what still vibrates from before, m a constant. a and
+b say when the record began and how fast its clock runs; t_m is the middle of the record and T its
+length.
 """
 
 from __future__ import annotations
@@ -43,8 +45,8 @@ from delam_fem.studies.sweeps.point import probe_motion
 from delam_fem.system.errors import CaseError
 
 FIRST_DAMPING, FIRST_SHIFTS = (0.001, 0.003, 0.01, 0.03, 0.1), (0.0, 0.3, 0.6, 0.9)
-"""Damping ratios, and distances of the peak over the root of Hz/s (0.86 without damping), of which
-the best begins the fit."""
+"""Damping ratios, and distances of the peak from the natural frequency over the root of the sweep
+rate in Hz/s (0.86 without damping), of which the best begins the fit."""
 BAND = 0.3
 """Only frequencies within this share of the peak are fitted: the first mode alone is meant."""
 FEWEST = 8
@@ -57,15 +59,15 @@ LEAST_DAMPING, MOST_DAMPING = 1e-5, 0.5
 LINEAR = 6
 """Number of unknowns that (R1) is linear in."""
 BLOCKS = 8
-"""Parts of a record, of equal information on the frequency, each of which is left out once."""
+"""Number of parts of a record, with equal information on the frequency, each left out once."""
 SCATTERED = 2.0
 """Variance of fits without a part over that of a white noise, which exceeds it in 5 % (F test)."""
 SIGNIFICANT = 3.0
-"""Standard errors from which a start or a clock is named."""
+"""Standard errors from which on a remark names a late start or a wrong clock."""
 SAME_CLOCK = 5e-5
 """Relative difference of clocks that is not worth a sentence."""
 NOT_NOISE, NOTHING_LEFT = 1.05, 1e-4
-"""What is left, over the noise of a sample and over the largest displacement, that is named."""
+"""Residual from which on a remark names it: over the noise of a sample, and over the peak."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ class Amplitudes:
     """Amplitudes of a point of a lamina in a swept sine, one for each cycle of the base.
 
     Attributes:
-        frequency: of the base, shape (k,) [Hz].
-        amplitude: of the absolute displacement per amplitude of the base, shape (k,) [-].
+        frequency: frequency of the base, shape (k,) [Hz].
+        amplitude: amplitude of the absolute displacement over that of the base, shape (k,) [-].
         fitted: the same of the fit (R1), shape (k,) [-]; NaN beyond the band that was fitted.
     """
 
@@ -90,7 +92,7 @@ class Amplitudes:
 
 @dataclass(frozen=True)
 class Resonance:
-    """A natural frequency with its damping. Errors are standard errors: two contain 95 %.
+    """Natural frequency and damping of a mode; two of their standard errors contain 95 %.
 
     Attributes:
         frequency, frequency_error: undamped natural frequency and its error [Hz].
@@ -100,8 +102,8 @@ class Resonance:
         residual: rms of the differences over the largest displacement [-].
         late, late_error: time by which the record begins after the sweep, and its error [s].
         clock, clock_error: seconds of the sweep in one of the record, and its error [-].
-        remarks: sentences on what is not as it was said to be.
-        amplitudes: for a figure.
+        remarks: sentences on how the record differs from its description.
+        amplitudes: amplitudes of the cycles, for a figure.
     """
 
     frequency: float
@@ -119,7 +121,7 @@ class Resonance:
     amplitudes: Amplitudes = field(repr=False)
 
     def bending_stiffness(self, lamina: Lamina) -> tuple[float, float]:
-        """Return EI of a uniform cantilever with this frequency and its standard error [N m2].
+        """Return EI of a uniform cantilever with this frequency, and its standard error [N m2].
 
         EI = ρA (2π f L² / B₁²)²
         """
@@ -131,13 +133,13 @@ class Resonance:
 
 @dataclass(frozen=True)
 class _Cycles:
-    """Cycles of a sweep as the record's clock gives them.
+    """Cycles of a sweep by the clock of a record.
 
     Attributes:
         edges: number of the first sample of each cycle, and the end, shape (k + 1,).
-        turn: e^{-iφ} of the samples up to that end.
-        time: of the middle of each cycle, shape (k,) [s].
-        frequency: of the base there, shape (k,) [Hz].
+        turn: e^{-iφ} of the samples up to that end, with the phase φ of the base.
+        time: middle of each cycle, shape (k,) [s].
+        frequency: frequency of the base there, shape (k,) [Hz].
     """
 
     edges: npt.NDArray[np.intp]
@@ -147,7 +149,11 @@ class _Cycles:
 
     @classmethod
     def of(cls, time: FloatArray, motion: SweptMotion) -> _Cycles:
-        """Return the cycles of a record; those with too few samples are refused."""
+        """Return the cycles of a record.
+
+        Raises:
+            CaseError: there are too few cycles, or too few samples in one of them.
+        """
         turns = motion.turns(time)
         edges = np.searchsorted(turns, np.arange(math.ceil(turns[0]), math.floor(turns[-1]) + 1))
         if edges.size <= FEWEST or np.diff(edges).min() < FEWEST:
@@ -170,9 +176,9 @@ class _Band:
     """The part of a record in which the base passes the resonance.
 
     Attributes:
-        time: equidistant, shape (n,) [s].
-        displacement: shape (n,) [m].
-        motion: of the base.
+        time: equidistant times, shape (n,) [s].
+        displacement: absolute displacement, shape (n,) [m].
+        motion: motion of the base.
     """
 
     time: FloatArray
@@ -180,13 +186,16 @@ class _Band:
     motion: SweptMotion
 
     def on_sweep(self, at: FloatArray, delays: FloatArray) -> FloatArray:
-        """Return u of (R1) for the delays a and b [s]."""
+        """Return u of (R1) at given times for the delays a and b [s]."""
         t = self.time
         share = (at - 0.5 * (t[0] + t[-1])) / (t[-1] - t[0])
         return np.asarray(at - delays[0] - delays[1] * share)
 
     def explained(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return x(t) of (R1) for (frequency [Hz], D, a, b), and g, Γ, r, c, m that fit best."""
+        """Return x(t) of (R1) for p = (frequency [Hz], D, a [s], b [s]), and its best weights.
+
+        These are g, Γ, r, Re c, -Im c and m: (R1) is linear in them.
+        """
         t, root = self.time, pole(2.0 * math.pi * p[0], p[1])
         base = self.motion.states(self.on_sweep(t, p[2:]))
         y = driven(t, lambda at: self.motion.states(self.on_sweep(at, p[2:]))[:, 2], root)
@@ -203,12 +212,12 @@ def fit(time: FloatArray, displacement: FloatArray, motion: SweptMotion) -> Reso
     """Fit natural frequency, damping ratio, participation, start and clock to a record.
 
     Args:
-        time: since the sweep began, as the record has it, shape (n,) [s].
-        displacement: absolute, of the point, shape (n,) [m].
-        motion: of the base.
+        time: times since the sweep began, by the clock of the record, shape (n,) [s].
+        displacement: absolute displacement of the point, shape (n,) [m].
+        motion: motion of the base.
 
     Raises:
-        CaseError: there are fewer than eight cycles near the peak, or with samples enough.
+        CaseError: there are fewer than `FEWEST` cycles near the peak, or samples in a cycle.
     """
     time, displacement = _even(time, displacement, motion)
     cycles = _Cycles.of(time, motion)
@@ -224,7 +233,7 @@ def fit(time: FloatArray, displacement: FloatArray, motion: SweptMotion) -> Reso
     own = slice(cycles.edges[first], cycles.edges[last + 1])
     band = _Band(time[own], displacement[own], motion)
     start, m = _by_amplitudes(time, cycles, a, near, motion)
-    phase, to_peak = np.angle(a[near] / m), np.argmax(abs(a[near])) + 1  # then it beats
+    phase, to_peak = np.angle(a[near] / m), np.argmax(abs(a[near])) + 1  # later it beats
     delays = [np.zeros(2)] + [
         _by_phases(band, cycles.time[near][:n], np.unwrap(phase[:n]))
         for n in (to_peak, phase.size)
@@ -266,9 +275,9 @@ def _even(
 def _by_amplitudes(
     time: FloatArray, cycles: _Cycles, a: ComplexArray, near: BoolArray, motion: SweptMotion
 ) -> tuple[FloatArray, ComplexArray]:
-    """Return frequency [Hz] and D that the sizes of the cycles tell, and the cycles near then.
+    """Return frequency [Hz] and D by the sizes of the cycles, and the amplitudes that follow.
 
-    The size of a cycle hardly depends on when the record begins.
+    The size of a cycle hardly depends on when the record begins. Only the cycles `near` are fitted.
     """
     measured, size = a[near], motion.amplitude
 
@@ -295,7 +304,7 @@ def _by_amplitudes(
 
 
 def _by_phases(band: _Band, time: FloatArray, phase: FloatArray) -> FloatArray:
-    """Return the delays a and b [s] that the phases of cycles tell, up to a turned sign."""
+    """Return the delays a and b [s] by the phases of cycles, whose sign may be turned."""
 
     def away(q: FloatArray, constant: float) -> FloatArray:
         turns = band.motion.turns(band.on_sweep(time, q)) - band.motion.turns(time)
@@ -309,8 +318,9 @@ def _by_phases(band: _Band, time: FloatArray, phase: FloatArray) -> FloatArray:
 def _covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
     """Return the covariance of the unknowns, shape (4, 4).
 
-    It is that of a white noise. Where fits to the record without one of `BLOCKS` parts (jackknife)
-    scatter more than such a noise lets them, it is theirs: it holds what the model leaves out, too.
+    It is that for white noise. Fits to the record without one of `BLOCKS` parts (jackknife) may
+    scatter more than such noise lets them. Then the variance is that of these fits, which also
+    contains what the model leaves out.
     """
     scale = np.sqrt((jacobian**2).sum(axis=0))
     J = jacobian / scale
@@ -321,6 +331,7 @@ def _covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
     shifts, expected = np.empty((BLOCKS, J.shape[1])), np.zeros(J.shape[1])
     for k in range(BLOCKS):
         left_out, others = J[part == k], np.linalg.inv(J[part != k].T @ J[part != k])
+        # one Gauss-Newton step of the fit without part k, and its variance by white noise
         shifts[k] = others @ left_out.T @ residual[part == k]
         expected += variance * np.diag(others @ left_out.T @ left_out @ others)
     scattered = (BLOCKS - 1) * shifts.var(axis=0)
@@ -330,7 +341,7 @@ def _covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
 
 
 def _noise(values: FloatArray) -> float:
-    """Return the standard deviation of a white noise by third differences, which motions lack."""
+    """Return the standard deviation of white noise by third differences, small for motions."""
     return float(np.std(np.diff(values, 3))) / math.sqrt(20.0)
 
 
@@ -338,7 +349,7 @@ def _judged(
     band: _Band, p: FloatArray, covariance: FloatArray, residual: FloatArray, weights: FloatArray,
     amplitudes: Amplitudes,
 ) -> Resonance:  # fmt: skip
-    """Return the resonance with what is to be said of its record."""
+    """Return the resonance with its errors, and remarks on its record."""
     t, error = band.time, np.sqrt(np.diag(covariance))
     middle, length = 0.5 * (t[0] + t[-1]), float(t[-1] - t[0])
     clock, clock_error = 1.0 - p[3] / length, error[3] / length
@@ -397,7 +408,7 @@ class Found(Finding):
 
     Attributes:
         case: the case.
-        resonances: fitted, by lamina.
+        resonances: fitted resonance of each lamina.
     """
 
     case: Case
@@ -405,7 +416,7 @@ class Found(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         numbers, rows = {}, []
         pairs = list(zip(self.case.lamina, self.resonances, strict=True))
         for lamina, one in pairs:
@@ -463,7 +474,7 @@ def identified(
         measured: file with the tips, whose times count from the start of the sweep; None: the case
             is simulated without contact.
         noise: standard deviation of a sample of the simulated tips [m].
-        seed: of the noise.
+        seed: seed of the noise.
         kept: folder for a checkpoint, from which the run goes on; None: none is kept.
 
     Raises:
@@ -492,14 +503,14 @@ def identified(
 def _exact(found: Resonance, step: float, ratio: float) -> Resonance:
     """Return a simulated resonance without what steps and elements change in it.
 
-    The damping is changed by elements about as much, but not known: its error grows by that.
-
     e^{μ Δt} = (1 + λ Δt/2)/(1 - λ Δt/2) for the pole μ of average acceleration and λ of the mode.
+    Elements change the damping about as much as the frequency, in a way that is not known: its
+    error grows by that.
 
     Args:
-        found: in a simulated record.
+        found: resonance in a simulated record.
         step: Δt [s].
-        ratio: of the frequency of the elements over the exact one.
+        ratio: frequency of the elements over the exact one.
     """
     seen = pole(2.0 * np.pi * found.frequency, found.damping_ratio)
     exact = 2.0 / step * np.tanh(0.5 * step * seen) / ratio
@@ -511,7 +522,7 @@ def _exact(found: Resonance, step: float, ratio: float) -> Resonance:
 
 
 def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, list[float]]:
-    """Return times and tips without contact, absolute, with the ratios of `_exact`."""
+    """Return times [s] and absolute tips [m] without contact, and the ratios of `_exact`."""
     free = case.with_overrides(
         {
             "contact.law": "none",
@@ -531,7 +542,7 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
 
 
 def _resonance(case: Case, given: options.Resonance, place: Place) -> Found:
-    """Identify with options of a user."""
+    """Identify resonances with options of a user."""
     return identified(case, given.measured, noise=given.noise, seed=given.seed, kept=place.kept)
 
 

@@ -52,10 +52,10 @@ from delam_fem.system.files import read_arrays, write_arrays
 
 @dataclass(frozen=True)
 class Nature:
-    """What a map is of, for files, pictures and words.
+    """Model behind a map, and the parts of its states, for files, pictures and words.
 
     Attributes:
-        name: of the model.
+        name: name of the model.
         parts: name and number of the coordinates of a state, in order; those of a part have one
             unit.
         is_stepped: whether contact is seen at time steps only, so that an orbit depends on where
@@ -72,7 +72,7 @@ class Nature:
         return dict(zip(self.parts, np.split(state, ends), strict=True))
 
     def scales(self, state: FloatArray) -> FloatArray:
-        """Return the largest size in the part of each coordinate, 1 in a part that is 0."""
+        """Return the scale of each coordinate, the largest modulus in its part or 1, shape (n,)."""
         largest = [float(np.abs(part).max(initial=0.0)) for part in self.split(state).values()]
         return np.repeat([size or 1.0 for size in largest], list(self.parts.values()))
 
@@ -112,7 +112,7 @@ class Passage:
     Attributes:
         states: state at the end of each period, shape (k, 2 n).
         strobes: displacement of the observed points once in each period, where the drive begins
-            anew, shape (k, n_seen).
+            anew, shape (k, n_seen) [m].
         low, high: smallest and largest displacement of these points, shape (n_seen,) [m].
         smallest_gap: smallest gap between the tips [m]; it reaches 0 where they touch.
         gaps: the same in each period, shape (k,) [m]; empty: not known.
@@ -139,10 +139,10 @@ def passage(
     tip: tuple[int, int, float] | None,
     lowest: FloatArray | None = None,
 ) -> Passage:
-    """Return what is seen in some periods.
+    """Return the passage through some periods from the displacements at their steps.
 
     Args:
-        states: at the ends of the periods, shape (n_periods, n).
+        states: states at the ends of the periods, shape (n_periods, n).
         u: displacements of the probes after each step, shape (n_steps, n_probes) [m].
         first: number of the step of the drive at which a period of the map begins.
         tip: two probes and the gap between them at rest [m]; None: not seen.
@@ -152,6 +152,7 @@ def passage(
     gaps = gap.reshape(len(states), -1)
     n, lowest = gaps.shape[1], gaps.min(axis=1) if lowest is None else lowest
     low, high = u.min(axis=0), u.max(axis=0)
+    # row k of u is after step k + 1 of the map; the drive begins anew after step n - first
     strobes = u[n - 1 - first :: n]
     return Passage(states, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
 
@@ -186,7 +187,7 @@ class PeriodMap(Protocol):
         """Return what is seen in some periods from a state."""
 
     def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
-        """Return the map whose periods begin where the tips are farthest apart, and the state.
+        """Return the map whose periods begin where the tips are farthest apart, and a state there.
 
         A kick there violates no gap. A map without tips is returned as it is.
 
@@ -197,9 +198,9 @@ class PeriodMap(Protocol):
 
 
 KEPT = 4
-"""Engines that are kept: continuation returns to neighbouring parameters."""
+"""Number of engines that are kept: continuation returns to neighbouring parameters."""
 BEGINNINGS = 20
-"""Instants of a period among which its beginning is chosen."""
+"""Number of instants of a period among which its beginning is chosen."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,7 @@ class Problem:
         law: the contact law.
         scheme: the time integration.
         motion: the drive.
-        span: time step, steps per period, refinement, bound.
+        span: time step, steps per period, refinement and bound.
         tip: two probes and the gap between them at rest [m], for the smallest gap; None: not seen.
     """
 
@@ -270,7 +271,7 @@ class StrobeMap:
         return passage(np.array(states[1:]), u, ready.first, ready.problem.tip)
 
     def opened(self, state: FloatArray, parameter: float) -> tuple[StrobeMap, FloatArray]:
-        """Return the map whose periods begin where the tips are farthest apart, and the state.
+        """Return the map whose periods begin where the tips are farthest apart, and a state there.
 
         A kick there violates no gap. A map without tips, or of a case that is too coarse in time
         for other beginnings, is returned as it is.
@@ -318,8 +319,8 @@ class _Ready:
         """Return the state one period later, NaN if the motion diverges, and the record.
 
         Args:
-            state: at the beginning, shape (2 n,).
-            shift: of the grid, as a share of a step.
+            state: state at the beginning, shape (2 n,).
+            shift: shift of the grid of time steps, as a share of a step.
             frames: number of states on the way that the record keeps.
         """
         table = self._table(shift)
@@ -346,7 +347,7 @@ class _Ready:
         span = self.problem.span
         steps = np.arange(span.steps_per_period + 1) + (shift + self.first)
         table = self.problem.motion.states(steps * span.time_step)
-        table[-1] = table[0]
+        table[-1] = table[0]  # periodic to the last bit
         return table
 
 
@@ -409,7 +410,7 @@ class CaseFamily:
 
 
 def tip_of(structure: Structure) -> tuple[int, int, float] | None:
-    """Return the probes and the gap at rest [m] of the last pair of the first interface."""
+    """Return the probes at the first pair with one on both sides, and its gap at rest [m]."""
     layout, gap0 = structure.layout, structure.operators.gap0
     for interface in layout.interfaces:
         lower, upper = interface.parts
@@ -449,9 +450,9 @@ _log = logging.getLogger(__name__)
 
 
 class KeptMap:
-    """A map whose results are kept; the search repeats its steps, and finds those that are known.
+    """A map whose results are kept on disk, so that a search that is repeated finds them.
 
-    At most the results of `CHECKPOINT_SECONDS` are lost.
+    A kill loses the results of the last `CHECKPOINT_SECONDS` at most.
     """
 
     def __init__(self, map_: PeriodMap, folder: Path) -> None:
@@ -459,7 +460,7 @@ class KeptMap:
 
         Args:
             map_: the map.
-            folder: of the files; everything in it is of this map.
+            folder: folder of the files, all of which are of this map.
         """
         folder.mkdir(exist_ok=True)
         self._map, self._folder, self._last = map_, folder, time.monotonic()
@@ -472,7 +473,7 @@ class KeptMap:
                 _log.warning("%s: computed anew (%s)", path, error)
 
     def __getattr__(self, name: str) -> Any:
-        """Return what else the map has."""
+        """Return an attribute of the map itself."""
         return getattr(self._map, name)
 
     def after(
@@ -503,9 +504,9 @@ class ModalProblem:
     """A case whose periods are computed in modes.
 
     Attributes:
-        structure: its discretisation, which the modes are those of.
-        periods: computes periods.
-        drive: in a period of the map.
+        structure: the discretised case, whose modes are taken.
+        periods: what computes periods.
+        drive: drive in a period of the map.
         first: number of the step of the drive at which a period of the map begins.
     """
 
@@ -519,13 +520,13 @@ class ModalProblem:
         return self.periods.record(state, self.drive)
 
     def seen(self, period: Period) -> FloatArray:
-        """Return the displacements of the probes at each step of a period, (N, n_seen) [m]."""
+        """Return the displacements of the probes at each step, shape (N, n_seen) [m]."""
         q, s, reduced = period.trace.q[1:], period.trace.s[1:], self.periods.reduced
         return np.asarray(reduced.displacement(q, s, self.drive.motion[1:]) @ reduced.probes.T)
 
 
 class ModalMap:
-    """The map of a family of cases with massless contact points; see `maps.PeriodMap`.
+    """The map of a family of cases with massless contact points; see `PeriodMap`.
 
     Attributes:
         slow: coordinates for Newton's method: ω q and q' of the lowest modes [J^½].

@@ -1,38 +1,35 @@
 """Solve for an orbit by Newton's method: on a smooth map, on its slow coordinates, or on its mean.
 
-The mean of a map over fixed small perturbations of a state, and its derivative by finite kicks.
-Where impacts are sharp, the map Φ of a period is rough below some scale: which pair is hit first,
-and in which step, changes from one state to the next. Its mean over states that lie close together,
+`newton` works on the map itself, which may be smooth enough to have an orbit to round-off. The
+derivative is a finite difference in all coordinates, that of one piece of a piecewise smooth map (a
+semismooth Newton method). Where contact changes from one state to the next, the iteration stalls,
+and no orbit to round-off is found: `search.py` then says what can be said.
+
+`Ensemble` takes the mean of the map. Where impacts are sharp, the map Φ of a period is rough below
+some scale: which pair is hit first, and in which step, changes from one state to the next. The mean
+over fixed small perturbations of a state,
 
     F(z) = Σ Φ(z + ξ_i) / k,   ξ_i and -ξ_i in pairs, the same in each call,
 
 is smoother, and the spread of the terms says how well it is known. The grid of time steps is
-shifted by another share of a step for each term, because impacts are seen at steps only. A
-derivative of F, for Newton's method, is a two-sided difference over kicks that are larger than the
+shifted by another share of a step for each term, because impacts are seen at steps only. The
+derivative of F for Newton's method is a two-sided difference over kicks that are larger than the
 rough scale. What becomes of kicks in many periods says whether an orbit is stable.
 
 Source: Schilder, Bureau, Santos, Thomsen, Starke, J. Sound Vib. 358 (2015) 251-266.
 
-Newton's method on the map itself, where it is smooth enough to have an orbit to round-off. The
-derivative is a finite difference in all coordinates, one piece of a piecewise smooth map (a
-semismooth Newton method). Where contact changes from one state to the next, the iteration stalls,
-and there is nothing exact to be had: `search.py` then says what can be said.
-
-    y = slow part of F(z, λ),   w = rest of F(z, λ),   z = basis y + w
-
-The rest is taken over from one period to the next (Picard). Nothing is averaged, so this needs a
-map whose derivative by kicks of some per cent is that of the map itself.
-
-Source: Lust, Roose, Spence, Champneys, SIAM J. Sci. Comput. 19 (1998) 1188-1209.
+`solved` and `shoot` work on the slow coordinates, `solved` with F and `shoot` with Φ in its place:
 
     y = slow part of F(z, λ),  w = rest of F(z, λ),   z = basis y + w                       (N1)
 
 Newton's method needs the derivative in the few slow coordinates alone; the rest decays by itself
-from one period to the next and is taken over. With λ unknown too, the equations are bordered by
+and is taken over from one period to the next (Picard). `shoot` averages nothing, so it needs a map
+whose derivative by kicks of some per cent is that of the map itself. With λ unknown too, the
+equations are bordered by
 
     t · (x - x_predicted) = 0,   x = (y / scale, λ / span)                                  (N2)
 
-which passes folds. F is known to its standard error only. An iteration ends when the residual lies
+which passes folds. F is known to its standard error only. `solved` ends when the residual lies
 within that error; a residual that stays above it is reported as it is.
 
 Source: Lust, Roose, Spence, Champneys, SIAM J. Sci. Comput. 19 (1998) 1188-1209.
@@ -58,7 +55,7 @@ class Perturbations:
         copies: k, an even number of perturbed states.
         size: standard deviation of the perturbations, relative to the state [-].
         kick: size of the kicks, relative to the state [-].
-        seed: of the random numbers.
+        seed: seed of the random numbers.
     """
 
     copies: int = 48
@@ -72,7 +69,7 @@ class Perturbations:
         return np.asarray(self.size / np.sqrt(m) * np.concatenate([half, -half]))
 
     def shifts(self) -> FloatArray:
-        """Return the shift of each step grid, evenly within a step about 0, shape (k,)."""
+        """Return a shift of the step grid for each copy, within half a step about 0, shape (k,)."""
         half = (np.arange(self.copies // 2) + 0.5) / self.copies
         order = np.random.default_rng(self.seed + 1).permutation(half.size)
         return np.concatenate([half[order], -half[order]])
@@ -92,17 +89,12 @@ class Mean:
     Attributes:
         state: F(z), shape (2 n,).
         slow: its slow coordinates, shape (m,).
-        covariance: of these as a mean, shape (m, m).
+        covariance: covariance of their errors, shape (m, m).
     """
 
     state: FloatArray
     slow: FloatArray
     covariance: FloatArray
-
-    @property
-    def error(self) -> FloatArray:
-        """Standard errors of the slow coordinates, shape (m,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 @dataclass(frozen=True)
@@ -139,12 +131,16 @@ class Ensemble:
     def derivatives(self, state: FloatArray, parameter: float, scale: float) -> FloatArray:
         """Return the derivative of the slow coordinates for each pair, shape (k/2, m, m).
 
-        Their mean is that of F; column j is the response to kicks of coordinate j, to both sides.
+        The mean of all is the derivative of F. Column j is the response to kicks of coordinate j to
+        both sides.
 
         Args:
             state: z, shape (2 n,).
             parameter: λ.
             scale: norm of slow coordinates to which sizes are relative.
+
+        Raises:
+            ArithmeticError: a perturbed motion diverges.
         """
         copies, shifts = self._copies(state, scale)
         slow, kick = self.map.slow, scale * self.perturbations.kick
@@ -160,8 +156,8 @@ class Ensemble:
         """Return kicks before and after each of some periods, relative to their first size.
 
         A kick is half the difference of two motions that are kicked to both sides of the orbit in
-        a random direction; each is on another grid. One that has grown to `LARGEST` is replaced by
-        a new one.
+        a random direction; each such pair has another step grid. A kick that has grown to `LARGEST`
+        is replaced by a new one.
 
         Args:
             state: z, shape (2 n,).
@@ -169,7 +165,7 @@ class Ensemble:
             scale: norm of slow coordinates to which sizes are relative.
 
         Returns:
-            Shape (`PERIODS`, 2, k, m); NaN before the first period of a kick, in which the
+            Shape (`PERIODS`, 2, n_kicks, m); NaN before the first period of a kick, in which the
             other coordinates do not follow the slow ones yet.
 
         Raises:
@@ -181,7 +177,7 @@ class Ensemble:
         shifts = (np.arange(len(kicks)) + 0.5) / len(kicks) - 0.5
         states, found = np.tile(state, (2, len(kicks), 1)), []
         for _ in range(PERIODS):
-            is_new = ~(np.linalg.norm(kicks, axis=1) <= LARGEST)
+            is_new = ~(np.linalg.norm(kicks, axis=1) <= LARGEST)  # NaN, at first, is new too
             new = rng.standard_normal((int(is_new.sum()), slow.size))
             aside = slow.lifted(size / np.linalg.norm(new, axis=1, keepdims=True) * new)
             states[:, is_new] = state + np.array([aside, -aside])
@@ -216,7 +212,7 @@ ITERATIONS = 9
 SLOWEST, FAILURES = 0.5, 2
 """Factor by which an iteration should reduce the residual, and how often in a row it may not."""
 BATCH = 64
-"""Differences computed at a time; bounds the memory."""
+"""Number of differences that are computed at a time, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -225,11 +221,11 @@ class Root:
 
     Attributes:
         state: z, shape (2 n,).
-        shift: of the grid of time steps on which it is an orbit, as a share of a step.
+        shift: shift of the grid of time steps, as a share of a step.
         residual: rms change of the coordinates in P periods, relative to the largest of its part
             of the state (displacements, velocities).
-        derivative: of the map of P periods, shape (2 n, 2 n).
-        iterations: Newton steps.
+        derivative: of the map of P periods in units of `Nature.scales`, shape (2 n, 2 n).
+        iterations: number of Newton steps.
     """
 
     state: FloatArray
@@ -247,14 +243,14 @@ class Root:
 def newton(
     map_: PeriodMap, state: FloatArray, parameter: float, periods: int = 1, *, shift: float = 0.0
 ) -> Root:
-    """Look for a fixed point of the map of some periods.
+    """Look for a fixed point of the map of P periods by Newton's method in all coordinates.
 
     Args:
         map_: the map of one period.
         state: where to start, shape (2 n,).
         parameter: λ.
         periods: P.
-        shift: of the grid of time steps, as a share of a step.
+        shift: shift of the grid of time steps, as a share of a step.
 
     Returns:
         The point with the smallest residual, exact or not.
@@ -262,7 +258,7 @@ def newton(
     powered = Powered(map_, parameter, periods, shift)
     best, failures = (np.inf, state, np.zeros((0, 0)), 0), 0
     for number in range(ITERATIONS):
-        change = powered.after(state[None])[0] - state
+        change = powered.after(state[None])[0] - state  # (1 - D) step = change, scaled by sizes
         sizes = map_.nature.scales(state)
         residual = float(np.sqrt(np.mean((change / sizes) ** 2)))
         if not np.isfinite(residual):
@@ -321,28 +317,26 @@ def derivative(powered: Powered, state: FloatArray, size: float = DIFFERENCE) ->
 
 
 SOLVED = 1e-11
-"""Relative residual at which an iteration ends."""
+"""Relative residual at which `shoot` ends."""
 LONGEST = 0.3
 """Longest step, relative to the slow coordinates."""
 RENEWED, SELDOM = 8, 4
-"""First iterations with a new derivative each, and every how many later ones have one."""
+"""Number of first iterations with a new derivative each; later, one in so many has one."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """The best point of an iteration.
+    """The best point of `shoot`.
 
     Attributes:
         state: z.
         residual: of the slow coordinates, relative to their norm.
-        multipliers: of kicks of the given size, by decreasing modulus, shape (m,).
-        residuals: of all iterations.
+        multipliers: by kicks of the given size, by decreasing modulus, shape (m,).
     """
 
     state: FloatArray
     residual: float
     multipliers: npt.NDArray[np.complex128]
-    residuals: tuple[float, ...]
 
 
 def shoot(
@@ -355,19 +349,23 @@ def shoot(
     periods: int = 1,
     shift: float = 0.0,
 ) -> Shot:
-    """Iterate from a state near a periodic orbit, and return the best point.
+    """Solve for an orbit near a state by Newton's method in the slow coordinates, with no mean.
 
     Args:
         strobe: the map.
         start: a state near the orbit.
-        parameter: of the map.
+        parameter: λ.
         kick: size of two-sided kicks for the derivative, relative to the slow coordinates.
         iterations: largest number of iterations.
         periods: P, number of periods of the drive in one of the orbit.
-        shift: of the grid of time steps, as a share of a step.
+        shift: shift of the grid of time steps, as a share of a step.
+
+    Returns:
+        The point with the smallest residual, solved or not.
 
     Raises:
         ArithmeticError: the motion diverges.
+        LinAlgError: the equations are singular.
     """
     slow, z, residuals = strobe.slow, start, []
     powered = Powered(strobe, parameter, periods, shift)
@@ -390,7 +388,7 @@ def shoot(
         z = after - slow.lifted(slow.of(after)) + slow.lifted(y + step)
     values = np.linalg.eigvals(derivative_at(powered, best, kick * scale))
     ordered = values[np.argsort(-np.abs(values))].astype(np.complex128)
-    return Shot(best, min(residuals), ordered, tuple(residuals))
+    return Shot(best, min(residuals), ordered)
 
 
 def derivative_at(powered: Powered, state: FloatArray, size: float) -> FloatArray:
@@ -402,7 +400,7 @@ def derivative_at(powered: Powered, state: FloatArray, size: float) -> FloatArra
 
 
 FEWEST, MOST = 3, 14
-"""Iterations: so many that the rest has settled, and so many before a step is given up."""
+"""Least number of iterations, by which the rest has settled, and the largest number."""
 WITHIN = 2.0
 """Standard errors within which a residual counts as zero."""
 SMOOTH = 1e-9
@@ -443,7 +441,7 @@ class Border:
 
 @dataclass(frozen=True)
 class Solved:
-    """A point at which the iteration ended.
+    """A point at which the iteration of `solved` ended.
 
     Attributes:
         state: z, shape (2 n,).
@@ -451,7 +449,7 @@ class Solved:
         scale: as in the guess.
         residual: |y - slow F| / scale.
         residual_error: its standard error, relative to the scale too.
-        uncertainty: standard error of x that follows from it, shape (m,), or (m + 1,) with λ.
+        uncertainty: standard error of x that follows, shape (m,), or (m + 1,) with λ.
         iterations: number of evaluations of F.
         away: distance of x from where it was predicted; 0 without a border.
     """
@@ -476,23 +474,27 @@ class Solved:
 
 
 def is_zero(residual: float, error: float) -> bool:
-    """Return whether a residual is zero within its standard error, or smooth."""
+    """Return whether a residual is zero within `WITHIN` standard errors, or below `SMOOTH`."""
     return residual <= SMOOTH or residual <= WITHIN * error < np.inf
 
 
 def solved(
     ensemble: Ensemble, guess: Guess, derivative: FloatArray, border: Border | None = None
 ) -> Solved:
-    """Iterate N1 from a guess, and N2 if there is a border; return the best point.
+    """Solve for an orbit of the mean map near a guess, by N1 and, with a border, N2.
 
     Args:
         ensemble: the mean map.
         guess: where to start.
         derivative: of the slow coordinates of F by those of z, near the guess, shape (m, m).
-        border: None: λ stays.
+        border: plane in which the orbit is sought with λ free; None: λ stays.
+
+    Returns:
+        The point with the smallest residual, solved or not.
 
     Raises:
-        ArithmeticError: a motion diverges, or the equations are singular.
+        ArithmeticError: a motion diverges.
+        LinAlgError: the equations are singular.
     """
     slow, scale = ensemble.map.slow, guess.scale
     m, matrix = slow.size, derivative - np.eye(slow.size)  # in units of the scale and the span
@@ -518,6 +520,7 @@ def solved(
             off = np.append(y / scale, guess.parameter / border.span) - border.predicted
             found = replace(found, away=float(np.linalg.norm(off)))
             equations = np.append(equations, border.tangent @ off)
+        # the first points do not count: the rest of the guess has not settled yet
         if number >= FEWEST and (best is None or found.residual < best.residual):
             best = found
         if best is not None and best.is_solved:

@@ -1,4 +1,4 @@
-"""Find the periodic orbit of a case, and say in numbers, words and figures what is known of it.
+"""Find the periodic orbit of a case, and report it in numbers, sentences and figures.
 
 In Python:
 
@@ -28,7 +28,6 @@ from delam_fem.results.figures.style import (
     GAP_COLOUR,
     WIDTH,
     lamina_colours,
-    title,
 )
 from delam_fem.results.schema import versions
 from delam_fem.studies import options
@@ -48,6 +47,7 @@ from delam_fem.studies.orbits.search import (
     settled,
     settled_map,
     stability_of,
+    start_of,
     usual,
 )
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
@@ -57,7 +57,7 @@ from delam_fem.system.files import atomic_file
 LEAST_REACH = 1.15
 """Half the width of the plane of multipliers that is always shown."""
 SHOWN = 60
-"""Bootstrap samples drawn as small points."""
+"""Largest number of bootstrap samples that are drawn as small points, about."""
 
 
 def orbit_figure(found: Orbit) -> Figure:
@@ -69,7 +69,7 @@ def orbit_figure(found: Orbit) -> Figure:
     numbers = found.numbers
     is_closed = found.exact is not None or found.coarse.solved.is_solved
     figure.suptitle(
-        f"{title(found.case)}\n{found.nature.name}: {found.kind if is_closed else 'no'} orbit of "
+        f"{found.case.title}\n{found.nature.name}: {found.kind if is_closed else 'no'} orbit of "
         f"{found.periods} period{'s' * (found.periods > 1)}, residual {numbers['residual']:.1e} ± "
         f"{numbers['residual_error']:.1e}: {found.stability}"
     )
@@ -133,7 +133,7 @@ class Orbit(Finding):
         exact: the orbit of the map itself; None: there is none.
         best_residual: smallest residual of the exact search.
         scatter: rms distance of the settled motion from its mean state, relative to it.
-        nature: of the map.
+        nature: nature of the map.
         passage: the motion from the state of the orbit through its periods.
         seconds: processor time of the search [s].
         evaluations: periods that were computed.
@@ -152,7 +152,7 @@ class Orbit(Finding):
 
     @property
     def kind(self) -> str:
-        """Whether the orbit is exact or coarse."""
+        """Kind of the orbit, "exact" or "coarse"."""
         return "coarse" if self.exact is None else "exact"
 
     @property
@@ -162,12 +162,12 @@ class Orbit(Finding):
 
     @property
     def stability(self) -> Stability:
-        """What the decay of kicks says; a coarse orbit that is not solved is undecided.
+        """Stability by the decay of kicks; undecided where the mean map has no solved orbit.
 
         The derivative of an exact orbit has to agree where the map is not stepped: that of a
-        stepped one sees no shift of an impact to another step. No orbit is stable that a motion
-        from beside it leaves, or from which it runs on to one of a multiple of P; what leaves an
-        orbit settles what kicks leave open.
+        stepped one sees no shift of an impact to another step. An orbit is never stable if a motion
+        from beside it leaves it, or becomes one of a multiple of P. Where such a motion leaves it
+        and kicks leave the stability open, the orbit is unstable.
         """
         coarse = self.coarse
         if not coarse.solved.is_solved:
@@ -184,7 +184,7 @@ class Orbit(Finding):
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """The content of orbit.json."""
+        """Content of orbit.json."""
         found = self.coarse.solved
         m = self.coarse.multipliers
         values, errors = m.values, m.errors
@@ -231,7 +231,7 @@ class Orbit(Finding):
 
     @property
     def words(self) -> list[str]:
-        """What the numbers mean, in sentences."""
+        """Sentences on what the numbers mean."""
         found = self.coarse.solved
         known = f"{found.residual:.2g} ± {found.residual_error:.2g} of the state"
         if self.exact is not None:
@@ -253,7 +253,7 @@ class Orbit(Finding):
         return [first, *self._on_stability()]
 
     def _on_stability(self) -> list[str]:
-        """Return sentences on what the kicks say."""
+        """Return sentences on the stability of the orbit and what it follows from."""
         m = self.coarse.multipliers
         low, high = m.largest
         lines = [
@@ -281,7 +281,7 @@ class Orbit(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """Report of the finding in files and on the terminal."""
         shown = {
             "kind": "", "model": "", "residual": "", "residual_error": "", "period": "s",
             "stability": "", "largest_multiplier": "", "settled_scatter": "",
@@ -337,8 +337,8 @@ def orbit(
 ) -> Orbit:
     """Find the orbit near where the motion of a case settles, and judge its stability.
 
-    The mean of the settled motion is where the search starts, so that an unstable orbit in the
-    middle of a motion that it has lost its stability to is found too.
+    The search starts from the mean of the settled motion. So it also finds an unstable orbit in the
+    middle of that motion.
 
     Args:
         case: the case; its drive must be periodic.
@@ -348,8 +348,8 @@ def orbit(
             case.
         map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
             None: that of the model, whose periods begin where the tips are far apart.
-        start: state to start from, see `maps.Nature`; None: rest.
-        kept: folder for what the map returns, from which the same search goes on; None: it is not
+        start: state to start from, see `maps.Nature`; None: that of the case.
+        kept: folder for results of the map, with which the same search goes on; None: none are
             kept.
 
     Raises:
@@ -365,7 +365,9 @@ def orbit(
             own = map_of(case, FREQUENCY)
             if kept is not None:
                 own = KeptMap(own, kept)
-            map_, start = settled_map(own, parameter, settle, start)
+            map_, start = settled_map(
+                own, parameter, settle, start_of(case) if start is None else start
+            )
         first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
         at_end = settled(map_, parameter, first, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)

@@ -1,7 +1,7 @@
 """Find a periodic orbit near where a motion settles, and judge its stability.
 
-The grid of time steps lies anywhere: a stepped motion may have an exact orbit on one grid and none
-on another. The exact search tries several, and the result says which one it is.
+The place of the grid of time steps is arbitrary: a stepped motion may have an exact orbit on one
+grid and none on another. The exact search tries several, and the result says which one it is.
 
 Floquet multipliers follow from decays of kicks, with their intervals. A kick of the slow
 coordinates is left to itself for some periods. After the first, the other coordinates follow the
@@ -9,10 +9,10 @@ slow ones, and
 
     d_{n+1} = A d_n + r_n,   n = 1, 2, …
 
-with the jumps r_n of the map. A is fitted by least squares with weights 1/|d_n|, between those that
-suit jumps and those by which all sizes on the way count alike; its eigenvalues are the multipliers.
-The derivative of a single period takes the other coordinates as being at rest: it gives -0.98 where
-kicks grow by 1.3 % in each period.
+with the jumps r_n of the map. A is fitted by least squares with weights 1/|d_n|, which lie between
+1, for jumps of one size, and 1/|d_n|², by which kicks of all sizes count alike. Its eigenvalues are
+the multipliers. The derivative of a single period takes the other coordinates as being at rest: it
+gives -0.98 where kicks grow by 1.3 % in each period.
 """
 
 from __future__ import annotations
@@ -25,10 +25,13 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import drive
+from delam_fem.engines import session
+from delam_fem.model import discretise
 from delam_fem.numerics.settling import LEAVES, LONGEST
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.options import OfOrbits
-from delam_fem.studies.orbits.maps import CaseFamily, PeriodMap
+from delam_fem.studies.orbits.maps import CaseFamily, ModalMap, PeriodMap
 from delam_fem.studies.orbits.newton import (
     DIFFERENCE,
     USUAL,
@@ -48,7 +51,7 @@ ComplexArray = npt.NDArray[np.complex128]
 Stability = Literal["stable", "unstable", "undecided"]
 
 RESAMPLES = 200
-"""Bootstrap samples; the ends of a 95 % interval then lie at five samples from the ends."""
+"""Bootstrap samples of each fit; beyond each end of a 95 % interval lie 2.5 % of them."""
 CONFIDENCE = 0.95
 SMALLEST = 1.0 / 30.0
 """Size relative to the first below which kicks count less: impacts are frozen to the grid there."""
@@ -62,10 +65,10 @@ class Multipliers:
     """Multipliers of an orbit with bootstrap samples.
 
     Attributes:
-        values: of the mean derivative, by decreasing modulus, shape (m,).
-        samples: of resampled kicks, from all sizes and from the smaller half of them alone, each
-            row matched to `values`, shape (2 n_samples, m). Their interval contains what the size
-            of the kicks changes.
+        values: multipliers of the fitted derivative, by decreasing modulus, shape (m,).
+        samples: those of resampled kicks, first of all sizes, then of the smaller half of them
+            alone, each row matched to `values`, shape (2 n_samples, m). So their interval contains
+            what the size of the kicks changes.
         derivative: the fitted derivative A, shape (m, m).
     """
 
@@ -85,18 +88,18 @@ class Multipliers:
 
     @property
     def stability(self) -> Stability:
-        """Whether the interval of the largest modulus lies below 1, above 1 or on both sides."""
+        """Stability by the interval of the largest modulus: below 1, above 1 or on both sides."""
         return stability_of(*self.largest)
 
     @property
     def doubling(self) -> FloatArray:
-        """The product of all 1 + μ, and of samples; it changes sign at a period doubling."""
+        """Product of all 1 + μ, of values and samples, which changes sign at a period doubling."""
         rows = np.vstack([self.values, self.samples])
         return np.asarray(np.prod(1.0 + rows, axis=1).real)
 
     @property
     def torus(self) -> FloatArray:
-        """1 - |μ| of the largest complex pair, and of samples; NaN: all are real."""
+        """1 - |μ| of the largest complex pair, of values and samples; NaN where all are real."""
         return np.array([1.0 - abs(largest_pair(row)) for row in (self.values, *self.samples)])
 
     @property
@@ -110,7 +113,7 @@ def multipliers(decays: FloatArray, seed: int = 0) -> Multipliers:
 
     Args:
         decays: kicks before and after each period, see `Ensemble.decays`, shape (n, 2, k, m).
-        seed: of the resampling.
+        seed: seed of the resampling.
     """
     size = np.linalg.norm(decays[:, 0], axis=-1)
     counts = np.isfinite(size)
@@ -121,6 +124,7 @@ def multipliers(decays: FloatArray, seed: int = 0) -> Multipliers:
     chosen = np.random.default_rng(seed).integers(0, k, (RESAMPLES, k))
     found: list[FloatArray] = []
     for used in (counts, is_small):
+        # A = (Σ w d' dᵀ) (Σ w d dᵀ)⁻¹; sums of each kick over periods are what is resampled
         weights = used / np.fmax(size, SMALLEST)
         both = np.einsum("nk,nki,nkj->kij", weights, after, before)
         power = np.einsum("nk,nki,nkj->kij", weights, before, before)
@@ -133,12 +137,12 @@ def multipliers(decays: FloatArray, seed: int = 0) -> Multipliers:
 
 
 def _fitted(both: FloatArray, power: FloatArray) -> FloatArray:
-    """Return A of least squares, shape (…, m, m)."""
+    """Return A = both power⁻¹, without directions of little power, shape (…, m, m)."""
     return np.asarray(both @ np.linalg.pinv(power, rcond=EXCITED, hermitian=True))
 
 
 def stability_of(low: float, high: float) -> Stability:
-    """Return what an interval of the largest modulus says; nothing if an end is not finite."""
+    """Return the stability by an interval of the largest modulus; undecided if an end is NaN."""
     return "stable" if low <= high < 1.0 else "unstable" if 1.0 < low <= high else "undecided"
 
 
@@ -148,7 +152,7 @@ def by_modulus(values: ComplexArray) -> ComplexArray:
 
 
 def matched(values: npt.NDArray[Any], to: ComplexArray) -> ComplexArray:
-    """Return multipliers in the order of others, each beside the one to which it belongs."""
+    """Return multipliers in the order of others, matched by the least sum of distances."""
     from scipy.optimize import linear_sum_assignment
 
     distance = np.abs(values[None, :] - to[:, None])
@@ -170,7 +174,7 @@ def largest_pair(values: ComplexArray) -> complex:
 
 
 SMOOTH = Perturbations(copies=16, size=1e-3, kick=0.03)
-"""What suits modes with massless contact points, whose map has no jumps: few and small ones."""
+"""Perturbations for massless contact points, whose map has no jumps: few and small ones."""
 
 
 def map_of(case: Case, key: str) -> PeriodMap:
@@ -185,9 +189,16 @@ def map_of(case: Case, key: str) -> PeriodMap:
     """
     if not case.is_massless:
         return CaseFamily(case, key).map()
-    from delam_fem.studies.orbits.maps import ModalMap
-
     return ModalMap(case, key)
+
+
+def start_of(case: Case) -> FloatArray | None:
+    """Return the state with which a run of a case begins; None: rest, or massless points."""
+    if case.is_massless or not (case.initial or case.impactor):
+        return None
+    operators = discretise.assemble(case, needs_dolfinx=False).operators
+    found = session.start_of(operators, drive(case).states(np.zeros(1))[0])
+    return None if found is None else found.motion[:2].ravel()
 
 
 def usual(case: Case) -> Perturbations:
@@ -196,7 +207,7 @@ def usual(case: Case) -> Perturbations:
 
 
 def kicks(given: OfOrbits, case: Case) -> Perturbations:
-    """Return the perturbations with the size of kicks and the seed that a user gives."""
+    """Return the usual perturbations of a case with kick size and seed that a user gives."""
     found = replace(usual(case), seed=given.seed)
     return found if given.kick is None else replace(found, kick=given.kick)
 
@@ -210,16 +221,16 @@ SAMPLE = 48
 MULTIPLES = range(2, LONGEST + 1)
 """Multiples of P after which a motion may repeat that has left an orbit of P periods."""
 LEAST_DISTANCE = 5e-3
-"""Distance relative to the state below which two states are one: such jumps are the map's own."""
+"""Distance, relative to the state, below which two states are one: the map jumps by as much."""
 REACH = 0.25
-"""Largest kicks beside other states of a motion, relative to their distance: two kicked motions
-that have arrived at two of its states are half of it away from their mean."""
+"""Largest kick relative to the distance of other states of a motion. Two kicked motions that have
+arrived at two of its states differ by that distance, so that half of it is the kick."""
 BESIDE = 0.1
-"""Change of each slow coordinate of an orbit from which a motion runs on, in kicks."""
+"""Offset of a motion that runs on beside an orbit, in each slow coordinate, relative to kicks."""
 DERIVATIVES = 6
-"""Most derivatives from which the mean map is solved, each where the last one has led."""
+"""Largest number of derivatives to solve the mean map, each taken where the last one led."""
 LARGER = 10.0
-"""Second size of differences, relative to the first."""
+"""Second size of differences, which gives the errors, relative to the first."""
 
 
 @dataclass(frozen=True)
@@ -227,8 +238,8 @@ class Multiple:
     """A motion that repeats after a multiple of P periods only.
 
     Attributes:
-        times: after how many times P.
-        distance: of its states P periods apart, relative to the state [-].
+        times: the multiple, from 2.
+        distance: rms distance of its states P periods apart, relative to the state [-].
     """
 
     times: int
@@ -242,8 +253,9 @@ class Coarse:
     Attributes:
         solved: the point and its residual.
         kick: size of the kicks, relative to the state [-].
-        multipliers: of their decay.
-        away: rms distance from the orbit of a motion that began beside it, relative to the state.
+        multipliers: multipliers by their decay.
+        away: rms distance from the orbit at which a motion ends that began beside it, relative to
+            the state.
         multiple: that motion, or the settled one, if it repeats after a multiple of P only.
     """
 
@@ -261,7 +273,7 @@ class Exact:
     Attributes:
         root: the point and its residual.
         values: multipliers of the derivative, by decreasing modulus, shape (2 n,).
-        errors: by how much they differ for differences ten times larger, shape (2 n,).
+        errors: change of these by differences `LARGER` times as large, shape (2 n,).
     """
 
     root: Root
@@ -286,12 +298,12 @@ def settled(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) 
 def settled_map(
     map_: PeriodMap, parameter: float, periods: int, start: FloatArray | None = None
 ) -> tuple[PeriodMap, FloatArray]:
-    """Return the map of a case that begins where the tips of its settled motion are far apart.
+    """Return the map that begins where the tips of the settled motion are far apart, and a state.
 
     Args:
         map_: the map of the case from the beginning of a period of the drive.
         parameter: λ.
-        periods: after which the motion counts as settled.
+        periods: number of periods after which the motion counts as settled.
         start: state at the beginning of a period of the drive; None: rest.
 
     Returns:
@@ -307,10 +319,10 @@ def settled_map(
 def mean_of_motion(
     map_: PeriodMap, parameter: float, state: FloatArray, periods: int
 ) -> tuple[FloatArray, float, Multiple | None]:
-    """Return the mean of states P periods apart, and how far the slow part of one is from it.
+    """Return mean and scatter of the states P periods apart of a motion, and its `Multiple`.
 
-    The second is the rms distance relative to the norm of the mean: the scatter of the motion. The
-    third says whether the motion repeats after a multiple of P only.
+    The scatter is the rms distance of the slow coordinates from their mean, relative to its norm.
+    The `Multiple` is None unless the motion repeats after a multiple of P only.
     """
     states, multiple = sampled(map_, parameter, state, periods)
     y, mean = map_.slow.of(states), states.mean(axis=0)
@@ -321,7 +333,7 @@ def mean_of_motion(
 def sampled(
     map_: PeriodMap, parameter: float, state: FloatArray, periods: int
 ) -> tuple[FloatArray, Multiple | None]:
-    """Return states P periods apart, and whether they repeat after a multiple of P only."""
+    """Return the states P periods apart of a motion, and its `Multiple`; None: it has none."""
     found = []
     for _ in range(SAMPLE):
         state = settled(map_, parameter, state, periods)
@@ -329,6 +341,7 @@ def sampled(
     states = np.array(found)
     y = map_.slow.of(states)
     size = float(np.linalg.norm(y.mean(axis=0)))
+    # the multiple is the first after which states repeat better by `LEAVES` than after P
     apart = {k: rms_distance(y[k:], y[:-k]) / size for k in (1, *MULTIPLES)}
     far = (k for k in MULTIPLES if apart[1] > max(LEAVES * apart[k], LEAST_DISTANCE))
     times = next(far, None)
@@ -359,7 +372,8 @@ def coarse_orbit(
         settled_to: the settled motion about the guess, if it is one of a multiple of P.
 
     Raises:
-        ArithmeticError: a motion diverges, or the equations are singular.
+        ArithmeticError: a motion diverges.
+        LinAlgError: the equations are singular.
     """
     scale = float(np.linalg.norm(map_.slow.of(guess)))
     first = Guess(guess, parameter, scale)
@@ -378,7 +392,7 @@ def coarse_orbit(
 
 
 def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
-    """Return how far from an orbit a motion ends that begins beside it, and what it becomes.
+    """Return how far from an orbit a motion ends that begins beside it, and its `Multiple`.
 
     Raises:
         ArithmeticError: the motion diverges.
@@ -393,7 +407,7 @@ def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
 def within(ensemble: Ensemble, at: Guess, multiple: Multiple | None) -> Ensemble:
     """Return an ensemble whose kicks at an orbit do not reach over to other states.
 
-    These are the other states of a motion of a multiple of P, and of the orbit itself.
+    The other states are those of a motion of a multiple of P, and of the orbit itself.
     """
     of, P, kick = ensemble.map.slow.of, ensemble.periods, ensemble.perturbations.kick
     distances = [] if multiple is None else [multiple.distance]
@@ -409,30 +423,24 @@ def exact_orbit(
 ) -> tuple[Exact | None, Root]:
     """Look for an orbit to round-off, on several grids of time steps if there is a grid.
 
-    Newton's method in all coordinates is tried first, then from where Newton's method in the slow
-    coordinates ends: the full derivative is that of one small piece of the map.
+    On each grid, Newton's method in all coordinates starts from the settled state, then from where
+    Newton's method in the slow coordinates ends: the full derivative holds on one small piece of
+    the map only.
 
     Args:
         map_: the map of one period.
         parameter: λ.
-        start: a settled state.
+        start: a settled state, shape (2 n,).
         periods: P.
 
     Returns:
         The orbit, None if there is none on any grid; and the best point.
     """
     best: Root | None = None
-    for shift in GRIDS if map_.nature.is_stepped else GRIDS[:1]:
-        powered = Powered(map_, parameter, periods, shift)
-        states = start[None]
-        for _ in range(RESETTLE if shift else 0):
-            states = powered.after(states)
-        for root in _roots(powered, states[0]):
-            if best is None or root.residual < best.residual:
-                best = root
-            if best.is_exact:
-                break
-        if best is not None and best.is_exact:
+    for root in _roots(map_, parameter, start, periods):
+        if best is None or root.residual < best.residual:
+            best = root
+        if best.is_exact:
             break
     assert best is not None
     if not best.is_exact:
@@ -444,12 +452,18 @@ def exact_orbit(
     return Exact(best, values, np.abs(others - values)), best
 
 
-def _roots(powered: Powered, start: FloatArray) -> Iterator[Root]:
-    """Yield where Newton's method ends from a state, and from where shooting from it ends."""
-    p = powered
-    yield newton(p.map, start, p.parameter, p.periods, shift=p.shift)
-    try:
-        shot = shoot(p.map, start, p.parameter, periods=p.periods, shift=p.shift)
-    except (ArithmeticError, np.linalg.LinAlgError):
-        return
-    yield newton(p.map, shot.state, p.parameter, p.periods, shift=p.shift)
+def _roots(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) -> Iterator[Root]:
+    """Yield where Newton's method ends on each grid: from the state, then from where shooting ends.
+
+    A state settles anew on a shifted grid.
+    """
+    for shift in GRIDS if map_.nature.is_stepped else GRIDS[:1]:
+        powered, states = Powered(map_, parameter, periods, shift), start[None]
+        for _ in range(RESETTLE if shift else 0):
+            states = powered.after(states)
+        yield newton(map_, states[0], parameter, periods, shift=shift)
+        try:
+            shot = shoot(map_, states[0], parameter, periods=periods, shift=shift)
+        except (ArithmeticError, np.linalg.LinAlgError):
+            continue
+        yield newton(map_, shot.state, parameter, periods, shift=shift)

@@ -1,9 +1,8 @@
 """Write the result of a sweep from its journal to one dataset, and open it again.
 
-Write the points of a sweep's journal to one NetCDF file that xarray can plot directly. The file is
-written slab by slab, so that the memory does not grow with the number of points.
-
-However the points were computed, the same points give the same bytes.
+The dataset is a NetCDF file that xarray can plot directly. It is written slab by slab, so that the
+memory does not grow with the number of points. However the points were computed, the same points
+give the same bytes.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, r
 from delam_fem.studies.sweeps.point import VARIABLES, PointRunner, Quantity, quantities
 from delam_fem.studies.sweeps.schedule import owners
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic_file, write_text
+from delam_fem.system.files import atomic_file, write_json, write_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,7 +79,7 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
 
 
 def _occasion(path: Path) -> dict[str, str | int | float]:
-    """Return how a result was computed; empty where nothing says it."""
+    """Return how a result was computed; empty where no readable file says it."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -89,7 +88,7 @@ def _occasion(path: Path) -> dict[str, str | int | float]:
 
 
 def _require_sweep(data: xr.Dataset) -> None:
-    """Raise an error unless a dataset has what every result of a sweep has."""
+    """Raise any error unless a dataset has what every result of a sweep has."""
     Case.from_toml(data.attrs["case"])
     file = SweepFile.model_validate(tomllib.loads(data.attrs["sweep"]))
     n_points = 1
@@ -128,12 +127,12 @@ def write(
     """Write the dataset of a sweep; an existing file is replaced when the new one is complete.
 
     Args:
-        path: of the NetCDF file.
-        sweep: gives the grid.
-        joined: gives the points; those that are missing are NaN.
-        wanted: layout of the rows.
+        path: path of the NetCDF file.
+        sweep: the sweep, which has the grid.
+        joined: the finished points; those that are missing are NaN.
+        wanted: quantities in the rows, in order.
         x: positions of the nodes of the first point, shape (n_nodes,) [m].
-        attributes: of the dataset beside sweep, case and origin.
+        attributes: attributes of the dataset beside sweep, case and origin.
 
     Raises:
         OSError: the file cannot be written.
@@ -146,7 +145,7 @@ def write(
         _coordinates(file, sweep, wanted, x)
         # NetCDF needs a list of the coordinates without a dimension of the same name
         off_dimension = [name for name in file.variables if name not in file.dimensions]
-        for row in (*(q.variable for q in wanted), VARIABLES["outcome"], VARIABLES["error"]):
+        for row in (*wanted, VARIABLES["outcome"], VARIABLES["error"]):
             _variable(file, row.name, (*grid, *row.dims), row.units, {"long_name": row.long_name})
         for start in range(0, outer, step):
             stop = min(start + step, outer)
@@ -165,7 +164,7 @@ def write(
 def _coordinates(
     file: h5netcdf.File, sweep: Sweep, wanted: tuple[Quantity, ...], x: FloatArray
 ) -> None:
-    """Write dimensions and coordinates."""
+    """Write the dimensions and coordinates of a sweep."""
     sizes = dict(sweep.sizes)
     for quantity in wanted:
         sizes |= dict(zip(quantity.dims, quantity.shape, strict=True))
@@ -198,7 +197,7 @@ def _variable(
     labels: Mapping[str, str],
     values: npt.ArrayLike | None = None,
 ) -> None:
-    """Make a variable with values, or one of texts (without a unit) or numbers to be filled."""
+    """Make a variable with values, or an empty one of texts (without a unit) or of numbers."""
     given = np.empty(0, dtype=np.float64 if units else "U1") if values is None else values
     array = np.asarray(given)
     is_text = array.dtype.kind == "U"
@@ -217,7 +216,7 @@ def _fill(
     wanted: tuple[Quantity, ...],
     lead: tuple[int, ...],
 ) -> None:
-    """Write the points of a slab of the shape `lead`."""
+    """Write the points of a slab of the grid, which has the shape `lead`."""
     n, column = math.prod(lead), 0
     rows = np.full((n, block.rows.shape[1]), np.nan)
     outcome, error = np.full(n, "", dtype=object), np.full(n, "", dtype=object)
@@ -332,8 +331,11 @@ def write_result(
         sweep: the sweep.
         directory: its folder.
         joined: the finished points.
-        layout: of the first point.
+        layout: layout of the first point.
         about: how the points were computed; it does not go into the dataset.
+
+    Raises:
+        OSError: a file cannot be written.
     """
     counts = joined.counts()
     n_missing = sweep.n_points - joined.numbers.size
@@ -346,8 +348,7 @@ def write_result(
     }
     hosts, processors = zip(*sorted(joined.machines), strict=True) if joined.machines else ((), ())
     machines = {"hosts": ", ".join(hosts), "processors": ", ".join(sorted(set(processors)))}
-    text = json.dumps({**occasion(), **machines, **about}, indent=1)
-    write_text(directory / OCCASION, f"{text}\n")
+    write_json(directory / OCCASION, {**occasion(), **machines, **about})
     wanted = quantities(sweep.file.record, layout)
     write(directory / RESULT, sweep, joined, wanted, x=layout.x, attributes=attributes)
 
@@ -365,7 +366,7 @@ def is_complete(directory: Path, sweep: Sweep) -> bool:
         about = dict(data.attrs)
     if about["outcome"] != "completed":
         return False
-    if (about["sweep"], about["case"]) != (sweep.to_toml("case.toml"), sweep.base.to_toml()):
+    if about["sweep"] != sweep.to_toml("case.toml") or not sweep.base.is_in(about["case"]):
         raise CaseError(
             f"resume: {path} is the result of another sweep; choose another folder with -o DIR"
         )

@@ -1,4 +1,4 @@
-"""Read a sweep file, and turn it into a grid of cases in an order.
+"""Read a sweep file, and derive its grid of cases and their order.
 
 A sweep file is read into frozen, strict models: base case, axes, order of the points, record. A
 `Sweep` derives the grid from them: the case of each point, and the order of the points.
@@ -26,11 +26,11 @@ from delam_fem.case.files import PRESETS, CaseSource, find_case, load_case, pres
 from delam_fem.case.toml import Data, apply_overrides, message, read_toml, toml_text
 from delam_fem.case.values import (
     CountOrNone,
+    Expected,
     Label,
     NotNegative,
     Positive,
     Section,
-    expected,
     in_si,
     inconsistent,
 )
@@ -43,7 +43,7 @@ Value: TypeAlias = int | float | str
 
 _FINITE = Field(strict=True, allow_inf_nan=False)
 _Number = Annotated[
-    Annotated[int, Field(strict=True)] | Annotated[float, _FINITE], expected("a number")
+    Annotated[int, Field(strict=True)] | Annotated[float, _FINITE], Expected("a number")
 ]
 _Values = Annotated[
     tuple[
@@ -53,18 +53,18 @@ _Values = Annotated[
         ...,
     ],
     Field(min_length=1),
-    expected("a list of at least one number or word"),
+    Expected("a list of at least one number or word"),
 ]
 MOST_VALUES = 1_000_000
 """Largest number of values of an axis."""
 AxisCount = Annotated[
-    int, Field(strict=True, ge=1, le=MOST_VALUES), expected("a whole number from 1 to 1000000")
+    int, Field(strict=True, ge=1, le=MOST_VALUES), Expected("a whole number from 1 to 1000000")
 ]
 _Perturbation = Annotated[
-    float, _FINITE, Field(gt=0.0, lt=1.0), expected("a number above 0 and below 1")
+    float, _FINITE, Field(gt=0.0, lt=1.0), Expected("a number above 0 and below 1")
 ]
 _Key = Annotated[
-    str, Field(strict=True, pattern=r"^[\w-]+(\.[\w-]+)+$"), expected("a key such as gap.tip")
+    str, Field(strict=True, pattern=r"^[\w-]+(\.[\w-]+)+$"), Expected("a key such as gap.tip")
 ]
 
 
@@ -179,11 +179,11 @@ class Record(Section):
             of the motion.
     """
 
-    summary: Annotated[bool, Field(strict=True), expected("true or false")] = True
+    summary: Annotated[bool, Field(strict=True), Expected("true or false")] = True
     strobes: CountOrNone = 40
     harmonics: CountOrNone = 0
-    node_distortion: Annotated[bool, Field(strict=True), expected("true or false")] = False
-    energies: Annotated[bool, Field(strict=True), expected("true or false")] = False
+    node_distortion: Annotated[bool, Field(strict=True), Expected("true or false")] = False
+    energies: Annotated[bool, Field(strict=True), Expected("true or false")] = False
     scan: ScanRecord | None = None
     lyapunov: CountOrNone = 0
     perturbation: _Perturbation = 0.03
@@ -214,9 +214,9 @@ class SweepFile(Section):
     name: Annotated[
         str,
         Field(strict=True, pattern=r"^\w[\w .+-]*$", max_length=100),
-        expected("a name fit for a folder: letters, digits, space and . + - _"),
+        Expected("a name fit for a folder: letters, digits, space and . + - _"),
     ]
-    base: Annotated[str, Field(strict=True), expected("a preset or the name of a case file")]
+    base: Annotated[str, Field(strict=True), Expected("a preset or the name of a case file")]
     combine: Literal["product", "zip"] = "product"
     order: Literal["independent", "up", "down", "both"] = "independent"
     engine: Literal["petsc", "compiled"] = "compiled"
@@ -265,6 +265,8 @@ class SweepFile(Section):
 
 DIRECTIONS = ("up", "down")
 """Values of the coordinate `direction` in a sweep with order "both"."""
+BASE = "\n# the base case\n"
+"""Line before the case in the identity of a sweep."""
 INITIAL = "initial"
 """First part of the keys that set initial conditions."""
 _INITIAL_QUANTITIES = ("displacement", "velocity")
@@ -351,7 +353,7 @@ class Sweep:
 
     @cached_property
     def dimensions(self) -> tuple[Dimension, ...]:
-        """The axes as coordinates."""
+        """Axes of the sweep as coordinates of its result."""
         keys = [axis.key for axis in self.file.axis]
         short = [_short_name(key) for key in keys]
         names = [
@@ -373,7 +375,7 @@ class Sweep:
         )
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the axes, and the case that they vary."""
+        """Return the axes and the case that they vary as HTML for a notebook."""
         rows = "".join(
             f"<tr><td>{escape(d.key)}</td><td>{len(d.values)}</td>"
             f"<td>{escape(str(d.values[0]))} … {escape(str(d.values[-1]))}</td>"
@@ -418,7 +420,7 @@ class Sweep:
 
     @cached_property
     def tracks(self) -> tuple[IntArray, ...]:
-        """Sequences of points in which each starts from the state of the one before; () if none."""
+        """Points in sequences in which each starts from the state of the one before; () if none."""
         if self.file.order == "independent":
             return ()
         first = self.dimensions[0]
@@ -441,23 +443,23 @@ class Sweep:
 
     @property
     def identity(self) -> str:
-        """Text that is equal only for sweeps with the same result."""
-        return f"{self.to_toml('')}\n{self.base.to_toml()}"
+        """Text that is equal only for sweeps with the same result; it ends with the base case."""
+        return f"{self.to_toml('')}{BASE}{self.base.to_toml()}"
 
     @cached_property
     def _data(self) -> bytes:
-        """The base case as a dictionary, pickled: the fastest way to many copies."""
+        """Base case as a pickled dictionary, the fastest way to many copies."""
         return pickle.dumps(tomllib.loads(self.base.to_toml()))
 
     def case_of(self, overrides: Mapping[str, Value], label: str) -> Case:
-        """Return the base case with other values.
+        """Return the base case with other values of keys.
 
         Args:
             overrides: values by key; those of initial conditions are left out.
             label: name of the case in messages.
 
         Raises:
-            CaseError: they do not make a valid case.
+            CaseError: the values do not make a valid case.
         """
         data = pickle.loads(self._data)
         apply_overrides(data, {k: v for k, v in overrides.items() if not is_initial(k)})
@@ -555,7 +557,7 @@ def sweep_of(
 
 
 def _file_of(data: Data) -> SweepFile:
-    """Return the content of a sweep file as the model that checks it."""
+    """Return the content of a sweep file as a checked `SweepFile`."""
     from pydantic import ValidationError
 
     try:

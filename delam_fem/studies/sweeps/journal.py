@@ -1,22 +1,21 @@
 """Keep every finished point of a sweep in part files that show whether they are whole.
 
-A part file is written by one process, which only appends to it. Each record has a mark, its length
-and a checksum. A record that was torn by a kill, or is damaged, is left out, and reading goes on at
-the next mark. The first record says to which sweep the file belongs; the others are chunks.
-
-Join the part files of a journal: each point once, in order, whoever computed it. Two processes may
-have computed the same point, because one was started twice or a killed one had more on the disk
-than was known. Both have the same numbers; if not, that is reported.
-
 Each process writes a part file of its own, named by shard, machine and process, and only appends to
 it. Nothing depends on locks, which network file systems may not have: two processes that compute
 the same shard by mistake write two files, and the second result of a point changes nothing.
+
+Each record of a part file has a mark, its length and a checksum. A record that was torn by a kill,
+or is damaged, is left out, and reading goes on at the next mark. The first record says to which
+sweep the file belongs; the others are chunks.
+
+The part files of a journal are joined: each point once, in order, whoever computed it. Two
+processes may have computed the same point, because one was started twice or a killed one had more
+on the disk than was known. Both have the same numbers; if not, that is reported.
 """
 
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import json
 import logging
 import mmap
@@ -35,9 +34,11 @@ from typing import Any
 
 import numpy as np
 
+from delam_fem.case.definition import Case
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.results.schema import processor, versions
 from delam_fem.simulation.loop import State
+from delam_fem.studies.sweeps.grid import BASE
 from delam_fem.studies.sweeps.point import Done
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, named
 from delam_fem.system.errors import CaseError
@@ -72,7 +73,7 @@ class Kept:
 
 
 class MappedPart:
-    """A part file that is read.
+    """A part file that is mapped into memory and read.
 
     Attributes:
         path: path of the file.
@@ -103,7 +104,7 @@ class MappedPart:
             if start == _FRAME.size:
                 self.about = json.loads(self._map[start:stop])
             elif self.about is None:
-                self.lost += stop - start  # nobody knows of which sweep
+                self.lost += stop - start  # their sweep is not known
             else:
                 self.chunks.append(_unpacked(self._map, start))
 
@@ -123,7 +124,11 @@ def framed(payload: bytes) -> bytes:
 
 
 def packed(done: Done) -> bytes:
-    """Return a finished chunk as a record."""
+    """Return a finished chunk as a record.
+
+    Its payload is the length of a JSON text (8 bytes), this text with spaces up to a multiple of 8
+    bytes, and the arrays: indices, rows of completed points, and the state if there is one.
+    """
     points, state = done.points, done.state
     rows = [point.row for point in points if point.row is not None]
     about = {
@@ -147,7 +152,7 @@ def packed(done: Done) -> bytes:
 
 
 def _payloads(data: mmap.mmap) -> Iterator[tuple[int, int]]:
-    """Yield start and stop of the payloads of whole records."""
+    """Yield start and stop of the payload of each whole record in a part file."""
     place, size = data.find(MARK), len(data)
     while 0 <= place <= size - _FRAME.size:
         head = data[place : place + _FRAME.size]
@@ -163,7 +168,7 @@ def _payloads(data: mmap.mmap) -> Iterator[tuple[int, int]]:
 
 
 def _unpacked(data: mmap.mmap, start: int) -> Kept:
-    """Return the chunk whose payload begins at `start`."""
+    """Return the chunk in the payload at `start` of a part file; see `packed`."""
     (length,) = struct.unpack_from("<Q", data, start)
     place = start + 8 + length
     about = json.loads(data[start + 8 : place])
@@ -216,8 +221,16 @@ class Block:
     rows: FloatArray
 
 
+def _is_same(kept: str, identity: str) -> bool:
+    """Return whether the identity in a part file is that of a sweep; see `Case.is_in`."""
+    sweep, _, base = kept.partition(BASE)
+    expected, _, case = identity.partition(BASE)
+    is_known = bool(case) and sweep == expected
+    return kept == identity or (is_known and Case.from_toml(case).is_in(base))
+
+
 class Joined(ExitStack):
-    """The finished points in part files, which are mapped until it is closed.
+    """The finished points in part files, which stay mapped until this object is closed.
 
     Attributes:
         numbers: indices of the finished points; they increase, shape (m,).
@@ -231,9 +244,10 @@ class Joined(ExitStack):
         """Read part files.
 
         Args:
-            parts: their paths.
-            identity: of the sweep.
-            versions: of this program and its libraries; points of others are kept with a warning.
+            parts: paths of the files.
+            identity: identity of the sweep.
+            versions: versions of this program and its libraries; points of others are kept with a
+                warning.
 
         Raises:
             CaseError: a file belongs to another sweep.
@@ -268,7 +282,7 @@ class Joined(ExitStack):
             )
         if part.about is None:
             return  # its process was killed before it had written anything
-        if part.about.get("identity") != identity:
+        if not _is_same(str(part.about.get("identity")), identity):
             raise CaseError(
                 f"resume: {path} belongs to another sweep; run it with the settings of the "
                 "interrupted one, or choose another folder with -o DIR"
@@ -280,7 +294,7 @@ class Joined(ExitStack):
             )
 
     def _resolve(self) -> None:
-        """Find the chunk and the place in it of every point; of two results keep the better."""
+        """Find chunk and place of every point; of two results keep the better, then the first."""
         lengths = [chunk.indices.size for chunk in self._chunks]
         none: IntArray = np.empty(0, dtype=np.int64)
         numbers = np.concatenate([none, *(chunk.indices for chunk in self._chunks)])
@@ -325,7 +339,7 @@ class Joined(ExitStack):
         Args:
             start: first index.
             stop: index after the last.
-            size: numbers in a row.
+            size: number of values in a row.
         """
         first, last = np.searchsorted(self.numbers, (start, stop))
         numbers, owner = self.numbers[first:last], self._owner[first:last]
@@ -345,11 +359,11 @@ class Joined(ExitStack):
         return Block(numbers, outcomes, errors, rows)
 
     def reached(self, points: IntArray, track: int) -> tuple[int, State | None]:
-        """Return how far a track has come.
+        """Return how many points of a track are finished, and the state after them.
 
         Args:
-            points: of the track, in order.
-            track: its number.
+            points: points of the track, in order.
+            track: number of the track.
 
         Returns:
             The number of its finished points from the first one on without a gap, and the state
@@ -376,7 +390,7 @@ class Joined(ExitStack):
 
 
 def _rows_before(chunk: Kept, places: IntArray) -> IntArray:
-    """Return the rows of points that were completed; the others of their chunk have none."""
+    """Return the rows of completed points at places of a chunk, whose other points have none."""
     if not chunk.others:
         return places
     return places - np.searchsorted(np.array(sorted(chunk.others)), places)
@@ -391,7 +405,7 @@ _POLL = 0.1
 
 
 class Journal(ExitStack):
-    """The journal of a sweep, or what it has of one shard.
+    """The journal of a sweep, or the part of one shard in it.
 
     Attributes:
         path: path of the folder.
@@ -426,7 +440,7 @@ class Journal(ExitStack):
         """
         super().__init__()
         self.path, self.shard, self._handle = path, shard, -1
-        self._identity = hashlib.sha256(identity.encode()).hexdigest()
+        self._identity = identity
         try:
             path.mkdir(exist_ok=True)
         except FileExistsError:
@@ -463,7 +477,7 @@ class Journal(ExitStack):
     def add(self, done: Iterable[Done]) -> None:
         """Append finished chunks to the part file and wait until they are on disk.
 
-        The file is made with the first of them, behind a record of what it belongs to.
+        The file is made at the first call and begins with a record of what it belongs to.
 
         Raises:
             OSError: the file cannot be written; what was there before stays readable.
@@ -492,7 +506,7 @@ class Journal(ExitStack):
             raise OSError(error.errno, error.strerror, str(self._part)) from None
 
     def _lock(self, patience: float) -> None:
-        """Lock the journal until it is closed; a file system without locks is let pass.
+        """Lock the journal until it is closed, if the file system has locks.
 
         Raises:
             CaseError: another process has locked it.

@@ -1,4 +1,4 @@
-"""A point of a sweep: its quantities, and how it is run.
+"""Compute a point of a sweep, and define the quantities that the sweep keeps of it.
 
 Every variable of a sweep's dataset is defined here, once. Its dimensions are those beside the grid
 of the sweep. The coordinates of the axes have the names that the file of the sweep gives them.
@@ -15,13 +15,13 @@ has no derivative there: two motions closer than the approach velocity times the
 hit in the same step. The result is then the exponent of the discrete map, so a third motion at
 twice the distance is followed, too.
 
-The error is that of the mean, and the difference between both distances. How often two of it hold
-is on the page docs/calibration.md.
+The error has two parts: that of the mean, and the difference between the exponents of both
+distances. The page docs/calibration.md says how often two errors contain the true value.
 
 Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9–20; for impacts Stefański,
 Chaos, Solitons & Fractals 11 (2000) 2443–2451.
 
-No dataset is built, and a worker keeps structures for points that share them. dolfinx and PETSc are
+A worker builds no dataset, and keeps structures for points that share them. dolfinx and PETSc are
 imported only if the sweep needs them, so that a worker starts fast.
 """
 
@@ -156,11 +156,11 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
         for row in group
     }
 )  # fmt: skip
-"""All variables by name; words have no unit."""
+"""All variables of sweeps by name; words have no unit."""
 
 
 def of_sensor(sensor: SensorRows, n_harmonics: int) -> list[Variable]:
-    """Return what a sweep keeps of a sensor: extremes, rms, and harmonics if it keeps these."""
+    """Return the variables that a sweep keeps of a sensor: extremes, rms and maybe harmonics."""
     name, unit = f"{SENSOR}{sensor.name}", sensor.unit
     rows = [
         Variable(f"{name}_min", (), unit, f"smallest {sensor.words}"),
@@ -174,28 +174,17 @@ def of_sensor(sensor: SensorRows, n_harmonics: int) -> list[Variable]:
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """Numbers that a sweep keeps of each point.
+class Quantity(Variable):
+    """Numbers that a sweep keeps of each point: a variable of its dataset.
 
     Attributes:
-        variable: of the dataset.
-        shape: sizes of its dimensions beside those of the grid.
+        dims: dimensions beside those of the grid.
+        shape: their sizes.
         scan: the points of the scan, if the sweep records one.
     """
 
-    variable: Variable
     shape: tuple[int, ...]
     scan: ScanRecord | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the variable."""
-        return self.variable.name
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """Dimensions of the variable beside those of the grid."""
-        return self.variable.dims
 
     @property
     def size(self) -> int:
@@ -212,8 +201,8 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
     """Return the numbers that a sweep keeps of each point, in the order of its row.
 
     Args:
-        record: the wishes in the file of the sweep.
-        layout: of the structure.
+        record: section `record` of the sweep file.
+        layout: layout of the structure.
     """
     sizes = {
         "lamina": len(layout.parts),
@@ -235,7 +224,14 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
         (record.summary, signals),
     )
     return tuple(
-        Quantity(row, tuple(sizes[dim] for dim in row.dims), record.scan)
+        Quantity(
+            row.name,
+            row.dims,
+            row.units,
+            row.long_name,
+            tuple(sizes[dim] for dim in row.dims),
+            record.scan,
+        )
         for is_wanted, rows in groups
         if is_wanted
         for row in rows
@@ -245,7 +241,7 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
 SETTLED = {"settled": 1.0, "not settled": 0.0, "irregular": -1.0}
 """Numbers of the verdicts in the dataset of a sweep."""
 NO_PAIR = -1
-"""In place of a pair if the interface has none at the probes."""
+"""Number in place of a pair if the interface has none at the probes."""
 
 
 def row_of(
@@ -256,13 +252,13 @@ def row_of(
     extra: Mapping[str, float],
     decay: float = 0.0,
 ) -> FloatArray:
-    """Return the row of a point.
+    """Return the row of a point, the numbers that a sweep keeps of its run.
 
     Args:
         wanted: the quantities in the row.
-        case: of the point.
-        recorder: after the run.
-        structure: that moved.
+        case: case of the point.
+        recorder: recorder after the run.
+        structure: structure that moved.
         extra: values that do not follow from the record, by name.
         decay: e-folds of the slowest mode of the structure in a period [-].
 
@@ -414,7 +410,7 @@ def _fitted(quantity: Quantity, value: npt.ArrayLike | None) -> FloatArray:
 BLOCKS = 10
 """Number of blocks of successive periods whose means give the statistical error."""
 STUDENT = float(stdtrit(BLOCKS - 1, ndtr(2.0))) / 2.0
-"""Factor by which two errors of few blocks contain what two of a known normal error do."""
+"""Factor on an error from few blocks: two of it then contain as much as two known normal errors."""
 WIDER = 2.0
 """Second distance of neighbouring motions, relative to the first."""
 ALIGNING = 0.5
@@ -429,8 +425,8 @@ class Exponent:
 
     Attributes:
         value: the exponent [1/s].
-        error: half of an interval of 95 % for the mean that it is and for what twice the distance
-            changes, as a standard error [1/s]; NaN for fewer than `BLOCKS` periods.
+        error: standard error, of the mean and of what twice the distance changes [1/s]; two of it
+            make a 95 % interval. NaN for fewer than `BLOCKS` periods.
     """
 
     value: float
@@ -534,7 +530,7 @@ NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
 """Sections and keys of a case that do not affect the assembly, in the notation of pydantic."""
 
 _OF_THE_POINT = ("lamina", "position")
-"""Keys of the excitation that do affect it: the point at which a force acts."""
+"""Keys of the excitation that do affect the assembly: the point at which a force acts."""
 
 _log = logging.getLogger(__name__)
 _thread = threading.local()
@@ -563,7 +559,7 @@ class Point:
         index: index of the point.
         outcome: "completed", "diverged" or "failed".
         error: reason why the point was not completed; empty if it was.
-        row: values in the order of `quantities.quantities`; None unless completed.
+        row: values in the order of `quantities`; None unless completed.
     """
 
     index: int
@@ -593,11 +589,11 @@ class Done:
 
 @dataclass
 class Discretised:
-    """What points with the same model share.
+    """Structure of a case, and what points with the same model share beside it.
 
     Attributes:
         structure: the discretised case.
-        rate: at which its slowest mode dies out [1/s].
+        rate: rate at which its slowest mode dies out [1/s].
         modes: first modes of its parts, as far as initial conditions have needed them.
     """
 
@@ -614,7 +610,7 @@ class Discretised:
 
 @dataclass
 class PointRunner:
-    """Computes points of one sweep.
+    """Runner of the points of one sweep, which keeps structures for them.
 
     Attributes:
         sweep: the sweep.
@@ -647,7 +643,7 @@ class PointRunner:
         return self._discretised(case).structure
 
     def _discretised(self, case: Case) -> Discretised:
-        """Return the discretised case, and what goes with it."""
+        """Return the discretised case, and what points with the same model share beside it."""
         key = assembly_key(case)
         if key not in self._known:
             while len(self._known) >= KEPT_STRUCTURES:
@@ -723,7 +719,7 @@ def assembly_key(case: Case) -> str:
 
 
 def compute(packed: bytes, chunk: Chunk) -> Done:
-    """Compute a chunk; executors call this function.
+    """Compute a chunk of points in a worker.
 
     Args:
         packed: the pickled sweep; each worker unpickles it once.
@@ -749,7 +745,7 @@ def _runner(packed: bytes) -> PointRunner:
 
 
 def _assemble(case: Case, operators: str) -> Structure:
-    """Assemble a case; the closed form needs no dolfinx and equals its matrices to round-off."""
+    """Assemble a case; in closed form without dolfinx, whose matrices are the same to round-off."""
     needs_dolfinx = operators != "closed-form"
     if needs_dolfinx or case.model.is_continuum:
         initialise_petsc_alone()

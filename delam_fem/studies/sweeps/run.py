@@ -1,9 +1,9 @@
 """Run a sweep, in processes or as jobs of SLURM.
 
 An executor computes the points, a journal keeps them, and one dataset has them all. A script for
-SLURM computes the shards of a sweep as an array of jobs. Every job computes one shard. Before its
-time is up SLURM sends SIGTERM: the shard stops with everything saved, and the job puts itself back
-into the queue. A last job merges the shards.
+SLURM computes the shards of a sweep as an array of jobs, one shard each. Before the time of a job
+is up SLURM sends SIGTERM: the shard stops with everything saved, and the job puts itself back into
+the queue. A last job merges the shards.
 
 In Python:
 
@@ -152,7 +152,7 @@ class PointCost:
 
 
 def measured_cost(sweep: Sweep, seconds: float = MEASURED_SECONDS) -> PointCost:
-    """Return the time of a point, from some points across the grid that are computed here.
+    """Return the time of a point of a sweep, measured at some points across the grid.
 
     Args:
         sweep: the sweep.
@@ -180,13 +180,13 @@ def array_script(
     most_hours: float,
     interrupted: int,
 ) -> str:
-    """Return the script.
+    """Return a script for SLURM that computes a sweep as an array of jobs.
 
     Args:
         sweep: the sweep.
-        command: that computes the sweep, without the options of shards.
+        command: command that computes the sweep, without the options of shards.
         n_shards: number of shards.
-        cost: time of a point.
+        cost: measured time of its points.
         most_hours: longest time of a job; a shard that needs more is computed in several [h].
         interrupted: exit status of a shard that has stopped before its end.
 
@@ -287,8 +287,8 @@ def run_sweep(
         SIGTERM; then points are missing, and a call with `resume` computes them.
 
     Raises:
-        CaseError: the folder contains another sweep, an unfinished one and `resume` is False, or a
-            damaged one; the first point is not a valid case; or the sweep is large and not
+        CaseError: the folder contains another sweep, a damaged one, or an unfinished one and
+            `resume` is False; the first point is not a valid case; the sweep is large and not
             confirmed; workers die before any point is finished; or the script that calls has no
             `if __name__ == "__main__":`.
         BrokenExecutor: a worker of the given executor died; the journal keeps the finished points.
@@ -318,7 +318,7 @@ def completed(sweep: Sweep, directory: Path, executor: Any = None, **options: An
     """Compute a sweep that a study needs, and return its dataset, loaded; see `run_sweep`.
 
     Raises:
-        KeyboardInterrupt: it was interrupted; `resume` goes on.
+        KeyboardInterrupt: the sweep was interrupted; `resume` goes on.
     """
     with run_sweep(sweep, directory, executor, **options) as data:
         if data.attrs["outcome"] != "completed":
@@ -422,10 +422,10 @@ def sweep_cost(
         sweep: the sweep.
         workers: number of workers; default: one per core.
         n_points: number of points that are computed; default: all.
-        layout: of the first point; default: it is assembled.
+        layout: layout of the first point; default: it is assembled.
 
     Raises:
-        CaseError: its first point cannot be computed.
+        CaseError: the first point cannot be computed.
     """
     case, record = sweep.case(0), sweep.file.record
     n = sweep.n_points if n_points is None else n_points
@@ -455,7 +455,7 @@ def _computed(
     workers: int | None,
     progress: Callable[[int, int], None] | bool | None,
 ) -> dict[str, str | int | float]:
-    """Compute the missing points of a journal; return how, with the times of this call alone."""
+    """Compute the missing points of a journal; return workers and times of this call by name."""
     with journal.joined() as joined:
         left = _left(sweep, joined, journal.shard)
     n_points = share_size(sweep, journal.shard)

@@ -1,9 +1,9 @@
 """Share points among machines, and submit them to an executor in chunks of about equal time.
 
-Share the points of a sweep among machines that do not talk to each other. A share depends on the
-sweep, the number of shards and nothing else. Points (or whole tracks) are dealt in rounds: every
-round gives each shard one of n neighbours. A hash of the round says who begins, so that a shard
-does not get the same value of an axis again and again.
+The machines do not talk to each other: a share depends on the sweep, the number of shards and
+nothing else. Points (or whole tracks) are dealt in rounds: every round gives each shard one of n
+neighbours. A hash of the round says who begins, so that a shard does not get the same value of an
+axis again and again.
 
 Any `concurrent.futures.Executor` can be used. The points of a track are computed one after another;
 all other points go to any free worker.
@@ -37,7 +37,7 @@ class Shard:
     """A share of the points of a sweep.
 
     Attributes:
-        number: of the shard, from 1.
+        number: number of the shard, from 1.
         of: number of shards.
     """
 
@@ -59,7 +59,7 @@ class Shard:
         return f"{self.number}/{self.of}"
 
     def items(self, count: int) -> IntArray:
-        """Return which of `count` points or tracks the shard has; they increase."""
+        """Return which of `count` points or tracks the shard has, in increasing order."""
         if self.is_whole:
             return np.arange(count)
         rounds: IntArray = np.arange(-(-count // self.of), dtype=np.int64)
@@ -88,13 +88,13 @@ def parse_shard(text: str) -> Shard:
 
 
 def named(text: str) -> Shard | None:
-    """Return the shard that a name of a file begins with; None without one."""
+    """Return the shard at the beginning of the name of a file; None without one."""
     found = _NAME.match(text)
     return Shard(int(found[1]), int(found[2])) if found else None
 
 
 def owners(items: IntArray, of: int) -> IntArray:
-    """Return the numbers of the shards that have the given points or tracks, shape (n,)."""
+    """Return for given points or tracks the number of the shard that has each, shape (n,)."""
     found = (items % of - _beginners(items // of, of)) % of + 1
     return np.asarray(found, dtype=np.int64)
 
@@ -133,7 +133,7 @@ class Track:
     Attributes:
         number: number of the track, or `INDEPENDENT`.
         waiting: indices of the points, shape (n,).
-        state: state from which the first of them starts; None: from its initial conditions.
+        state: state from which the first one starts; None: from its initial conditions.
     """
 
     number: int
@@ -199,11 +199,11 @@ class Schedule:
     renew: Callable[[], Executor] | None = None
     costs: Costs = field(default_factory=Costs)
     _flying: dict[Future[Done], tuple[Track, Chunk]] = field(default_factory=dict)
-    _suspects: int = 0
+    _suspects: int = 0  # points that may have killed a worker, each now submitted alone
     _deaths: int = 0
 
     def run(self, take_in: Callable[[list[Done]], None], is_stopped: Callable[[], bool]) -> bool:
-        """Compute all points.
+        """Compute all waiting points.
 
         Args:
             take_in: function that takes the results of finished chunks, as soon as they arrive.
@@ -263,7 +263,7 @@ class Schedule:
         return max(1, n)
 
     def _land(self, futures: Iterable[Future[Done]]) -> list[Done]:
-        """Return the results of finished futures; points of a dead worker return to their track."""
+        """Return the results of finished futures; recover the points of a dead worker."""
         results, lost = [], []
         for future in futures:
             track, chunk = self._flying.pop(future)
@@ -286,7 +286,11 @@ class Schedule:
     def _recover(self, lost: list[tuple[Track, Chunk]]) -> list[Done]:
         """Replace the executor and resubmit the lost points.
 
-        If a lost point was the only one submitted, it is the one that killed the worker: it fails.
+        A lost point that was submitted alone is the one that killed the worker, and has failed.
+
+        Raises:
+            BrokenExecutor: the executor cannot be replaced.
+            CaseError: `MOST_DEATHS` workers died before any point was finished.
         """
         if self.renew is None:
             raise BrokenExecutor(

@@ -37,20 +37,23 @@ def test_the_command(tmp_path: Path) -> None:
     ("command", "result"),
     [
         (("detect", "scan", "embedded", *FAST), "detection.json"),
-        (
+        pytest.param(
             ("detect", "modulate", "embedded", *FAST, "--pump-frequency", "60",
              "--pump-amplitude", "0.1", "--set", "excitation.frequency=350", "--periods", "1"),
             "modulation.json",
+            marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             ("identify", "resonance", "paper", "--set", "mesh.elements=6",
              "--set", "excitation.kind=sweep", "--set", "excitation.start_frequency=2",
              "--set", "excitation.end_frequency=6", "--set", "excitation.duration=60",
              "--set", "time.steps_per_period=50"),
             "resonance.json",
+            marks=pytest.mark.slow,
         ),
     ],
 )  # fmt: skip
+@pytest.mark.slow
 def test_what_was_interrupted_goes_on_to_the_same_numbers(
     command: tuple[str, ...], result: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -82,6 +85,7 @@ def test_a_bad_scan_leaves_no_folder_behind(tmp_path: Path) -> None:
     assert not (tmp_path / "d").exists()
 
 
+@pytest.mark.slow
 def test_a_measured_file_is_judged_like_a_simulated_scan(tmp_path: Path) -> None:
     import numpy as np
 

@@ -12,7 +12,7 @@ import delam_fem as df
 from delam_fem.contact.laws import SCHEMES
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.engine import compiled_engine
-from delam_fem.engines.session import Solution
+from delam_fem.engines.session import Solution, solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.simulation.loop import State
@@ -35,9 +35,7 @@ def motion(
     """Compute a few periods from rest."""
     law, base = df.Law("newton"), df.HarmonicMotion(F, amplitude)
     scheme = SCHEMES["moreau-jean"]
-    return df.solve(
-        o, law, scheme, base, steps_per_period=200, periods=periods, engine=engine, **more
-    )
+    return solve(o, law, scheme, base, steps_per_period=200, periods=periods, engine=engine, **more)
 
 
 def test_modes_diagonalise_the_matrices(operators: Operators) -> None:

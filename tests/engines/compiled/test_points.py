@@ -67,7 +67,7 @@ def moving(o: Operators, size: float, seed: int) -> tuple[FloatArray, FloatArray
 
 def loaded(o: Operators, motion: tuple[FloatArray, FloatArray]) -> tuple[System, Memory]:
     system, places = build(o, SCHEME)
-    state = memory(system.size, o.n_pairs, system.n_probes)
+    state = memory(system.size, o.n_pairs)
     state.X[: 2 * system.size] = places.inward(np.stack(motion)).ravel()
     return system, state
 

@@ -15,6 +15,7 @@ from delam_fem.case.definition import Case
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.beams import transmissibility
+from delam_fem.simulation.recorder import LEDGER
 
 SHORT: dict[str, object] = {
     "mesh__elements": 8,
@@ -70,6 +71,15 @@ def test_a_run_has_the_dataset_of_every_run_and_its_energy_adds_up() -> None:
     )
 
 
+def test_the_losses_of_a_state_are_those_of_the_ledger_so_far() -> None:
+    case = short()
+    with session_of(case, closed_form.assemble(case).operators) as opened:
+        opened.run()
+        by_period = opened.recorder.ledger[:, LEDGER.index("damping_loss")]
+        lost, _ = opened.engine.state().losses
+    assert lost == pytest.approx(by_period.sum(), rel=1e-12)
+
+
 def test_its_work_is_that_of_the_finite_elements() -> None:
     """Base work and strobes of both from rest, before contact parts them."""
     keys = {"time__steps_per_period": 1000, "mesh__elements": 10, "time__periods": 2}
@@ -94,6 +104,7 @@ def test_a_force_drives_the_modes() -> None:
     assert result.summary["energy_residual"] < 1e-9
 
 
+@pytest.mark.slow
 def test_a_resumed_run_is_that_of_one_go_bit_for_bit(tmp_path: Path) -> None:
     """The checkpoint holds the modes and the late contact forces, not the motion alone."""
 

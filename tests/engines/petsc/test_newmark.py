@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.contact.laws import NO_PAIRS, NO_VALUES, Decision
+from delam_fem.contact.laws import NO_PAIRS, Decision
 from delam_fem.engines.petsc import linear_algebra, newmark, theta
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
@@ -19,6 +19,7 @@ from delam_fem.simulation.refinement import AHEAD, BACK
 ROUND_OFF = 1e-9
 """Relative, after 50 steps; stiff modes make the accelerations some 1e6 times the displacements."""
 DT = 2e-4
+NOTHING = np.zeros(0)
 
 
 def problem(elements: int = 6) -> Operators:
@@ -60,7 +61,7 @@ def test_springs_are_those_of_a_stiffer_matrix(
     base_states = shaken(50)
     stepper.begin(base_states)
     resting = np.array([True, False, True, True, False, False])
-    stepper.jump(Decision(NO_PAIRS, NO_VALUES, NO_VALUES, NO_VALUES, resting))
+    stepper.jump(Decision(NO_PAIRS, NOTHING, NOTHING, NOTHING, resting))
     state = stepper.state()
     for base in base_states[1:]:
         stepper.advance()
@@ -83,7 +84,7 @@ def test_renewed_acceleration_fulfils_the_equation_of_motion() -> None:
         stepper.advance()
     resting = np.arange(o.n_pairs) < 3
     hit = np.array([4])
-    stepper.jump(Decision(hit, np.array([1e-4]), NO_VALUES, NO_VALUES, resting))
+    stepper.jump(Decision(hit, np.array([1e-4]), NOTHING, NOTHING, resting))
     u, v, a = stepper.state()
     q, dq, ddq = base_states[20]
     force = np.where(resting, 1e4 * (o.gap_matrix @ u + o.gap0) + 3.0 * (o.gap_matrix @ v), 0.0)
@@ -104,7 +105,7 @@ def test_impulses_change_the_velocities_by_their_mass(coupled: bool) -> None:
     stepper = Newmark(o, DT, coupled_impulses=coupled)
     hit, impulses = np.array([1, 5]), np.array([1e-3, 2e-3])
     before = stepper.state()[1]
-    energy, switched = stepper.jump(Decision(hit, impulses, NO_VALUES, NO_VALUES))
+    energy, switched = stepper.jump(Decision(hit, impulses, NOTHING, NOTHING))
     change = stepper.state()[1] - before
     p = np.zeros(o.n_pairs)
     p[hit] = impulses

@@ -15,6 +15,7 @@ from project import ROOT
 import delam_fem as df
 from delam_fem.case.files import preset
 from delam_fem.engines.petsc import linear_algebra
+from delam_fem.engines.session import Solution, solve
 from delam_fem.model import discretise
 from delam_fem.model.operators import matrix, with_near_null
 from delam_fem.system.mpi import MPI
@@ -104,13 +105,13 @@ def test_options_of_one_prefix_leave_the_others_alone(options: PETSc.Options) ->
     factor.destroy()
 
 
-def drop(engine: str) -> df.Solution:
+def drop(engine: str) -> Solution:
     """Let a ball fall for ten steps."""
     one = sp.csr_matrix([[1.0]])
     ball = df.Operators(
         one, 0 * one, 0 * one, df.BaseCoupling.none(1), one, np.ones(1), np.ones(1), probes=one
     )
-    return df.solve(
+    return solve(
         ball, "newton", "moreau-jean", time_step=1e-3, steps_per_period=10, periods=1, engine=engine
     )
 

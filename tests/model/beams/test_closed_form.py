@@ -1,7 +1,5 @@
 """Element and system matrices in closed form, from what they must do rather than from numbers."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -155,11 +153,3 @@ def test_default_nodes_are_uniform(paper: Case) -> None:
 def test_nodes_that_do_not_reach_the_tip_are_refused(paper: Case) -> None:
     with pytest.raises(CaseError, match=r"from 0 to the length 0\.685 m, given 0 to 0\.5 m"):
         assemble(paper, x=[0.0, 0.2, 0.5])
-
-
-def test_mesh_file_without_nodes_is_refused(paper: Case, tmp_path: Path) -> None:
-    file = tmp_path / "laminae.msh"
-    file.touch()
-    case = paper.with_overrides({"mesh.file": str(file)})
-    with pytest.raises(CaseError, match=r"reads no mesh files; expected mesh\.elements"):
-        assemble(case)

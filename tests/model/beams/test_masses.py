@@ -69,7 +69,7 @@ def test_the_judge_has_the_same_matrices_of_a_bonded_stack(mass: str) -> None:
     masses = [{**keys, "position": 0.2}, {**keys, "position": 0.033}]
     case = preset("embedded", {"point_mass": masses, "time.mass": mass})
     found = closed_form.assemble(case)
-    expected = matrices.assemble_stack(case, found.layout.x, found.layout.probes[0].point)
+    expected = matrices.assemble(case, found.layout.x, found.layout.probes[0].point)
     assert max(operator_differences(found.operators, expected).values()) < 1e-6
 
 

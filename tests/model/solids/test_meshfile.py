@@ -374,7 +374,6 @@ for name in ("plane_strips", "solid_delaminated"):
 
 
 @pytest.mark.mpi
-@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_ranks_share_pairs_and_readings(ranks: int, crew: Crew) -> None:
     """H Hᵀ and the like do not depend on the order of the dofs."""

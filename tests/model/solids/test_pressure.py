@@ -5,7 +5,7 @@ import pytest
 from bricks import two_bricks
 
 from delam_fem.model import _dolfinx
-from delam_fem.model.solids.body import Body, Shape, Touching
+from delam_fem.model.solids.body import Body, Shape
 from delam_fem.model.solids.facing import at_places, at_vertices, project
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import FACETS
@@ -35,7 +35,7 @@ def shape_of(cell: str, degree: int = 2, *, inside: bool = False) -> Shape:
     E = np.ones(len(mesh.cells))
     none = np.zeros(mesh.dim * solid.n_nodes)
     width = np.array([WIDTH, 2.0 * WIDTH])
-    body = Body(solid, None, none, E, 0.0, width, (Touching(facing, pairs),))
+    body = Body(solid, None, none, E, 0.0, width, (pairs,))
     return body.shape()
 
 
@@ -105,7 +105,7 @@ def test_forces_by_tributary_area_give_uniform_pressure(cell: str, degree: int) 
     """On the lower surface, whose vertices have the pairs."""
     shape = shape_of(cell, degree)
     (by_forces,) = shape.pressing
-    weights = shape.touching[0].pairs.weights
+    weights = shape.touching[0].weights
     forces = 7.0 * weights * (WIDTH if shape.mesh.dim == 2 else 1.0)
     lower = np.abs(shape.points[:, 1] - HEIGHTS[0]) < 1e-12
     lower &= shape.lamina == 0
@@ -118,7 +118,7 @@ def test_forces_by_tributary_area_give_uniform_pressure(cell: str, degree: int) 
 def test_a_force_presses_where_it_acts(cell: str) -> None:
     shape = shape_of(cell)
     (by_forces,) = shape.pressing
-    pairs = shape.touching[0].pairs
+    pairs = shape.touching[0]
     middle = int(np.argmin(np.linalg.norm(pairs.lower.x - pairs.lower.x.mean(axis=0), axis=1)))
     found = by_forces[:, middle].toarray().ravel()
     for height in HEIGHTS:

@@ -35,7 +35,7 @@ def test_clamped_ends_follow_the_base_along_y_alone() -> None:
     at = positions(unknowns, own)
     assert set(np.round(at[:, 0], 12)) == {0.0, 0.4}
     np.testing.assert_array_equal(own.base, own.dofs % 2)
-    assert not own.is_turning and not own.turn.any()
+    assert np.all(own.place == -1) and not own.turn.any()
     assert unknowns.n_free == unknowns.n_dofs - own.dofs.size
 
 

@@ -82,6 +82,7 @@ def test_universal_files(result: Result, tmp_path: Path) -> None:
     main, fields = result.export("uff", tmp_path / "a.uff")
     sets = pyuff.UFF(str(main)).read_sets()
     assert [own["type"] for own in sets][:3] == [151, 164, 15]
+    assert [sets[1][key] for key in ("length", "force", "temp", "temp_offset")] == [1, 1, 1, 273.15]
     named = {own["id1"]: own for own in sets[3:]}
     tip = named["tip_displacement thin"]
     assert close(tip["data"], HISTORY["tip_displacement"].sel(lamina="thin"))

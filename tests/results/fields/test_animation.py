@@ -9,6 +9,8 @@ from matplotlib.colors import to_rgb
 from PIL import Image, ImageSequence
 from synthetic import FRAMES, WINDOW, small_case, synthetic_history
 
+from delam_fem import run
+from delam_fem.case.definition import Case
 from delam_fem.results.fields import animation
 from delam_fem.results.fields.animation import LIGHTS, SIZE, write_film
 from delam_fem.results.figures.style import lamina_colours
@@ -28,6 +30,7 @@ def share(picture: np.ndarray, colour: str, tolerance: float = 0.02) -> float:
     return float((np.abs(picture / 255.0 - to_rgb(colour)).max(axis=-1) < tolerance).mean())
 
 
+@pytest.mark.slow
 def test_gif_and_mp4_show_the_last_periods(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case, tip_strikes=(0.5, 1.5, 2.5, 3.8))
@@ -68,6 +71,31 @@ def test_resting_pairs_are_lit_where_they_are(tmp_path: Path) -> None:
     height = 1.0 - (rows.mean() + 100) / SIZE[1]
     # x = 0.6 L; the picture spans 1.24 L about the middle, seen from a little above
     assert height == pytest.approx(0.5 + 0.1 / 1.24, abs=0.05)
+
+
+@pytest.mark.parametrize("state", [HIT, RESTING])
+def test_stops_are_lit_where_they_touch(tmp_path: Path, state: int) -> None:
+    """One after the other, 0.4 L apart along the lamina, and none before."""
+    thin = {"name": "one", "length": 0.5, "width": 0.02, "thickness": 0.002, "density": 2500.0,
+            "young_modulus": 7e10, "damping_ratio": 0.01}  # fmt: skip
+    stop = {"lamina": "one", "side": "below", "gap": 1e-3}
+    case = Case(
+        name="lights", lamina=[thin], mesh={"elements": 10},
+        stop=[stop | {"position": 0.2}, stop | {"position": 0.4}],
+        excitation={"kind": "harmonic", "amplitude": 1e-5, "frequency": 20.0},
+        contact={"law": "newton"}, time={"steps_per_period": 100, "periods": 1},
+        output={"window_periods": 1, "fields_per_period": 20},
+    )  # fmt: skip
+    history = run(case, engine="compiled").history
+    assert not history["stop_state"].any()
+    history["stop_state"][-2, 0] = state
+    history["stop_state"][-1, 1] = state
+    (path,) = write_film(history, case, [tmp_path / "a.gif"], periods=0.15, stretch=1.0)
+    film = pictures(path)[-3:, 100:-130, : SIZE[0] * 3 // 4]
+    lit = np.abs(film / 255.0 - to_rgb(LIGHTS[state])).max(axis=-1) < 0.05
+    first, second = (np.argwhere(now & ~lit[0]).mean(axis=0) for now in lit[1:])
+    length = SIZE[1] / 1.24  # of the lamina, in pixels
+    assert np.hypot(*(second - first)) == pytest.approx(0.4 * length, rel=0.05)
 
 
 def test_a_motion_without_finite_frames_has_no_film(tmp_path: Path) -> None:

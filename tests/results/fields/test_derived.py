@@ -37,7 +37,7 @@ def test_strain_stretches_the_outer_face_of_a_bend() -> None:
 def test_impulses_stand_at_the_first_frame_that_does_not_precede_them() -> None:
     case = small_case()
     history = synthetic_history(case)
-    found = derived.impulse_of_laminae(history)
+    found = derived.scalars_of(history, case)["impulse"]
     np.testing.assert_array_equal(found[0], found[1])
     at_tip = np.flatnonzero(found[0, :, -1])
     half = FRAMES // 2 - 1  # strikes at half of each period of the window, exactly at a frame
@@ -54,7 +54,8 @@ def test_impulses_stand_at_the_first_frame_that_does_not_precede_them() -> None:
 def test_a_lamina_between_two_others_has_both_impulses_and_the_smaller_gap() -> None:
     recorded = three_laminae()
     history = recorded.history()
-    impulse, gap = derived.impulse_of_laminae(history), derived.gap_of_laminae(history)
+    found = derived.scalars_of(history, recorded.case)
+    impulse, gap = found["impulse"], found["gap"]
     np.testing.assert_array_equal(impulse[1], impulse[0] + impulse[2])
     assert impulse[0].any() and impulse[2].any() and len(STRIKES) == 2
     np.testing.assert_array_equal(gap[1], np.minimum(gap[0], gap[2]))
@@ -62,8 +63,9 @@ def test_a_lamina_between_two_others_has_both_impulses_and_the_smaller_gap() -> 
 
 
 def test_gap_is_positive_where_the_laminae_are_apart() -> None:
-    history = synthetic_history(small_case())
-    gap = derived.gap_of_laminae(history)
+    case = small_case()
+    history = synthetic_history(case)
+    gap = derived.scalars_of(history, case)["gap"]
     u = history["displacement"].to_numpy()
     np.testing.assert_allclose(gap[0], history["gap0"].to_numpy() + u[1] - u[0])
     assert gap.max() > 0.030 > AMPLITUDES.max()
@@ -108,10 +110,8 @@ def test_springs_inside_the_elements_carry_their_share() -> None:
     case = df.preset("paper", keys)
     history = df.run(case, "compiled").history
     state = history["contact_state"].to_numpy() == 2
-    gap, force = (
-        derived.gap_of_laminae(history)[0],
-        derived.contact_force_of_laminae(history, case)[0],
-    )
+    found = derived.scalars_of(history, case)
+    gap, force = found["gap"][0], found["contact_force"][0]
     assert history["spring_share"].to_numpy() == pytest.approx([0.0] + [0.5] * 9 + [0.25])
     expected = -case.contact.penalty_stiffness * 0.5 * gap
     expected[:, -1] *= 0.5

@@ -13,7 +13,7 @@ from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case
-from delam_fem.results.fields.derived import heat_of_laminae
+from delam_fem.results.fields.derived import scalars_of
 from delam_fem.results.figures import run as contact_figures
 from delam_fem.results.figures import run as figures
 from delam_fem.results.figures import style
@@ -303,7 +303,7 @@ def test_heat_stands_beside_each_contact_line_and_belongs_to_both_laminae() -> N
     for own, axes in zip(heat, panels, strict=True):
         (drawn,) = axes.collections
         assert drawn.get_datalim(axes.transData).x1 == pytest.approx(1e3 * own.max())
-    shown = heat_of_laminae(history)[:, 0]
+    shown = scalars_of(history, recorded.case)["heat"][:, 0]
     np.testing.assert_allclose(shown, [heat[0], heat[0] + heat[1], heat[1]])
 
 

@@ -98,6 +98,7 @@ def test_a_clock_that_runs_wrong_is_found(tmp_path: Path, clock: float) -> None:
     assert abs(found.alignment.rate - clock) < SIGMAS * found.alignment.rate_error
     assert found.alignment.rate_error < 1e-4
     assert found.measured_frequency == pytest.approx(clock / PERIOD, rel=1e-4)
+    assert found.measured_frequency == pytest.approx(found.alignment.rate / PERIOD, rel=1e-12)
     assert all(abs(own.gain - 1.0) < 0.01 for own in found.channels)
     assert kinds(found) == [("clock", "")] and found.numbers["verdict"] == "differs"
 
@@ -228,6 +229,7 @@ def test_another_half_of_a_doubled_motion_is_not_said_to_agree(tmp_path: Path) -
     assert "shape" in [kind for kind, _ in kinds(found)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "number", [15, pytest.param(200, marks=pytest.mark.nightly)]
 )  # fmt: skip

@@ -132,6 +132,7 @@ def test_the_film_pauses_scrubs_and_slows(browser: Any, address: str) -> None:
     page.close()
 
 
+@pytest.mark.slow
 def test_pictures_can_be_enlarged(browser: Any, address: str) -> None:
     visit = Visit(browser, address, viewport={"width": 390, "height": 800})
     page, picture = visit.page, visit.page.locator(".view img").first
@@ -144,6 +145,7 @@ def test_pictures_can_be_enlarged(browser: Any, address: str) -> None:
     page.close()
 
 
+@pytest.mark.slow
 def test_the_printed_page_is_light_and_fits_the_paper(browser: Any, address: str) -> None:
     visit = Visit(browser, address, viewport={"width": A4, "height": 1123}, color_scheme="dark")
     page = visit.page

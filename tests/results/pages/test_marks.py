@@ -46,7 +46,11 @@ def test_stops_and_supports_are_marked() -> None:
         np.testing.assert_allclose(mark["x"], 1e3 * x)
         np.testing.assert_allclose(mark["y"], 1e3 * y * np.ones(base.size), atol=1e-5)
     assert [mark["side"] for mark in (above, below, carried, pin)] == [1, -1, 1, -1]
-    assert any(above["lit"]) or any(below["lit"])
+    states = history["stop_state"].to_numpy()
+    assert states[:, :2].any() and not states[:, :2].all()
+    for mark, state in zip((above, below, carried), states.T, strict=True):
+        np.testing.assert_array_equal(mark["lit"], state)
+    assert not any(pin["lit"])
 
 
 def test_blocks_stand_for_them_in_paraview() -> None:

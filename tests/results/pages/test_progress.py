@@ -18,6 +18,7 @@ result = df.run(case, progress=True)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Jupyter's own
 def test_a_notebook_shows_a_bar_a_result_and_a_table() -> None:
     cells = [CELL, "result", "result.groups['events'].to_dataframe().columns.size", "case"]

@@ -87,7 +87,9 @@ def test_files_beside_the_page_are_linked_if_they_are_there(case: Case, tmp_path
 
 def test_every_figure_has_a_caption() -> None:
     of_fields = {"laminae", "solid"}
-    assert set(report.CAPTIONS) == {*figures.FIGURES, *figures.OF_SENSORS, *of_fields}
+    assert set(report.CAPTIONS) == {
+        *figures.FIGURES, *figures.OF_PROBES, *figures.OF_SENSORS, *of_fields,
+    }  # fmt: skip
 
 
 def test_the_case_can_be_taken_from_the_page(case: Case, tmp_path: Path) -> None:

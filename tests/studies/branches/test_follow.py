@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import xarray as xr
 
 import delam_fem as df
 from delam_fem.studies.branches import follow as following
-from delam_fem.studies.branches.follow import FOLDER, RESULT, follow, read
+from delam_fem.studies.branches.follow import FOLDER, RESULT, follow
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.system.errors import CaseError
 
@@ -39,8 +40,9 @@ def linear(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_linear_branch_is_the_linear_response(linear: Path) -> None:
-    data = read(linear / RESULT)
+    data = xr.load_dataset(linear / RESULT, engine="h5netcdf")
     assert data.attrs["outcome"] == "completed" and data.attrs["endings"] == "range"
     assert (data.stability == "stable").all() and data.sizes["event"] == 0
     assert float(data.parameter[0]) == 3.7 and float(data.parameter[-1]) > 4.0
@@ -51,8 +53,6 @@ def test_a_linear_branch_is_the_linear_response(linear: Path) -> None:
         # three elements and sixty steps a period shift the resonance at 3.17 Hz by some parts in
         # a thousand
         assert amplitude[:, i] == pytest.approx(exact, rel=0.03)
-    with pytest.raises(CaseError, match="damaged or another one"):
-        read(linear / "case.toml")
 
 
 def half_written(path: Path) -> None:
@@ -69,7 +69,7 @@ def of_another_shape(path: Path) -> None:
 def test_a_branch_that_is_broken_off_goes_on_the_same(
     damage: Callable[[Path], None], linear: Path, tmp_path: Path
 ) -> None:
-    whole = read(linear / RESULT)
+    whole = xr.load_dataset(linear / RESULT, engine="h5netcdf")
     shutil.copytree(linear, tmp_path / "cut")
     points = sorted((tmp_path / "cut" / FOLDER).glob("*.npz"))
     points[-1].unlink()
@@ -80,9 +80,28 @@ def test_a_branch_that_is_broken_off_goes_on_the_same(
     )
     assert counted == [len(points) - 1, len(points)]
     assert resumed.drop_attrs().identical(whole.drop_attrs())
-    assert read(tmp_path / "cut" / RESULT).drop_attrs().identical(whole.drop_attrs())
+    assert (
+        xr.load_dataset(tmp_path / "cut" / RESULT, engine="h5netcdf")
+        .drop_attrs()
+        .identical(whole.drop_attrs())
+    )
     with pytest.raises(CaseError, match="belongs to another continuation"):
         small(tmp_path / "cut", resume=True, stop=4.1)
+
+
+@pytest.mark.parametrize(("key", "is_same"), [('motion = "lateral"', True), ("width", False)])
+def test_a_branch_goes_on_if_its_case_lacks_a_default(
+    key: str, is_same: bool, linear: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(linear, tmp_path / "kept")
+    about = next((tmp_path / "kept" / FOLDER).glob("about.*"))
+    kept = json.loads(about.read_text("utf-8"))
+    lines = [line for line in kept["case"].splitlines() if not line.startswith(key)]
+    about.write_text(json.dumps({**kept, "case": "\n".join(lines)}), "utf-8")
+    counted: list[int] = []
+    with nullcontext() if is_same else pytest.raises(CaseError, match="another continuation"):
+        small(tmp_path / "kept", resume=True, report=lambda *now: counted.append(now[1]))
+    assert not counted
 
 
 def test_a_branch_is_interrupted_between_points(
@@ -99,6 +118,7 @@ def test_a_branch_is_interrupted_between_points(
     assert data.attrs["outcome"] == "interrupted" and data.sizes["point"] == 2
 
 
+@pytest.mark.slow
 def test_any_key_of_numbers_is_a_parameter(tmp_path: Path) -> None:
     case = df.preset("paper", {**SMALL, "contact.law": "none"})
     data = follow(

@@ -8,23 +8,27 @@ import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.case.files import load_case, preset
 from delam_fem.numerics.statistics import orders_of_errors
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import (
     FREE,
     LIMIT,
+    METHODS,
     Ladder,
     PointMesh,
     Rung,
     method,
+    usual_methods,
 )
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
+from delam_fem.studies.linear import first_frequencies
 from delam_fem.studies.options import Converge
 from delam_fem.system.errors import CaseError
 
 CASE = preset("default", {"damping.rayleigh": "stiffness"})
 DECAYING = preset("default", {f"lamina.{name}.damping_ratio": 0.05 for name in ("thick", "thin")})
+OTHERS = Path(__file__).parents[3] / "docs" / "examples" / "others"
 MESH_FILE = Path(__file__).parents[3] / "meshes" / "laminae_20.msh"
 ORDER_IN_TIME, ORDER_IN_SPACE = 0.1, 0.15
 """Windows around 2 and 4. Measured: 2.000 to 2.006; 3.89 from 2 to 4 elements, 3.98 from 4 to 8."""
@@ -189,11 +193,11 @@ def test_engines_agree_before_they_scatter(law: str) -> None:
         ("newton@moreau-jean", 1000, -21.9),
         ("newton@moreau-jean", 4000, -20.3),
         ("newton@moreau-jean", 16000, -20.1),
-        pytest.param("newton@moreau-jean", 64000, -19.8, marks=pytest.mark.slow),
+        ("newton@moreau-jean", 64000, -19.8),
         ("newton-penalty", 1000, -22.7),
         ("newton-penalty", 4000, -21.5),
         ("newton-penalty", 16000, -20.5),
-        pytest.param("newton-penalty", 64000, -21.4, marks=pytest.mark.slow),
+        ("newton-penalty", 64000, -21.4),
     ],
 )
 def test_what_converges_to_what(law: str, steps: int, expected: float) -> None:
@@ -223,6 +227,36 @@ def test_a_rung_that_diverges_says_when() -> None:
     assert result.outcome == "diverged"
     assert result.error == f"diverged in period {result.periods}"
     assert 50 < result.periods < 300
+
+
+@pytest.mark.parametrize("name", ["rod", "sdnd102"])
+def test_elastic_stops_are_refined_by_their_springs(name: str) -> None:
+    """By the law of the case, without a rigid limit; the extremes converge at order 2."""
+    case = load_case(OTHERS / f"{name}.toml").with_overrides({"output.fields_per_period": 0})
+    methods = usual_methods(case)
+    assert [own.name for own in methods] == ["penalty@newmark"]
+    found = Ladder(case, methods, (case.mesh.elements,), (100, 200, 1600), periods=5)
+    assert not found.has_limit
+    results = computed(found.rungs(), found).results.values()
+    values = [own.statistics["tip_max_1"][0] for own in results if "tip_max_1" in own.statistics]
+    errors = np.abs(np.array(values[:-1]) / values[-1] - 1.0)
+    assert errors[1] < 0.35 * errors[0] < 0.1
+    with pytest.raises(
+        CaseError, match=r"stop\.1\.stiffness: .* all pairs of a case follow one law"
+    ):
+        Ladder(case, (method("newton"),), (case.mesh.elements,), (100,)).rungs()
+
+
+def test_explicit_springs_and_massless_points_keep_their_methods() -> None:
+    explicit = load_case(OTHERS / "rod.toml").with_overrides({"time.scheme": "central-difference"})
+    assert [own.name for own in usual_methods(explicit)] == ["penalty@central-difference"]
+    assert [own.name for own in usual_methods(CASE)] == list(METHODS)
+
+
+def test_the_frequency_of_a_point_is_exact() -> None:
+    """It has one element, which is not refined."""
+    mass = load_case(OTHERS / "sdnd102.toml")
+    assert first_frequencies(mass) == pytest.approx([np.sqrt(98696.0 / 25.0)], rel=1e-9)
 
 
 def test_frequency_of_a_sampled_cosine() -> None:

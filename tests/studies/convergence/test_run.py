@@ -13,11 +13,13 @@ import pytest
 from delam_fem.case.files import preset
 from delam_fem.studies.convergence import run as run_module
 from delam_fem.studies.convergence.analysis import (
+    FREE_FLOOR,
     NO_LIMIT,
     Convergence,
     exact_free_motion,
     overview,
     page,
+    pictures,
     tables,
     verdict,
 )
@@ -224,6 +226,7 @@ def test_verdict_on_elastic_impacts_names_no_limit() -> None:
     assert said not in verdict(whole(on))
 
 
+@pytest.mark.slow
 def test_figures_of_a_ladder(tmp_path: Path) -> None:
     paths = [path for path in whole(ladder()).save(tmp_path) if path.suffix == ".png"]
     assert {path.stem for path in paths} == {
@@ -231,10 +234,15 @@ def test_figures_of_a_ladder(tmp_path: Path) -> None:
         *("work_over_steps", "limit_over_elements"),
     }
     assert all(path.stat().st_size > 10_000 for path in paths)
+    found = whole(ladder())
+    axes = pictures(found)["free_steps"](found).axes[0]
+    drawn = [line for line in axes.lines if not str(line.get_label()).startswith("order")]
+    assert drawn and all((line.get_ydata() > FREE_FLOOR).all() for line in drawn)
     one = whole(ladder(meshes=(20,), limit_steps=0))
     assert set(one.report.pictures) == {"figures/free_steps", "figures/work_over_steps"}
 
 
+@pytest.mark.slow
 def test_figures_of_an_interrupted_ladder(tmp_path: Path) -> None:
     on = ladder(meshes=(20, 40), steps=(1000, 2000))
     first = on.rungs()[0]
@@ -259,7 +267,7 @@ def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None
     kept = []
 
     def look(done: int, total: int) -> None:
-        kept.append((len(load_results(tmp_path)), done, total))
+        kept.append((len(load_results(tmp_path / RESULT)[0]), done, total))
 
     found = run_ladder(on, tmp_path, workers=1, progress=look)
     assert found.is_complete
@@ -267,7 +275,7 @@ def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None
     assert [rung.key for rung in on.rungs()] == counted
     content = json.loads((tmp_path / RESULT).read_text("utf-8"))
     assert content["delam_fem"]
-    assert load_results(tmp_path) == found.results
+    assert load_results(tmp_path / RESULT)[0] == found.results
     assert found.results["newton@newmark 40 1000"].outcome == "diverged"
 
 
@@ -286,6 +294,11 @@ def test_a_ladder_goes_on_and_grows(tmp_path: Path, counted: list[str]) -> None:
         "none 20 2000",
     ]
     assert found.is_complete
+    content = json.loads((tmp_path / RESULT).read_text("utf-8"))
+    content["identity"] = content["identity"].replace('motion = "lateral"\n', "")  # a default
+    (tmp_path / RESULT).write_text(json.dumps(content), "utf-8")
+    counted.clear()
+    assert run_ladder(grown, tmp_path, workers=1, resume=True).is_complete and not counted
     other = ladder(meshes=(20,), steps=(1000,), periods=7)
     with pytest.raises(CaseError, match="belongs to another case or number of periods"):
         run_ladder(other, tmp_path, workers=1, resume=True)
@@ -313,7 +326,7 @@ def test_an_interrupted_ladder_keeps_what_is_done(
     monkeypatch.setattr(run_module, "compute", compute)
     found = run_ladder(ladder(meshes=(20,), steps=(1000,)), tmp_path, workers=1)
     assert not found.is_complete
-    assert list(load_results(tmp_path)) == done == list(found.results)
+    assert list(load_results(tmp_path / RESULT)[0]) == done == list(found.results)
 
 
 def test_processes_compute_a_ladder(tmp_path: Path) -> None:

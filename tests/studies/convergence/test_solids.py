@@ -64,6 +64,7 @@ def test_size_of_a_mesh_of_ones_own_is_its_cells_along_the_laminae(
         Ladder(case, (LAW,), ladder.meshes[::-1], (100,), 2, 0)
 
 
+@pytest.mark.slow
 def test_meshes_of_ones_own_are_judged_as_those_that_are_built_in(tmp_path: Path) -> None:
     case = df.preset("default", {"model.kind": "plane-stress", "mesh.elements": 2})
     found = []

@@ -293,6 +293,7 @@ def run(*arguments: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
+@pytest.mark.slow
 def test_the_command_computes_once_and_draws(tmp_path: Path) -> None:
     file, out = tmp_path / "two.toml", tmp_path / "out"
     file.write_text(SWEEP)

@@ -5,7 +5,7 @@ from calibration.resonance import Rig, tip
 from delam_fem.case.excitation import SweptMotion
 from delam_fem.case.files import preset
 from delam_fem.numerics.types import FloatArray
-from delam_fem.studies.identification.resonance import Resonance, fit
+from delam_fem.studies.identification.resonance import BLOCKS, Resonance, _covariance, fit
 from delam_fem.system.errors import CaseError
 
 FREQUENCY, D, NOISE = 1.4357, 0.008, 1e-4
@@ -104,3 +104,18 @@ def test_too_few_cycles_are_refused() -> None:
         fit(t[:500], x[:500], motion())
     with pytest.raises(CaseError, match="at least 8 cycles with 8 samples or more"):
         fit(t[::20], x[::20], motion())
+
+
+def test_errors_of_what_the_model_leaves_out_are_those_of_a_jackknife() -> None:
+    """Fits without one block each, made anew: the variance of their mean is (B - 1) / B Σ d²."""
+    n = 40 * BLOCKS
+    rng = np.random.default_rng(4)
+    jacobian = rng.normal(size=(n, 4))
+    jacobian[:, 0] = 1.0  # by which the blocks are parted
+    blocks = np.repeat(np.arange(BLOCKS), 40)
+    residual = rng.normal(size=BLOCKS)[blocks] + 0.01 * rng.normal(size=n)
+    residual -= jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+    kept = [blocks != k for k in range(BLOCKS)]
+    fits = np.array([np.linalg.lstsq(jacobian[k], residual[k], rcond=None)[0] for k in kept])
+    expected = (BLOCKS - 1) / BLOCKS * ((fits - fits.mean(axis=0)) ** 2).sum(axis=0)
+    np.testing.assert_allclose(np.diag(_covariance(jacobian, residual))[0], expected[0], rtol=1e-6)

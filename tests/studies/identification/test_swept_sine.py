@@ -20,6 +20,7 @@ SWEEP = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.nightly), 1e-4])
 def test_a_simulated_sweep_gives_the_rig_back(tmp_path: Path, noise: float) -> None:
     """Steps change the frequencies by 2e-4, elements by 3e-5: both are taken out."""

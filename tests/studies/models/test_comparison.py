@@ -74,6 +74,8 @@ def test_the_difference_counts_until_the_first_strike_of_either() -> None:
     assert difference_until(first, first) == (math.inf, 0.0)
     late = dataclasses.replace(first, strike=2.0)
     assert difference_until(other, late) == (2.0, 0.0)
+    at_rest = motion([0.0, 0.0, 0.0], math.inf)
+    assert difference_until(other, at_rest) == (4.0, 0.0), "a tip that does not move sets no scale"
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def test_the_error_of_the_mean_is_that_of_the_roughness() -> None:
         for seed in range(40)
     ]
     scatter = np.sqrt(np.mean([(mean.slow - smooth.slow) ** 2 for mean in found], axis=0))
-    claimed = np.mean([mean.error for mean in found], axis=0)
+    claimed = np.mean([np.sqrt(np.diag(mean.covariance)) for mean in found], axis=0)
     assert scatter == pytest.approx(claimed, rel=0.35)
     # random signs have the variance 1, and 24 pairs average 48 of them
     assert claimed.mean() == pytest.approx(rough / np.sqrt(48.0), rel=0.35)

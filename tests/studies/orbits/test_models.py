@@ -35,6 +35,7 @@ def test_an_orbit_of_a_case_in_modes(tmp_path: Path) -> None:
     assert (tmp_path / "orbit.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_branch_of_a_case_in_modes(tmp_path: Path) -> None:
     case, over = massless(3, 8, **SMALL), ("excitation.frequency", 3.43, 3.45)
     options: dict[str, Any] = {"settle": 60, "perturbations": FEW, "step": 0.4}

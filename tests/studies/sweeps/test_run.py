@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -9,8 +10,10 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -20,7 +23,7 @@ from delam_fem.model.beams import closed_form
 from delam_fem.studies.executors import Serial
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
-from delam_fem.studies.sweeps.journal import Journal, MappedPart
+from delam_fem.studies.sweeps.journal import Journal, MappedPart, framed
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.system.errors import CaseError
 
@@ -141,6 +144,7 @@ def test_initial_conditions_are_an_axis(tmp_path: Path) -> None:
     assert float(moved.tip_amplitude[1]) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [pytest.param("independent", marks=pytest.mark.nightly), "both"])
 def test_workers_give_what_one_process_gives(tmp_path: Path, order: str) -> None:
     made = small({**FREQUENCY, "count": 12}, order=order)
@@ -185,6 +189,34 @@ def test_a_finished_sweep_is_read_and_another_is_not_taken_for_it(tmp_path: Path
     assert (tmp_path / "sweep.nc").stat().st_mtime_ns == before
     with pytest.raises(CaseError, match="is the result of another sweep"):
         run_sweep(small(record={"strobes": 1}), tmp_path, "serial", resume=True)
+
+
+@pytest.mark.parametrize(("key", "is_same"), [('motion = "lateral"\n', True), ("width", False)])
+def test_a_sweep_goes_on_if_its_case_lacks_a_default(
+    key: str, is_same: bool, tmp_path: Path
+) -> None:
+    made = small()
+    identity = made.identity.replace(key, "" if is_same else "length")
+    assert identity != made.identity
+    interrupted(made, tmp_path)
+    part = next((tmp_path / "sweep.journal").glob("*.points"))
+    about = MappedPart(part)
+    assert about.about is not None and about.about["identity"] == made.identity
+    first = framed(json.dumps(about.about).encode())
+    changed = framed(json.dumps({**about.about, "identity": identity}).encode())
+    about.close()
+    assert part.read_bytes().startswith(first)
+    part.write_bytes(changed + part.read_bytes()[len(first) :])
+    seen: list[int] = []
+    with nullcontext() if is_same else pytest.raises(CaseError, match="another sweep"):
+        run_sweep(made, tmp_path, "serial", resume=True, progress=lambda done, _: seen.append(done))
+    assert not is_same or seen[0] > 0
+    if is_same:  # and so the whole result
+        with h5py.File(tmp_path / "sweep.nc", "a") as file:
+            file.attrs["case"] = made.base.to_toml().replace(key, "")
+        before = (tmp_path / "sweep.nc").stat().st_mtime_ns
+        run_sweep(made, tmp_path, "serial", resume=True).close()
+        assert (tmp_path / "sweep.nc").stat().st_mtime_ns == before
 
 
 def interrupted(made: Sweep, directory: Path) -> None:
@@ -301,6 +333,7 @@ def stopped(file: Path, directory: Path, number: int) -> tuple[int, str]:
     raise AssertionError("the sweep ended before it could be stopped")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("order", "number", "status"),
     [
@@ -348,6 +381,7 @@ def is_alive(pid: int) -> bool:
 
 
 @pytest.mark.mpi
+@pytest.mark.slow
 @pytest.mark.parametrize("n_ranks", [pytest.param(2, marks=pytest.mark.nightly), 3])
 def test_ranks_of_mpi_give_what_one_process_gives(tmp_path: Path, n_ranks: int) -> None:
     file = tmp_path / "frequencies.toml"

@@ -46,7 +46,7 @@ def test_a_point_keeps_the_numbers_of_its_sensors(tmp_path: Path) -> None:
     slow = row["sensor_slow_harmonics"][0]  # by least squares of samples at 150 Hz
     assert slow == pytest.approx(row["sensor_d_harmonics"][0], rel=0.05)
     assert row["sensor_d_rms"] > 0.5 * row["sensor_d_harmonics"][0]
-    units = {q.name: q.variable.units for q in wanted}
+    units = {q.name: q.units for q in wanted}
     assert units["sensor_d_rms"] == "m"
 
 

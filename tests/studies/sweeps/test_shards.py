@@ -297,6 +297,7 @@ def survived(
     return hit
 
 
+@pytest.mark.slow
 def test_killed_shards_merge_to_the_bytes_of_one_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
