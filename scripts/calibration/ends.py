@@ -46,7 +46,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             case, specimens, folder / f"rig-{number}", "serial", also=own, resume=True
         )
         inside, widths = np.zeros((0, 2), dtype=bool), []
-        for k in filter(runs.is_there, range(n)):
+        for k in np.flatnonzero(np.isfinite(runs.rms)).tolist():
             drive = drive_responses(whole, surface, runs.x, specimens[k].frequency, (2.0,))
             noise, lines = (
                 (NOISE_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES)
