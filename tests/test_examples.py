@@ -29,6 +29,7 @@ SAID = {
     "plate": r"^frequency 3\.824, exact 3\.824; \d+ impacts$",
     "timoshenko": r"^\d+ impacts, lowest tip -12\.2\d mm$",
     "tap": r"^200 mm: 1\.4[45] ms, 6\.5\d N; as a spring of 3\.50e\+05 N/m 1\.38 ms, 5\.69 N$",
+    "frets": r"^energy left after 0\.05 s: 3\.03\d\d 3\.02\d\d 3\.02\d\d mJ$",
     "own_law": r"^speeds of approach \[m/s\]: \[1\. +0\.5333\d 0\.3368\d 0\.2306\d\] exact",
     "own_operators": r"^pairs hit: \[0 1 0\] velocities at the end \[m/s\]: \[-0\.25 +-0\.125\]$",
     "two_masses": r"^settled; blows at \[0\.1588\d .* exact 0\.15936 m/s$",
