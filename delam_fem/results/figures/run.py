@@ -105,8 +105,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
         axes.tick_params(labelleft=False)
     for lamina, axes in zip(stopped, panels[len(names) - 1 :], strict=True):
         _stop_marks(axes, history, lamina, (start, unit), len(case.stop))
-        axes.set_ylabel("x [mm]")
-        axes.set_title(f"stops and impactors of {names[lamina]}", loc="left")
+        axes.set_ylabel(f"x on {names[lamina]} [mm]")  # a title would lie below the legend
     for j, axes in enumerate(panels[: len(names) - 1]):
         axes.grid(False)
         if history.sizes["frame"] > 1:
