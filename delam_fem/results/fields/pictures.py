@@ -91,7 +91,8 @@ class Mark:
 
     Attributes:
         lamina: number of the lamina beside the mark, from 0.
-        node: number of the node at the mark.
+        node: number of the node at the mark, or nearest to it.
+        x: place along the lamina [m].
         side: 1 above the lamina, -1 below.
         rest: y of the face at rest [m]; see `middle_lines`.
         motion: displacement of the face, shape (n_frames,) [m].
@@ -101,6 +102,7 @@ class Mark:
 
     lamina: int
     node: int
+    x: float
     side: int
     rest: float
     motion: FloatArray
@@ -133,13 +135,14 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
         side, node = -1 if np.signbit(height) else 1, int(own["stop_node"])
         face = float(middle[lamina, node]) + side * half[lamina] + enlarged * height
         state = own["stop_state"].to_numpy()
-        found.append(Mark(lamina, node, side, face, motion, state, float(own["stop_heat"])))
+        heat = float(own["stop_heat"])
+        found.append(Mark(lamina, node, float(x[node]), side, face, motion, state, heat))
     names = [lamina.name for lamina in case.lamina]
     for support in case.support.inside:
         lamina = names.index(support.lamina) if support.lamina else 0
-        node = int(np.abs(x - support.position).argmin())
-        face, open_ = float(middle[lamina, node]) - half[lamina], np.zeros(base.size, np.int8)
-        found.append(Mark(lamina, node, -1, face, base, open_))
+        place, node = support.position, int(np.abs(x - support.position).argmin())
+        face = float(np.interp(place, x, middle[lamina])) - half[lamina]
+        found.append(Mark(lamina, node, place, -1, face, base, np.zeros(base.size, np.int8)))
     return found
 
 
@@ -173,7 +176,7 @@ class Ribbons:
         blocks = np.empty((len(own), 2, CORNERS, 3))
         for mark, block in zip(own, blocks, strict=True):
             block[:] = rest[mark.lamina, mark.node]
-            block[..., 0] += BLOCK_LENGTH * case.length * ENDS[:, None]
+            block[..., 0] = mark.x + BLOCK_LENGTH * case.length * ENDS[:, None]
             block[..., 1] = mark.rest + mark.side * half.sum() * (1.0 + mark.side * UPWARDS)
         return cls(
             rest,

@@ -273,7 +273,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     unit = float(np.abs(y).max()) / LARGEST or 1.0
     stops = [
         {
-            "x": 1e3 * float(history["x"][own.node]), "side": own.side,
+            "x": 1e3 * own.x, "side": own.side,
             "y": _short(1e3 * (own.rest + factor * own.motion)[last]),
             "lit": own.state[last].tolist(),
         }
