@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from delam_fem.numerics.settling import FEWEST, TOLERANCE, judge
+from delam_fem.numerics.settling import FEWEST, TOLERANCE, _beating, _decaying, judge
 
 DECAY = 0.02
 EXACT = 1e-9
@@ -204,3 +204,13 @@ def test_the_numbers_of_a_verdict_are_those_of_one_probe() -> None:
     found = judge(np.concatenate([wild, quiet], axis=1), 1, DECAY, is_linear=False)
     assert found.word == "not settled" and found.transient == pytest.approx(0.05, rel=0.01)
     assert found.allowed == TOLERANCE and found.scatter < TOLERANCE
+
+
+def test_a_beat_is_at_most_the_whole_rest() -> None:
+    """The line through a power that fades twice as fast begins below 0: all is beat."""
+    rate, n = 0.05, 60
+    power = 1e-4 * np.exp(-4.0 * rate * (np.arange(n) + 1 - n))
+    rest = np.sqrt(power / 2.0) * np.ones((2, 1, 1))
+    beat, scatter = _beating(rest, rate)
+    assert beat == pytest.approx(_decaying(rest, rate), rel=1e-12)
+    assert scatter == pytest.approx(0.0, abs=1e-6 * beat[0])

@@ -8,7 +8,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.results import quality
-from delam_fem.results.quality import is_lost, quality_warnings
+from delam_fem.results.diagnostics import GROUP_PERIODS, ProbeMotion
+from delam_fem.results.quality import contacts_by_period, is_lost, quality_warnings
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.system.errors import CaseError
 
@@ -89,3 +90,14 @@ def test_a_first_step_out_of_bounds_is_refused() -> None:
     case = preset("paper", {**SHORT, "excitation.amplitude": 1e6})
     with pytest.raises(CaseError, match=r"the first step of .* s already goes beyond"):
         df.run(case, "petsc", structure=closed_form.assemble(case))
+
+
+def test_contacts_count_in_the_period_in_which_they_begin() -> None:
+    """A group ends where the next closed step is a twentieth of a period away, not before."""
+    N, first = 100, 10  # steps before the first whole period
+    apart = round(GROUP_PERIODS * N)
+    closed = [first, first + apart - 1, first + 2 * apart - 1, first + N + 3, first + 2 * N - 1]
+    hit = np.zeros((1, first + 3 * N), dtype=bool)
+    hit[0, closed] = True
+    motion = ProbeMotion(np.zeros((2, hit.size)), np.zeros((2, 3)), np.array([1.0]), hit, 5)
+    assert contacts_by_period(motion, N).tolist() == [2.0, 2.0, 0.0]

@@ -150,3 +150,8 @@ def test_a_period_that_ends_early_has_the_steps_before() -> None:
     assert kept.strobe[1, 0].tolist() == U[:, 6].tolist()
     assert kept.envelope[1].tolist() == [[1.0, 0.0], [8.0, 3.5]]
     assert kept.ledger[1, 0] == 6.0
+
+
+def test_a_block_leaves_as_soon_as_later_ones_fill_the_window() -> None:
+    kept, blocks = recorder(window=2), [[0], [0], [0]]  # one period each
+    assert [kept.take(block) for block in blocks] == [None, None, blocks[0]]

@@ -110,3 +110,18 @@ def test_a_film_is_at_most_the_window(tmp_path: Path) -> None:
     history = synthetic_history(case).isel(frame=slice(0, 2))
     (path,) = write_film(history, case, [tmp_path / "a.gif"], periods=1e9)
     assert len(pictures(path)) == 2 < FRAMES * WINDOW
+
+
+def test_clamps_move_with_the_held_ends() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    history["displacement"][0, -1, 0] = 1e-3
+    last = history.sizes["frame"] - 1
+    plotter = animation.pv.Plotter(off_screen=True)
+    scene = animation._Scene(plotter, history, case, list(range(last + 1)), (1.0, 1.0))
+    scene.show(last)
+    [(end, clamp, at_rest)] = scene.clamps  # of a cantilever
+    moved = np.outer(np.ones(len(at_rest)), [0.0, 1e-3 * scene.deflection, 0.0])
+    np.testing.assert_allclose(clamp.points - at_rest, moved, atol=1e-7)
+    plotter.close()
+    assert end == 0

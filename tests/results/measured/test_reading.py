@@ -408,3 +408,11 @@ def test_several_files_become_one_dataset(tmp_path: Path) -> None:
     assert [row[0] for row in rows(data)] == ["tip thick", "tip thin"]
     again = read_measured(write_measured(data, tmp_path / "measured.nc"))
     xr.testing.assert_identical(again, data)
+
+
+def test_the_ends_of_frequencies_and_places_are_told() -> None:
+    data = xr.Dataset(coords={"frequency": [1.0, 2.5, 7.0], "x": [0.1, 0.2, 0.4]})
+    assert list(lines(data)) == [
+        "frequency: 3 values, 1 to 7 Hz",
+        "x: 3 values, 0.1 to 0.4 m",
+    ]

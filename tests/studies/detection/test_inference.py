@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from delam_fem.numerics.statistics import Posterior
+from delam_fem.results.scan import Shapes
+from delam_fem.studies.detection.indices import curvature
 from delam_fem.studies.detection.infer import (
+    COMPONENTS,
     Knowledge,
     Prior,
     Sensor,
+    _statistics,
     edge_posterior,
     edges,
     knowledge,
@@ -60,3 +64,19 @@ def test_90_percent_intervals_cover_the_truth(
     *_, known = made_up
     share = known.table.coverage(np.arange(100))
     assert (share >= 0.82).all(), share  # 0.9, less 2.7 standard deviations
+
+
+def test_the_sizes_of_both_orders_are_told_apart() -> None:
+    """Ten times the second harmonic changes its ratio to the first alone, by log 10."""
+    first, second = np.sin(np.pi * X / 0.4), np.clip(0.05 - np.abs(X - 0.2), 0.0, None)
+    found = []
+    for size in (1.0, 10.0):
+        values = np.array([2.0 * first, size * second], dtype=complex)
+        shapes = Shapes(X, 92.0, (1.0, 2.0), values, 1e-6)
+        n = curvature(shapes).values.size
+        found.append(_statistics(shapes, np.vstack([np.zeros(n), np.eye(COMPONENTS, n)])))
+    change = found[1] - found[0]
+    assert change[-2:] == pytest.approx([np.log(10.0), 0.0], abs=1e-12)
+    assert change[:COMPONENTS] == pytest.approx(np.zeros(COMPONENTS), abs=1e-12)
+    rms = np.sqrt(np.mean(first**2))
+    assert found[0][-1] == pytest.approx(np.log(2.0 * rms))
