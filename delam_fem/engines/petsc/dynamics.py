@@ -67,6 +67,7 @@ class Dynamics:
         self._rayleigh = o.rayleigh and [self._vector(values) for values in o.rayleigh]
         base = np.column_stack([o.base.stiffness, o.base.damping, o.base.mass])
         self._base_columns = matrix(base, MPI.COMM_SELF)
+        self._stacks: list[PETSc.Mat] = []
         self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
         self._moved = np.diff(sp.csr_matrix(o.gap_matrix).indptr) > 0  # pairs of this rank's dofs
         self._rate = linear_algebra.Shared(o.n_pairs, o.comm, np.flatnonzero(self._moved))
@@ -145,7 +146,9 @@ class Dynamics:
         M, C, K = self._blocks
         if K.comm.size > 1 or linear_algebra.is_wide(K):
             return None
-        return linear_algebra.stacked(M, C, K, self._base_columns, ahead, inertia)
+        stack = linear_algebra.stacked(M, C, K, self._base_columns, ahead, inertia)
+        self._stacks.append(stack)
+        return stack
 
     def _find_residual(
         self,
@@ -341,6 +344,6 @@ class Dynamics:
             *(self._all, self._motion, self.u, self.v, self.a),
             *(self._residual, self._load, self._response, self._point),
             *(self._rayleigh or ()),
-            *(self._base_columns, self._drive),
+            *(self._base_columns, self._drive, *self._stacks),
         ):
             thing.destroy()

@@ -22,8 +22,8 @@ LARGE = 20000
 """Entries up to which PETSc's LU factors are the fastest: 800 dofs in plane stress, 240 in 3D."""
 PADDED = 1.3
 """Entries of blocks of 2 × 2, the dofs of a node, over those of a matrix, up to which it is stored
-in blocks. Their LU factors solve in 3/4 of the time. PETSc's Cholesky factors of blocks are as fast
-and useless for solids: its 3.18 gives errors of 100 % at a condition of 1e6."""
+in blocks. Their LU factors solve in 3/4 of the time. Cholesky factors of blocks would save another
+tenth, but those of PETSc 3.18 are wrong for solids: errors of 100 % at a condition of 1e6."""
 WIDE = 12
 """Mean number of entries in a row above which a large matrix is that of a solid; beams have 6."""
 ROUND_OFF = 1e-12
@@ -140,7 +140,7 @@ class Factor:
     """A factorised matrix B; `solve(b, x)` writes x = B⁻¹ b / s for own shares b, x (collective).
 
     Beams and small solids have narrow bands, for which PETSc's own factors are the fastest, in
-    blocks if there are two dofs at a node: 80 dofs take half a µs. Large solids take Cholesky
+    blocks if there are two dofs at a node: 80 dofs take 0.4 µs. Large solids take Cholesky
     factors: CHOLMOD's, or PETSc's own without it. Distributed factors are those of MUMPS. If ranks
     are uncoupled, each one has a serial factor of its own part. Where there are options of PETSc
     with the prefix, its KSP solves as they say, iteratively if they choose a preconditioner that is

@@ -320,7 +320,5 @@ class Newmark(Dynamics):
             vector.destroy()
         for size in self._sizes:
             size.A.destroy()
-            if size.stack is not None:
-                size.stack.destroy()
         self._M_factor.destroy()
         super().destroy()

@@ -427,6 +427,6 @@ class MoreauJean(Dynamics):
                 size.weights.destroy()
         if self._damping is not None:
             self._damping.destroy()
-        for thing in (*(self._motion_start, self._start, self._predicted, self._rate_start),):
+        for thing in (self._motion_start, self._start, self._predicted, self._rate_start):
             thing.destroy()
         super().destroy()

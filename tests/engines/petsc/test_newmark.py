@@ -326,3 +326,14 @@ def test_blocks_of_the_compliance_are_kept_and_their_number_is_bounded(
         assert blocks.setdefault(str(pairs), block) is block or pairs == [1, 3]
     assert blocks["[1, 3]"] is not block
     stepper.destroy()
+
+
+@pytest.mark.parametrize("kind", [Newmark, MoreauJean])
+def test_a_destroyed_stepper_leaves_no_residual_matrix_behind(
+    kind: type[Newmark] | type[MoreauJean],
+) -> None:
+    stepper = kind(problem(), 2 * DT, DT)
+    stacks = [size.stack for size in stepper._sizes]
+    assert len(stacks) == 2 and all(stacks)
+    stepper.destroy()
+    assert not any(stacks)
