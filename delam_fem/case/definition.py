@@ -185,17 +185,10 @@ class Case(Section):
         """Check that what acts on laminae names one of them and a place on it."""
         self._check_place("excitation", self.excitation)
         for section in ("point_mass", "sensor", "stop", "impactor", "initial"):
-            entries, is_of_beams = getattr(self, section), section not in ("point_mass", "sensor")
-            if entries and is_of_beams and self.model.is_continuum:
-                raise inconsistent(
-                    section,
-                    'expected only with model.kind = "beam" or "modes", because a point of a solid '
-                    "gives way the more the finer its mesh is, given "
-                    f'"{self.model.kind}"',
-                )
-            for number, own in enumerate(entries, start=1):
+            tolerance = 0.0 if section in ("point_mass", "sensor") else EDGE_TOLERANCE
+            for number, own in enumerate(getattr(self, section), start=1):
                 key = f"{section}.{getattr(own, 'name', number)}"
-                self._check_place(key, own, EDGE_TOLERANCE if is_of_beams else 0.0)
+                self._check_place(key, own, tolerance)
 
     def _check_place(self, key: str, own: Section, tolerance: float = 0.0) -> None:
         """Check the lamina and the places that a table names, if it names any."""
@@ -451,10 +444,6 @@ class Case(Section):
     def _check_inner_supports(self) -> None:
         """Check that supports inside the span are apart from the ends and from one another."""
         inside = self.support.inside
-        if inside and self.model.is_continuum:
-            raise inconsistent(
-                "support", f'expected only its ends with model.kind = "{self.model.kind}"'
-            )
         margin = EDGE_TOLERANCE * self.length
         taken = [0.0, self.length]
         for own in sorted(inside, key=lambda own: own.position):
@@ -529,10 +518,11 @@ class Case(Section):
     def as_beams(self) -> Self:
         """The case with beams in place of its solids; `BEAM_CELLS` elements if it has a mesh file.
 
-        Its sensors are left out.
+        Its sensors, stops, impactors and initial states are left out.
         """
         mesh = self.mesh if self.mesh.file is None else Mesh(elements=BEAM_CELLS)
-        return self.model_copy(update={"mesh": mesh, "model": Model(), "sensor": ()})
+        none = dict.fromkeys(("sensor", "stop", "impactor", "initial"), ())
+        return self.model_copy(update={"mesh": mesh, "model": Model(), **none})
 
     @property
     def is_floating(self) -> bool:

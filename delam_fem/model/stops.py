@@ -1,4 +1,4 @@
-"""Add to beams and their modes what a case has besides: stops, impactors, and the initial state.
+"""Add to a structure what a case has besides: stops, impactors, and the initial state.
 
 A stop or an impactor that a lamina strikes adds rows to the gap operator:
 
@@ -13,7 +13,7 @@ stops on the ground (S1). M, C and K stay, and the base couples by
 
 This is exact: the ledger counts what the base does through stops, and no law and no scheme knows of
 the change. `BaseCoupling.shift` and the layout's reading give u back. In modes r begins as
--K⁻¹ k_b, the static shape in which the structure follows the base.
+-K⁻¹ k_b, the static shape in which the structure follows the base; in solids it is a translation.
 
 Hertz's contact of a ball of radius R, F = k δ^(3/2) with k = 4/3 E √R / (1 - ν²), is the sum of
 springs at increasing gaps, whose force is the chord through that curve at
@@ -46,12 +46,15 @@ from delam_fem.model.layout import (
     half_ways,
     interpolation_rows,
     place_of,
+    selection,
 )
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
+UP = 1
+"""Column of `Operators.near_null` of a solid that is the translation along deflections."""
 _SIDES = {"above": (1,), "below": (-1,), "both": (1, -1)}
 _ROUND_OFF = 1e-9
 _Added = tuple[StopPairs, sp.csr_matrix, FloatArray, "FloatArray | float"]
@@ -64,7 +67,7 @@ def struck(structure: Structure, case: Case) -> Structure:
     """Return a structure with the stops, the initial state and the impactors of its case.
 
     Args:
-        structure: beams or their modes, with the drive of the case.
+        structure: beams, their modes, or solids on one rank, with the drive of the case.
         case: the case.
 
     Raises:
@@ -187,6 +190,8 @@ def _with_dofs(structure: Structure, case: Case) -> Structure:
         damping=sp.block_diag([o.damping, sp.diags(c)], format="csr"),
         stiffness=sp.block_diag([o.stiffness, sp.diags(k)], format="csr"),
         lumped_mass=None if o.lumped_mass is None else np.append(o.lumped_mass, m),
+        rayleigh=None,
+        near_null=None if o.near_null is None else np.pad(o.near_null, ((0, count), (0, 0))),
         base=replace(
             base,
             mass=np.append(base.mass, np.zeros(count)),
@@ -199,13 +204,13 @@ def _with_dofs(structure: Structure, case: Case) -> Structure:
         sensors=None,
         start=start,
     )
-    layout = replace(structure.layout, n_impactors=count)
+    layout, body = replace(structure.layout, n_impactors=count), structure.body
     if reading := layout.reading:
         belongs = np.append(reading.part, np.full(count, -1))
         layout = replace(
             layout, reading=replace(reading, matrix=wider(reading.matrix), part=belongs)
         )
-    return Structure(operators, layout, structure.body)
+    return Structure(operators, layout, body and replace(body, free=wider(body.free)))
 
 
 def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float | None, FloatArray]:
@@ -281,7 +286,10 @@ def in_moving_frame(structure: Structure) -> Structure:
         needed[stop.pairs] = -stop.side * (float(stop.on_base) - held)
     if any(stop.on_base for stop in layout.stops):
         stiffness = o.stiffness.diagonal()
-        if layout.reading is not None:
+        if structure.body is not None:
+            assert o.near_null is not None
+            r[:] = o.near_null[:, UP]
+        elif layout.reading is not None:
             np.divide(-base.stiffness, stiffness, out=r, where=stiffness > 0.0)
         for part in layout.parts if layout.reading is None else ():
             dofs = part.dofs[:, DISPLACEMENT]
@@ -314,16 +322,16 @@ def in_moving_frame(structure: Structure) -> Structure:
         for number, part in enumerate(layout.parts):
             part_of[part.own_dofs] = number
         reading = Reading(sp.identity(n, format="csr"), np.zeros(n), part_of)
-    reading = replace(reading, base=reading.base + reading.matrix @ r)
-    return replace(
-        structure,
-        operators=replace(o, base=shifted),
-        layout=replace(layout, reading=reading),
+    reading, body = replace(reading, base=reading.base + reading.matrix @ r), structure.body
+    return Structure(
+        replace(o, base=shifted),
+        replace(layout, reading=reading),
+        body and replace(body, base=body.base + body.free @ r),
     )
 
 
 def with_start(structure: Structure, case: Case) -> Structure:
-    """Return beams with the initial state of their case, before their dofs are shifted.
+    """Return a structure with the initial state of its case, before its dofs are shifted.
 
     Modes have an initial state already, from the beams that were reduced.
 
@@ -335,20 +343,28 @@ def with_start(structure: Structure, case: Case) -> Structure:
     start = np.zeros((2, structure.operators.n_dofs))
     for number, own in enumerate(case.initial, start=1):
         size = np.array([[own.displacement], [own.velocity]])
-        start += size * _shape(structure, own, f"initial.{number}")
+        start += size * _shape(structure, case, own, f"initial.{number}")
     return replace(structure, operators=replace(structure.operators, start=start))
 
 
-def _shape(structure: Structure, own: Initial, key: str) -> FloatArray:
+def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArray:
     """Return the shape of an initial state, whose largest deflection at a node is 1, shape (n,)."""
-    o, layout = structure.operators, structure.layout
-    parts = [part for part in layout.parts if own.lamina in (None, part.name)]
-    dofs = np.unique(np.concatenate([part.own_dofs for part in parts]))
+    o, layout, body = structure.operators, structure.layout, structure.body
+    numbers = [k for k, part in enumerate(layout.parts) if own.lamina in (None, part.name)]
+    parts, numbered = [layout.parts[k] for k in numbers], layout.n_numbered(o.n_dofs)
     deflections = np.unique(np.concatenate([part.dofs[:, DISPLACEMENT] for part in parts]))
-    deflections = deflections[deflections >= 0]
+    read = layout.of_dofs(selection(deflections[deflections >= 0], numbered))
+    if body is None:
+        dofs = np.unique(np.concatenate([part.own_dofs for part in parts]))
+    else:
+        dofs = body.moving(case, numbers)
     shape = np.zeros(o.n_dofs)
     if own.shape == "uniform":
-        shape[deflections] = 1.0
+        if body is None:
+            shape[read.indices] = 1.0
+        else:
+            assert o.near_null is not None
+            shape[dofs] = o.near_null[dofs, UP]
         return shape
     K, M = o.stiffness[dofs][:, dofs], o.mass[dofs][:, dofs]
     if own.shape == "mode":
@@ -358,13 +374,14 @@ def _shape(structure: Structure, own: Initial, key: str) -> FloatArray:
     else:
         assert own.position is not None
         place = np.array([place_of(parts[0], own.position)])
-        load = interpolation_rows(parts[0], place, o.n_dofs).toarray()[0, dofs]
+        load = layout.of_dofs(interpolation_rows(parts[0], place, numbered)).toarray()[0, dofs]
         try:
             shape[dofs] = splu(sp.csc_matrix(K)).solve(load)
         except RuntimeError:
             text = f"{key}.shape: expected laminae that are held, given free ones"
             raise CaseError(text) from None
-    largest = deflections[np.abs(shape[deflections]).argmax()]
-    if not shape[largest]:
+    seen = read @ shape
+    largest = float(seen[np.abs(seen).argmax()])
+    if not largest:
         raise CaseError(f"{key}.position: expected a point that can move, given {own.position} m")
-    return np.asarray(shape / shape[largest])
+    return np.asarray(shape / largest)

@@ -290,8 +290,6 @@ def test_what_does_not_go_together_is_told() -> None:
         case_of(soft, contact=RIGID)
     with pytest.raises(CaseError, match=r"gap: expected none beside a single lamina"):
         case_of([], gap={"tip": 1e-3})
-    with pytest.raises(CaseError, match=r"stop: expected only with model\.kind"):
-        case_of(soft, model={"kind": "solid"})
     with pytest.raises(CaseError, match=r"stop\.1: expected places where the lamina can move"):
         closed_form.assemble(case_of({"position": 0.0}))
     both = [{"position": L}, {"position": L, "on": "ground", "side": "below"}]

@@ -607,20 +607,33 @@ def _inner_springs(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, s
     """Return stiffness and damping of springs inside the span, with the base as last row."""
     K, C = (sp.csr_matrix((n + 1, n + 1)) for _ in range(2))
     base = sp.csr_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
-    for own in case.support.inside:
-        parts = [part for part in layout.parts if own.lamina in (None, part.name)]
-        place = place_of(parts[0], own.position)
-        seen: set[bytes] = set()
-        for part in parts:
-            row, turn = (columns_of(part, place, n, kind) for kind in (DISPLACEMENT, SLOPE))
-            if turn.indices.tobytes() in seen:  # bonded to the one before
-                continue
-            seen.add(turn.indices.tobytes())
-            K = K + own.rotational_stiffness * turn.T @ turn
-            if own.kind == "spring":
-                K = K + (own.stiffness or 0.0) * (row - base).T @ (row - base)
-                C = C + own.damping * (row - base).T @ (row - base)
+    for own, number in inner_supports(case, layout, n):
+        part = layout.parts[number]
+        place = place_of(part, own.position)
+        row, turn = (columns_of(part, place, n, kind) for kind in (DISPLACEMENT, SLOPE))
+        K = K + own.rotational_stiffness * turn.T @ turn
+        if own.kind == "spring":
+            K = K + (own.stiffness or 0.0) * (row - base).T @ (row - base)
+            C = C + own.damping * (row - base).T @ (row - base)
     return K, C
+
+
+def inner_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[InnerSupport, int]]:
+    """Yield each support inside the span with each part that it holds, of bonded parts the lowest.
+
+    Args:
+        case: the case.
+        layout: of its laminae as beams.
+        n: number of free dofs of the beams.
+    """
+    for own in case.support.inside:
+        seen: set[bytes] = set()
+        for number, part in enumerate(layout.parts):
+            if own.lamina in (None, part.name):
+                turn = columns_of(part, place_of(part, own.position), n, SLOPE).indices.tobytes()
+                if turn not in seen:  # otherwise bonded to the one before
+                    seen.add(turn)
+                    yield own, number
 
 
 def parts_of(

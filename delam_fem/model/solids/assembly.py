@@ -17,11 +17,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import PointMass
 from delam_fem.model import operators as distributed
 from delam_fem.model.beams import closed_form, network
 from delam_fem.model.beams.network import completed, layout_of, parts_of
 from delam_fem.model.layout import (
+    DISPLACEMENT,
+    SLOPE,
     Layout,
     Part,
     Reading,
@@ -64,6 +65,12 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
+    for section in ("stop", "impactor", "initial") if comm.size > 1 else ():
+        if getattr(case, section):
+            raise CaseError(
+                f"{section}: expected none with solids on several ranks, given {comm.size} ranks; "
+                "run on one"
+            )
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
     x = points_along(case, mesh) if is_file else node_coordinates(case)
@@ -78,11 +85,23 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     layout = _layout(case, unknowns, x, touching)
     M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
     M, lumped = _with_masses(M, lumped, case, layout, comm)
+    springs = _springs(case, layout)
+    for row, number, k, _ in springs:
+        K = _with_product(K, k, row, number, comm)
     C, rayleigh = _damping(case, unknowns, M, K)
+    for row, number, _, c in springs:
+        C = _with_product(C, c, row, number, comm)
     matrices = [M, C, K]
     del M, C, K  # each is freed when PETSc has it
     operators = _operators(
-        case, unknowns, layout, (touching, H), matrices, lumped, rayleigh, ranks is not None
+        case,
+        unknowns,
+        layout,
+        (touching, H),
+        matrices,
+        lumped,
+        None if any(c for *_, c in springs) else rayleigh,
+        ranks is not None,
     )
     body = Body(
         solid,
@@ -129,7 +148,7 @@ def _operators(
     contact: tuple[tuple[facing.Pairs, ...], sp.csr_matrix],
     matrices: list[Restricted],
     lumped: FloatArray | None,
-    rayleigh: tuple[FloatArray, FloatArray],
+    rayleigh: tuple[FloatArray, FloatArray] | None,
     is_uncoupled: bool,
 ) -> Any:
     """Return the operators: `Operators` on one rank, `DistributedOperators` on several.
@@ -222,29 +241,62 @@ def _with_masses(
             'point_mass: expected time.mass = "consistent" with laminae as solids, given "lumped"'
         )
     for own in case.point_mass:
-        row, at_base = _row_of_mass(own, case, layout)
-        pieces = comm.allgather(row)
-        whole = sp.hstack(pieces, format="csr")
-        load = row.toarray().ravel()
-        corners = mass.corners.copy()
-        corners[layout.names.index(own.lamina)] += own.mass * at_base**2
-        mass = Restricted(
-            sp.csr_matrix(mass.rows + own.mass * (row.T @ whole)),
-            mass.column + own.mass * at_base * load,
-            corners,
-        )
-        total = sum(float(abs(piece).sum()) for piece in pieces)
+        number = layout.names.index(own.lamina)
+        part = layout.parts[number]
+        place = place_of(part, case.length if own.position is None else own.position)
+        row = layout.of_dofs(columns_of(part, place, layout.n_numbered(0)))
+        mass = _with_product(mass, own.mass, row, number, comm)
+        load = np.abs(row[:, :-1].toarray().ravel())
+        total = sum(comm.allgather(float(load.sum())))
         if lumped is not None and total:
-            lumped = lumped + own.mass * np.abs(load) / total
+            lumped = lumped + own.mass * load / total
     return mass, lumped
 
 
-def _row_of_mass(own: PointMass, case: Case, layout: Layout) -> tuple[sp.csr_matrix, float]:
-    """Return the deflection at a mass from the own free dofs, (1, n_own), and from the base."""
-    part = layout.parts[layout.names.index(own.lamina)]
-    place = place_of(part, case.length if own.position is None else own.position)
-    row = layout.of_dofs(columns_of(part, place, layout.n_numbered(0)))
-    return sp.csr_matrix(row[:, :-1]), float(row[0, row.shape[1] - 1])
+def _with_product(
+    matrix: Restricted, size: float, row: sp.csr_matrix, number: int, comm: MPI.Intracomm
+) -> Restricted:
+    """Return a matrix plus size rᵀ r (collective).
+
+    Args:
+        matrix: the matrix.
+        size: the factor.
+        row: r, a functional of the own free dofs and the base, shape (1, n_own + 1).
+        number: of the lamina of which r reads.
+        comm: communicator that shares the dofs.
+    """
+    own, at_base = sp.csr_matrix(row[:, :-1]), float(row[0, row.shape[1] - 1])
+    whole = sp.hstack(comm.allgather(own), format="csr")
+    corners = matrix.corners.copy()
+    corners[number] += size * at_base**2
+    return Restricted(
+        sp.csr_matrix(matrix.rows + size * (own.T @ whole)),
+        matrix.column + size * at_base * own.toarray().ravel(),
+        corners,
+    )
+
+
+def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float, float]]:
+    """Return the springs of supports inside the span.
+
+    Returns:
+        For each of them what it strains, a functional of own free dofs and base, shape
+        (1, n_own + 1); the number of the lamina that it holds; stiffness and damping.
+    """
+    if not case.support.inside:
+        return []
+    found, n = [], layout.n_numbered(0)
+    beams = closed_form.assemble(case.as_beams)
+    for own, number in network.inner_supports(case, beams.layout, beams.operators.n_dofs):
+        part = layout.parts[number]
+        row, turn = (
+            layout.of_dofs(columns_of(part, place_of(part, own.position), n, kind))
+            for kind in (DISPLACEMENT, SLOPE)
+        )
+        found.append((turn, number, own.rotational_stiffness, 0.0))
+        base = sp.csr_matrix(([1.0], ([0], [row.shape[1] - 1])), shape=row.shape)
+        found.append((row - base, number, own.stiffness or 0.0, own.damping))
+    return found
 
 
 def _damping(

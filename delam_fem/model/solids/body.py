@@ -11,6 +11,7 @@ part p at its point k, of n points; the next one is the slope ∂u_y/∂x there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +20,7 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.model import _dolfinx
+from delam_fem.model.beams.network import network
 from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.facing import Pairs, at_points, pressure_at_vertices, sides_of
 from delam_fem.model.solids.forms import Recovery, Solid, evaluate
@@ -90,6 +92,19 @@ class Body:
                 return np.empty((len(vectors), 0, dim))
             own = total
         return np.asarray(own + base[:, None] * self.base).reshape(len(vectors), -1, dim)
+
+    def moving(self, case: Case, laminae: Sequence[int]) -> IntArray:
+        """Return the free dofs that move laminae and what is bonded to them, on one rank, (n,)."""
+        mesh, at = self.mesh, edges(case)
+        middles = mesh.points[mesh.cells].mean(axis=1)[:, 0]
+        chosen = np.isin(mesh.lamina, laminae)
+        for segment, group in () if case.is_apart else network(case, at).groups():
+            if not set(group).isdisjoint(laminae):
+                is_there = (middles > at[segment.first]) & (middles < at[segment.last])
+                chosen |= is_there & np.isin(mesh.lamina, group)
+        nodes = np.unique(self.solid.nodes_of(np.flatnonzero(chosen)))
+        rows = mesh.dim * nodes[:, None] + np.arange(mesh.dim)
+        return np.asarray(np.unique(self.free[rows.ravel()].indices))
 
     def shape(self) -> Shape:
         """Return the points and cells for output (collective)."""

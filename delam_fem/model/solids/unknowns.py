@@ -10,7 +10,12 @@ theory:
 
     u_x = -(y - y_0) phi,   u_y = q                                                           (S2)
 
-phi is a free dof. Laminae that are bonded at the end turn together.
+phi is a free dof. Laminae that are bonded at the end turn together. Inside the span a support holds
+the whole section of a lamina: a pinned one u_y alone, a clamped one also against turns,
+
+    u_x = phi,   u_y = q,                                                                     (S3)
+
+where phi is free, as supports of beams hold nothing along x.
 
 Against round-off, displacements are relative to one node of each column through the thickness. A
 cell of a sheet is 10⁸ times and more stiffer through its thickness than the sheet is in bending: in
@@ -44,7 +49,9 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import InnerSupport
 from delam_fem.model import _dolfinx, operators
+from delam_fem.model.mesh import NODE_TOLERANCE
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import TENSOR, SolidMesh, jacobians_of
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -64,7 +71,7 @@ class Held:
     Attributes:
         dofs: increasing, numbered over all ranks, shape (n,).
         base: g of S1 for each of them, 0 or 1, shape (n,).
-        turn: the factor -(y - y_0) of S2, shape (n,) [m].
+        turn: the factor of phi: -(y - y_0) of S2 [m], 1 of S3, shape (n,).
         place: the dof in whose place phi is, for each of them; itself one of `dofs`; -1: none,
             shape (n,).
         lamina: number of the lamina that turns with phi, SHARED where bonded ones do, shape (n,).
@@ -105,10 +112,47 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
             laminae = np.unique(solid.mesh.lamina[solid.mesh.cells_with(facets[own])[0]])
             one = int(laminae[0]) if laminae.size == 1 else SHARED
             blocks.append(_at(solid, nodes, axis, one))
+    for inner in case.support.held:
+        blocks += _inside(case, solid, inner)
     every = [[getattr(own, name) for own in blocks] for name in Held.__dataclass_fields__]
     dofs, *others = (np.concatenate(values) for values in every)
     dofs, first = np.unique(dofs, return_index=True)
     return Held(dofs, *(values[first] for values in others))
+
+
+def _inside(case: Case, solid: Solid, support: InnerSupport) -> Iterator[Held]:
+    """Yield the held dofs of a support inside the span, bonded laminae together (collective).
+
+    Raises:
+        CaseError: a mesh from a file has no nodes there.
+    """
+    lowest, highest = _of_nodes(solid, solid.mesh.lamina)
+    is_there = np.abs(solid.coordinates[:, X] - support.position) <= NODE_TOLERANCE * case.length
+    own = solid.first_node + np.flatnonzero(is_there)
+    pieces = solid.comm.allgather((own, lowest[is_there], highest[is_there]))
+    nodes, low, high = (np.concatenate(values) for values in zip(*pieces, strict=True))
+    held = [i for i, one in enumerate(case.lamina) if support.lamina in (None, one.name)]
+    groups: list[list[int]] = []
+    for i in held:
+        if not np.any(high == i):
+            raise CaseError(
+                f"support.position: expected nodes of the mesh at {support.position:g} m in lamina "
+                f"{case.lamina[i].name}; refine it there, or give a spring"
+            )
+        if groups and np.any((low < i) & (high >= i)):
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    for group in groups:
+        chosen = nodes[(high >= group[0]) & (low <= group[-1])]
+        across = solid.dim * chosen + Y
+        none = np.full(chosen.size, -1, dtype=np.int64)
+        flat = np.full(chosen.size, group[0] if len(group) == 1 else SHARED, dtype=np.int64)
+        yield Held(across, np.ones(chosen.size), np.zeros(chosen.size), none, flat)
+        if support.kind == "clamped":
+            along = solid.dim * chosen + X
+            first = np.full(chosen.size, along[0])
+            yield Held(along, np.zeros(chosen.size), np.ones(chosen.size), first, flat)
 
 
 def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> float:
@@ -493,8 +537,8 @@ class Unknowns:
     def rigid_motions(self) -> FloatArray:
         """Values of the own free dofs in rigid motions (collective), shape (n_own, 3 or 6).
 
-        A dof d_i of R1 has the difference from its reference. The turn phi of a pinned end is 1 in
-        the rotation in the plane of x and y, and 0 in all other motions.
+        A dof d_i of R1 has the difference from its reference. phi of S2 is 1 in the rotation in the
+        plane of x and y, that of S3 in the translation along x, and 0 in all other motions.
         """
         solid, dim = self.solid, self.solid.dim
         nodes, component = np.divmod(self.own, dim)
@@ -510,7 +554,10 @@ class Unknowns:
         for k, (i, j) in enumerate(turns, start=dim):
             result[:, k] = np.where(component == j, at[:, i], 0.0)
             result[:, k] -= np.where(component == i, at[:, j], 0.0)
-        result[np.isin(self.own, self.held.place)] = np.arange(result.shape[1]) == dim
+        held = self.held
+        for of_sections, motion in ((held.turn != 1.0, dim), (held.turn == 1.0, X)):
+            places = np.isin(self.own, held.place[of_sections])
+            result[places] = np.arange(result.shape[1]) == motion
         return result
 
     @property
