@@ -144,6 +144,24 @@ class Case(Section):
             label = f"case {sections.get('name', '')}".rstrip()
             raise CaseError(message(label, error, sections)) from None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _law_with_scheme(cls, data: object) -> object:
+        """Take a law with its scheme, such as newton@moreau-jean, apart."""
+        if not isinstance(data, Mapping) or not isinstance(data.get("contact"), Mapping):
+            return data
+        law, _, scheme = str(data["contact"].get("law")).partition("@")
+        if not scheme:
+            return data
+        time = data.get("time", {})
+        if isinstance(time, Mapping):
+            if time.get("scheme", scheme) != scheme:
+                raise inconsistent(
+                    "contact.law", f"expected time.scheme = {time['scheme']!r}, given {scheme!r}"
+                )
+            time = {**time, "scheme": scheme}
+        return {**data, "contact": {**data["contact"], "law": law}, "time": time}
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         """Check conditions that involve several sections."""

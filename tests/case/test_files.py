@@ -366,6 +366,13 @@ def test_a_law_may_be_set_with_its_scheme() -> None:
     assert (case.contact.law, case.time.scheme) == ("newton", "moreau-jean")
     with pytest.raises(CaseError, match=r"time\.scheme: expected 'newmark'"):
         preset("paper", {"contact.law": "newton@euler"})
+    tables = case.model_dump(exclude_unset=True)
+    tables["contact"]["law"] = "newton@moreau-jean"
+    assert Case(**tables) == case
+    with pytest.raises(CaseError, match=r"contact\.law: expected time\.scheme = 'newmark'"):
+        Case(**(tables | {"time": {"scheme": "newmark"}}))
+    del tables["time"]
+    assert Case(**tables).time.scheme == "moreau-jean"
 
 
 @pytest.mark.parametrize("name", ["paper", "default"])
