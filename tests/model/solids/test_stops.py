@@ -85,6 +85,23 @@ def test_supports_inside_are_those_of_beams(
         assert frequencies(coarse, 1)[0] == pytest.approx(beam[0], rel=5e-3)
 
 
+@pytest.mark.parametrize("place", [0.3, 0.7], ids=["bonded", "apart"])
+def test_supports_inside_hold_nothing_along_x(place: float) -> None:
+    """With free ends the whole slides on a clamp, the bonded laminae as one: of 5 nodes, or 2 × 3
+    where they are apart, a clamp holds the turns alone."""
+    o, pinned = (
+        discretise.assemble(
+            case_of(PLANE, **BONDED, support=[{"start": "free"}, own | {"position": place * L}])
+        ).operators
+        for own in ({"kind": "clamped"}, {"kind": "pinned"})
+    )
+    assert pinned.n_dofs - o.n_dofs == 4
+    assert o.near_null is not None
+    x, y, _ = o.near_null.T
+    assert np.abs(o.stiffness @ x).max() < 1e-12 * np.abs(abs(o.stiffness) @ abs(x)).max()
+    assert np.abs(o.stiffness @ y + o.base.stiffness).max() < 1e-12 * abs(o.stiffness).max()
+
+
 @pytest.mark.parametrize(
     ("sections", "tolerance"),
     [
