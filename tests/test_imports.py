@@ -71,6 +71,7 @@ ABOVE_DOLFINX = {
 ABOVE_PETSC = {"engines.petsc", "system.mpi", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
 PART_OF = {  # modules that another distribution pins and brings
+    "PIL": "matplotlib",
     "llvmlite": "numba",
     "pydantic_core": "pydantic",
     "sdypy": "sdypy-FRF",

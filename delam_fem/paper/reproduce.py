@@ -17,7 +17,7 @@ from typing import Any
 from delam_fem.paper import histories, lateral, parameters, portraits, responses, shapes
 from delam_fem.paper.claims import HEADING, Claim, Piece
 from delam_fem.paper.lab import Laboratory
-from delam_fem.results.figures.style import styled
+from delam_fem.results.figures.style import styled, write_png
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Link, Paragraph, Section, Table
 from delam_fem.system.errors import CaseError
@@ -204,7 +204,7 @@ def _write(piece: Piece, lab: Laboratory, directory: Path, begin: float) -> list
     paths, numbers = [picture, kept], piece.measure(lab)
     with styled(), rc_context({"axes.titlelocation": "left"}):
         with atomic(picture) as temporary:
-            piece.draw(numbers).savefig(temporary, format="png")
+            write_png(piece.draw(numbers), temporary)
         if piece.film is not None:
             with atomic(film) as temporary:
                 piece.film(numbers, temporary)

@@ -192,14 +192,15 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, sta
     """Add the table of impacts in the window; pairs hit at one instant share the energy change."""
     columns: list[FloatArray] = [np.empty((5, 0))]
     for j, record in enumerate(recorder.window):
-        for tick, decision, energy in record.jumps:
-            p = decision.impulses
-            steps = start + j * recorder.steps_per_period + tick / recorder.refine
-            # an impulse works at the mean gap rate; a remainder is shared by the impulses
-            work = 0.5 * p * (decision.rate_pre + decision.rate_post)
-            share = work + (energy - work.sum()) * p / float(p.sum()) if p.any() else work
-            time = np.full(p.size, steps * recorder.time_step)
-            columns.append(np.array([time, decision.hit, p, decision.rate_pre, share]))
+        jumps = record.jumps.columns()
+        first, p = np.cumsum(jumps.sizes) - jumps.sizes, jumps.impulses
+        steps = start + j * recorder.steps_per_period + jumps.ticks / recorder.refine
+        # an impulse works at the mean gap rate; a remainder is shared by the impulses
+        work = 0.5 * p * (jumps.rate_pre + jumps.rate_post)
+        rest, total = jumps.energies - np.add.reduceat(work, first), np.add.reduceat(p, first)
+        each = np.array([steps * recorder.time_step, rest, np.where(total == 0.0, 1.0, total)])
+        time, rest, total = np.repeat(each, jumps.sizes, axis=1)
+        columns.append(np.array([time, jumps.hit, p, jumps.rate_pre, work + rest * p / total]))
     time, pair, impulse, rate, energy = np.concatenate(columns, axis=1)
     hit = pair.astype(np.int64)
     add(data, event_time=time)

@@ -39,6 +39,7 @@ from delam_fem.results.figures.style import (
     legend_above,
     over_time,
     powers_of_ten,
+    save_figure,
     seconds_below,
     shown_unit,
     side_by_side,
@@ -50,7 +51,6 @@ from delam_fem.results.figures.style import (
 )
 from delam_fem.results.schema import SENSOR, by_interface, event_interfaces, sensors_of
 from delam_fem.simulation.recorder import RESTING
-from delam_fem.system.files import atomic
 
 LINE_PERIODS = 2
 """Periods that the contact line shows: the fewest that show whether it repeats."""
@@ -518,11 +518,7 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     names = [name for name in figures if has_period or name != "spectra"]
     for name in (FIGURES | OF_PROBES | OF_SENSORS).keys() - set(names):
         (directory / f"{name}.png").unlink(missing_ok=True)  # of an earlier run
-    for name in names:
-        with styled(), atomic(directory / f"{name}.png") as temporary:
-            figure = figures[name](history, case)
-            if (layout := figure.get_layout_engine()) is not None:
-                layout.execute(figure)
-                figure.set_layout_engine(None)  # `savefig` would draw twice to find it
-            figure.savefig(temporary)
-    return [directory / f"{name}.png" for name in names]
+    paths = [directory / f"{name}.png" for name in names]
+    for name, path in zip(names, paths, strict=True):
+        save_figure(partial(figures[name], history, case), path)
+    return paths

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,14 +176,30 @@ def over_time(figure: Figure, panels: Sequence[Axes], case: Case, words: str = "
 
 
 def save_figure(draw: Callable[[], Figure], path: Path) -> Path:
-    """Draw a figure in the house style and write it; return the path.
+    """Draw a figure in the house style and write it as PNG; return the path.
 
     Raises:
         OSError: the folder cannot be written or the disk is full.
     """
     with styled(), atomic(path) as temporary:
-        draw().savefig(temporary)
+        write_png(draw(), temporary)
     return path
+
+
+def write_png(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, whose background hides what lies below it.
+
+    Matplotlib draws a figure twice for its layout, and writes how transparent each pixel is. To
+    lay it out first and leave that out takes two thirds of the time, and the file is smaller.
+    """
+    from PIL import Image
+
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine(None)
+    figure.savefig(temporary := BytesIO(), format="raw", dpi="figure")
+    picture = Image.frombytes("RGBA", figure.canvas.get_width_height(), temporary.getbuffer())
+    picture.convert("RGB").save(path, "png", dpi=(DPI, DPI))
 
 
 def shown_unit(units: str) -> tuple[str, float]:
