@@ -33,7 +33,6 @@ from delam_fem.contact.laws import (
 from delam_fem.engines.session import (
     EngineName,
     Prescribed,
-    Session,
     Stop,
     available,
     session_of,
@@ -248,8 +247,8 @@ def _run_case(
         decay = quality.decay_of(case, structure) * case.period
         enough = quality.enough_of(case, recorder, len(structure.layout.parts), decay)
         with stop_signals() as is_stopped, reporting(progress, "period") as shown:
-            report, save = _callbacks(case, engine, opened, kept, comm, shown)
-            stop = Watch(save, report, is_stopped, comm, checkpoint_seconds)
+            of_run = case, engine, opened.engine, recorder
+            stop = Watch(kept, of_run, is_stopped, comm, report=shown, seconds=checkpoint_seconds)
             outcome = opened.run(stop, enough) if before == "running" else before
             if recorder.n_closed == 1 and not recorder.window[-1].n_steps:
                 raise CaseError(
@@ -261,7 +260,7 @@ def _run_case(
             if before == "running":
                 stop.leave(outcome)
         state = opened.engine.state()
-        arrays = checkpoint.arrays_of(case, engine, opened.engine, recorder, outcome)
+        arrays = checkpoint.arrays_of(*of_run, outcome)
         reading = structure.layout.reading
         if reading is None or reading.comm is None:  # every rank reads all dofs
             recorder.complete(opened.engine.whole)
@@ -413,30 +412,6 @@ def _extended(
     if comm.rank == 0:
         save_case(longer, path.parent)
     return longer, path
-
-
-def _callbacks(
-    case: Case,
-    engine: EngineName,
-    opened: Session,
-    kept: Path | None,
-    comm: MPI.Intracomm,
-    progress: Progress | None,
-) -> tuple[Callable[[int], None], Callable[[checkpoint.Progress], None] | None]:
-    """Return the functions that report a period and save a checkpoint; None: no checkpoints."""
-    recorder = opened.recorder
-
-    def report(period: int) -> None:
-        if progress is not None:
-            progress(period, recorder.n_periods)
-
-    def save(outcome: checkpoint.Progress) -> None:
-        assert kept is not None
-        checkpoint.save(
-            kept, case, engine, opened.engine, recorder, outcome=outcome, writes=comm.rank == 0
-        )
-
-    return report, None if kept is None else save
 
 
 def _summary(

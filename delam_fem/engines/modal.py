@@ -42,12 +42,13 @@ from delam_fem.contact.complementarity import SOLVED, Again, nothing_known, solv
 from delam_fem.model.operators import Operators
 from delam_fem.model.reduced import Reduced, reduce
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
-from delam_fem.simulation.loop import State
+from delam_fem.simulation.loop import Engine, State
 from delam_fem.simulation.recorder import (
     N_BASE,
     N_SIZES,
     Columns,
     Energies,
+    Jumps,
     PeriodRecord,
     Recorder,
 )
@@ -684,7 +685,7 @@ class ModalStepper:
             self.at[place : place + m] = M @ of_dofs @ reduced.shapes - of_base * pull
 
 
-class ModalEngine:
+class ModalEngine(Engine):
     """The engine of modes with massless contact points; see `simulation.loop.Engine`.
 
     Contact is rigid and takes no energy: `impact_loss` of the ledger is the loss at instants of
@@ -694,8 +695,6 @@ class ModalEngine:
     Attributes:
         stepper: holds the state.
     """
-
-    n_shares = steps_at_once = 1
 
     def __init__(
         self, operators: Operators, modes: int, time_step: float, refine: int, *, is_open: bool
@@ -727,18 +726,6 @@ class ModalEngine:
         self.stepper.base_state = np.array(base_state)
         self.stepper.dissipated, _ = state.losses
         self.stepper.restore(state.motion, state.internal)
-
-    def renew_acceleration(self) -> None:
-        """Do nothing: the acceleration follows from the state."""
-
-    def whole(self, share: FloatArray) -> FloatArray:
-        """Return the values themselves: one process has all dofs."""
-        return share
-
-    share = whole
-
-    def destroy(self) -> None:
-        """Do nothing: there is nothing to free."""
 
     def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
         """Compute periods one after the other, and record them; see `Engine`."""
@@ -774,7 +761,7 @@ class ModalEngine:
         step, pair = np.nonzero(trace.impulse > 0.0)
         ends, first, sizes = np.unique(step, return_index=True, return_counts=True)
         rates, ticks = trace.v @ reduced.gap_modes.T, ends * record.ticks_per_step
-        record.jumps.extend(
+        record.jumps = Jumps(
             Columns(
                 ticks, sizes, np.zeros(first.size), pair, trace.impulse[step, pair],
                 rates[step - 1, pair], rates[step, pair],

@@ -296,12 +296,10 @@ class Solution:
         """All impacts of the window."""
         rows, before = [np.zeros((4, 0))], 0
         for record in self.records:
-            for tick, decision, _ in record.jumps:
-                time = (before + tick / record.ticks_per_step) * self.recorder.time_step
-                instant = np.full(decision.hit.size, time)
-                rows.append(
-                    np.array([instant, decision.hit, decision.impulses, decision.rate_pre], float)
-                )
+            jumps = record.jumps.columns()
+            time = (before + jumps.ticks / record.ticks_per_step) * self.recorder.time_step
+            instant = np.repeat(time, jumps.sizes)
+            rows.append(np.array([instant, jumps.hit, jumps.impulses, jumps.rate_pre]))
             before += record.n_steps
         time_, pair, impulse, rate_pre = np.concatenate(rows, axis=1)
         return ImpactTable(time_, pair.astype(np.int64), impulse, rate_pre)
@@ -370,10 +368,7 @@ class Session:
             if before != "running":
                 return before
         with stop_signals() as is_stopped:
-            save = partial(checkpoint.save, path, *parts)
-            stop = Watch(
-                lambda ended: save(outcome=ended), lambda period: None, is_stopped, MPI.COMM_SELF
-            )
+            stop = Watch(path, parts, is_stopped, MPI.COMM_SELF)
             outcome = self.run(stop)
             stop.leave(outcome)
         if outcome == "interrupted":

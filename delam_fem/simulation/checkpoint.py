@@ -93,65 +93,74 @@ def _handled(handler: _Handler) -> Iterator[None]:
             signal.signal(number, previous)
 
 
+Progress = Literal["running"] | Outcome
+"""How far a run is: still running, or how it has ended."""
+
+
 class Watch:
     """Callback after each block: reports progress, saves checkpoints, decides whether to stop."""
 
     def __init__(
         self,
-        save: Callable[[Progress], None] | None,
-        report: Callable[[int], None],
+        path: Path | None,
+        of_run: tuple[Case, str, Engine, Recorder],
         is_stopped: Callable[[], bool],
         comm: MPI.Intracomm,
+        *,
+        report: Callable[[int, int], None] | None = None,
         seconds: float = CHECKPOINT_SECONDS,
     ) -> None:
-        """Store the callbacks and start the clock of the checkpoints.
+        """Store what is watched, and start the clock of the checkpoints.
 
         Args:
-            save: function that takes how far the run is and writes a checkpoint; None: no
-                checkpoints.
-            report: function that takes the number of finished periods.
+            path: file of the checkpoints; None: there are none.
+            of_run: case, name of the engine, engine with the state, recorder; see `arrays_of`.
             is_stopped: function that says whether this process was asked to stop.
-            comm: communicator whose ranks must decide the same.
+            comm: communicator whose ranks must decide the same; the first one writes.
+            report: function that takes the numbers of finished and of all periods; None: nobody
+                wants to know.
             seconds: least time between two checkpoints [s].
         """
-        self._save, self._report = save, report
+        self._path, self._of_run, self._report = path, of_run, report
         self._is_stopped, self._comm = is_stopped, comm
         self._seconds, self._last = seconds, time.monotonic()
-        self._is_alone = comm.size == 1
 
     def __call__(self, period: int) -> bool:
         """Report a period, save a checkpoint if due, and return whether to stop.
 
         All ranks return the same.
         """
-        self._report(period)
+        if self._report is not None:
+            self._report(period, self._of_run[-1].n_periods)
         is_due = time.monotonic() - self._last > self._seconds
         wishes = 2 * is_due + self._is_stopped()
-        if not self._is_alone:
+        if self._comm.size > 1:
             from delam_fem.system.mpi import MPI
 
             wishes = self._comm.allreduce(wishes, MPI.BOR)
         if wishes & 2:
-            self._try_to_save("running")
+            self._save("running")
             self._last = time.monotonic()
         return bool(wishes & 1)
 
     def leave(self, outcome: Outcome) -> None:
         """Save the checkpoint of a run that has ended; it stays until the result is on the disk."""
-        self._try_to_save("running" if outcome == "interrupted" else outcome)
+        self._save("running" if outcome == "interrupted" else outcome)
 
-    def _try_to_save(self, progress: Progress) -> None:
-        """Save a checkpoint; if that fails, warn, because the run itself can go on."""
-        if self._save is None:
+    def _save(self, progress: Progress) -> None:
+        """Save a checkpoint (collective); if that fails, warn, because the run itself can go on.
+
+        The old file is replaced only when the new one is complete and on the disk.
+        """
+        if self._path is None:
             return
+        arrays = arrays_of(*self._of_run, progress)
         try:
-            self._save(progress)
+            if self._comm.rank == 0:
+                write_arrays(self._path, arrays)
         except OSError as error:
             _log.warning("%s: %s; the run goes on without it", error.filename, error.strerror)
 
-
-Progress = Literal["running"] | Outcome
-"""How far a run is: still running, or how it has ended."""
 
 _PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse", "effort")
 
@@ -187,41 +196,18 @@ def of_study(directory: Path, *, resume: bool) -> Iterator[Path]:
     shutil.rmtree(folder)
 
 
-def save(
-    path: Path,
-    case: Case,
-    name: str,
-    engine: Engine,
-    recorder: Recorder,
-    *,
-    outcome: Progress = "running",
-    writes: bool = True,
-) -> None:
-    """Write a checkpoint after a closed period.
-
-    The old file is replaced only when the new one is complete and on the disk.
+def arrays_of(
+    case: Case, name: str, engine: Engine, recorder: Recorder, outcome: Progress
+) -> dict[str, Any]:
+    """Return the arrays of a checkpoint after a closed period by name.
 
     Args:
-        path: the file.
         case: the case that is computed; `load` compares it.
         name: name of the engine; `load` compares it.
         engine: engine with the state; every rank must call, because the state is gathered.
         recorder: recorder with everything recorded so far.
         outcome: "running", or how the run has ended.
-        writes: whether this rank writes the file.
-
-    Raises:
-        OSError: the file cannot be written.
     """
-    arrays = arrays_of(case, name, engine, recorder, outcome)
-    if writes:
-        write_arrays(path, arrays)
-
-
-def arrays_of(
-    case: Case, name: str, engine: Engine, recorder: Recorder, outcome: Progress
-) -> dict[str, Any]:
-    """Return the arrays of a checkpoint by name; see `save`."""
     k, state = recorder.n_closed, engine.state()
     arrays: dict[str, Any] = {
         **{key: np.array(text) for key, text in _origin(case, name, engine).items()},

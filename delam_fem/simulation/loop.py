@@ -55,37 +55,47 @@ class State:
 
 
 class Shared(Protocol):
-    """What engines and steppers that may run on several ranks have in common."""
+    """What engines and steppers that may run on several ranks have in common.
+
+    A class of this kind without methods of its own is that of one process that has all dofs.
+    """
 
     @property
     def n_shares(self) -> int:
         """Number of ranks on which the order of the dofs depends; 1: on none."""
+        return 1
 
     def renew_acceleration(self) -> None:
-        """Set the acceleration to that of the equation of motion."""
+        """Set the acceleration to that of the equation of motion, if the state has one."""
+        return
 
     def whole(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of this rank, the last axis (collective)."""
+        return share
 
     def share(self, of_all: FloatArray) -> FloatArray:
         """Return the values of this rank's dofs among those of all dofs, the last axis."""
+        return of_all
 
     def destroy(self) -> None:
         """Free the PETSc objects that it holds, if any."""
+        return
 
 
 class Engine(Shared, Protocol):
-    """An engine, which computes the steps of periods and holds the state of the motion."""
+    """An engine, which computes the steps of periods and holds the state of the motion.
+
+    Attributes:
+        steps_at_once: largest number of steps that it computes in one go, if a period has fewer.
+    """
+
+    steps_at_once: ClassVar[int] = 1
 
     def state(self) -> State:
         """Return the present state of all dofs (collective)."""
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Set the state as given, with (q, q', q'') of the base at that time, shape (3,)."""
-
-    @property
-    def steps_at_once(self) -> int:
-        """Largest number of steps that the engine computes in one go, if a period has fewer."""
 
     def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
         """Compute periods of the same motion of the base, and record them.
@@ -141,13 +151,11 @@ class Advancing(Shared, Stepper, Kinematics, Protocol):
 
 
 @dataclass(frozen=True)
-class StepByStep:
+class StepByStep(Engine):
     """The engine that makes single steps and calls the supervisor of a contact law after each."""
 
     stepper: Advancing
     supervisor: Supervisor
-
-    steps_at_once: ClassVar[int] = 1
 
     @property
     def n_shares(self) -> int:

@@ -31,7 +31,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain
+from itertools import chain, takewhile
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -213,61 +213,39 @@ _NONE = Columns.room(0, 0)
 class Jumps:
     """The impacts of a period in the order of time; iteration yields (tick, decision, energy)."""
 
-    def __init__(self, *parts: Columns) -> None:
-        """Start with the impacts of some columns, or with none."""
-        self._columns = [part for part in parts if part.ticks.size]
+    def __init__(self, columns: Columns = _NONE) -> None:
+        """Start with the impacts of some columns."""
+        self._columns = columns
         self._single: list[tuple[int, Decision, float]] = []
 
     def append(self, tick: int, decision: Decision, energy: float) -> None:
         """Add the impact of a decision that hits at least one pair."""
         self._single.append((tick, decision, energy))
 
-    @property
-    def _parts(self) -> list[Columns]:
-        """Columns of all impacts; those that came one by one are made into columns first."""
+    def columns(self) -> Columns:
+        """Return the columns of all impacts; those that came one by one are made into columns."""
         if self._single:
             ticks, decisions, energies = zip(*self._single, strict=True)
             columns = zip(*(d[:4] for d in decisions), strict=True)
             joined = [np.array([*chain(*map(np.ndarray.tolist, column))]) for column in columns]
             sizes = np.array([d.hit.size for d in decisions])
-            self._columns.append(Columns(np.array(ticks), sizes, np.array(energies), *joined))
-            self._single = []
+            more = Columns(np.array(ticks), sizes, np.array(energies), *joined)
+            both = zip(self._columns, more, strict=True)
+            self._columns, self._single = Columns._make(map(np.concatenate, both)), []
         return self._columns
 
-    def extend(self, columns: Columns) -> None:
-        """Add the impacts of columns, which must not be changed afterwards."""
-        self._parts.append(columns)  # behind those that came one by one
-
-    def columns(self) -> Columns:
-        """Return the columns of all impacts."""
-        if len(self._parts) == 1:
-            return self._parts[0]
-        return Columns(*map(np.concatenate, zip(_NONE, *self._parts, strict=True)))
-
-    def hit_within(self, first: int, last: int) -> IntArray:
-        """Return the pairs hit by impacts after the tick `first`, up to the tick `last`."""
-        found = [_NONE.hit]
-        for part in reversed(self._parts):
-            n_before = int(np.searchsorted(part.ticks, first, side="right"))
-            n_until = int(np.searchsorted(part.ticks, last, side="right"))
-            start = int(part.sizes[:n_before].sum())
-            found.append(part.hit[start : start + int(part.sizes[n_before:n_until].sum())])
-            if n_before:  # then all impacts of earlier parts are before `first` too
-                break
-        return np.concatenate(found)
-
-    def __len__(self) -> int:
-        """Return the number of impacts."""
-        return sum(part.ticks.size for part in self._parts)
+    def hit_after(self, tick: int) -> IntArray:
+        """Return the pairs hit after a tick, while impacts still come one by one."""
+        latest = takewhile(lambda impact: impact[0] > tick, reversed(self._single))
+        return np.concatenate([_NONE.hit, *(decision.hit for _, decision, _ in latest)])
 
     def __iter__(self) -> Iterator[tuple[int, Decision, float]]:
         """Yield tick, decision and energy of each impact."""
-        for part in self._parts:
-            first = 0
-            for tick, size, energy in zip(part.ticks, part.sizes, part.energies, strict=True):
-                own, first = slice(first, first + size), first + size
-                hits = part.hit[own], part.impulses[own], part.rate_pre[own], part.rate_post[own]
-                yield int(tick), Decision(*hits), float(energy)
+        table, first = self.columns(), 0
+        for tick, size, energy in zip(table.ticks, table.sizes, table.energies, strict=True):
+            own, first = slice(first, first + size), first + size
+            hits = table.hit[own], table.impulses[own], table.rate_pre[own], table.rate_post[own]
+            yield int(tick), Decision(*hits), float(energy)
 
 
 N_BASE = 3
@@ -392,8 +370,7 @@ class PeriodRecord:
             self.frames.append(stepper.state()[:2])
             resting = stepper.resting
             state = np.where(resting, RESTING, OPEN).astype(np.int8)
-            ticks = self.ticks_per_step
-            hit = self.jumps.hit_within((step - 1) * ticks, step * ticks)
+            hit = self.jumps.hit_after((step - 1) * self.ticks_per_step)
             state[hit] = np.where(resting[hit], RESTING, HIT)
             self.contact.append(state)
 

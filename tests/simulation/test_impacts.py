@@ -40,8 +40,7 @@ def told(made: Jumps) -> list[tuple[int, tuple[int, ...], float]]:
 
 def test_impacts_come_back_as_they_were_given() -> None:
     assert told(jumps()) == GIVEN
-    assert len(jumps()) == 3
-    assert told(Jumps()) == [] and len(Jumps()) == 0
+    assert told(Jumps()) == []
 
 
 def test_one_table_holds_them_all_and_makes_them_again() -> None:
@@ -52,10 +51,8 @@ def test_one_table_holds_them_all_and_makes_them_again() -> None:
     again = Jumps(table)
     assert told(again) == GIVEN
     again.append(8, decision(3), 0.0)
-    again.extend(jumps().columns())
-    assert told(again) == [*GIVEN, (8, (3,), 0.0), *GIVEN]
-    assert len(again) == 7
-    assert again.columns().hit.tolist() == [4, 5, 2, 9, 1, 6, 3, 4, 5, 2, 9, 1, 6]
+    assert told(again) == [*GIVEN, (8, (3,), 0.0)]
+    assert again.columns().hit.tolist() == [4, 5, 2, 9, 1, 6, 3]
     assert Jumps(Columns.room(0, 0)).columns().hit.size == 0
 
 

@@ -30,7 +30,7 @@ from delam_fem.engines.compiled.state import (
 from delam_fem.engines.compiled.system import Problem, StepNumbers
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.loop import State
+from delam_fem.simulation.loop import Engine, State
 from delam_fem.simulation.recorder import (
     LEDGER,
     LEVEL,
@@ -175,7 +175,7 @@ def step_numbers(scheme: Scheme, time_step: float) -> StepNumbers:
     return StepNumbers.newmark(time_step, scheme.beta, scheme.gamma)
 
 
-class Compiled:
+class Compiled(Engine):
     """The compiled engine: a problem, its scheme, its law and its state.
 
     Attributes:
@@ -183,11 +183,9 @@ class Compiled:
         system, memory: what compiled functions work on; the system is that of fine steps.
         unknowns: meaning of the internal numbers of the fields.
         address: address of the table of this `Problem`.
-        n_shares: 1: this process has all dofs.
         steps_at_once: steps of a call: few enough to stop in time, many beside the cost of a call.
     """
 
-    n_shares = 1
     steps_at_once = 10_000
 
     def __init__(
@@ -260,15 +258,6 @@ class Compiled:
         """Return u, v, a in internal order, shape (3, size)."""
         size = self.system.size
         return self.memory.X[: (lk.A + 1) * size].reshape(3, size)
-
-    def whole(self, share: FloatArray) -> FloatArray:
-        """Return the values as they are: this process has all dofs."""
-        return share
-
-    share = whole
-
-    def destroy(self) -> None:
-        """Do nothing: Python frees the memory."""
 
     def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
         """Compute periods and record them; see `simulation.loop.Engine`.
