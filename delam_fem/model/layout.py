@@ -89,64 +89,25 @@ class Part:
 
 @dataclass(frozen=True)
 class Interface:
-    """Two parts that may touch at pairs of opposite points, which may lie inside the cells.
+    """Two parts that may touch at pairs of opposite places, at points or inside cells.
 
     Attributes:
         name: name of the interface.
-        parts: numbers of the lower and the upper part.
-        points: points of the lower and the upper part that form each pair, shape (n_pairs, 2). Of
-            a pair inside cells: the points at which its cells end.
+        parts: numbers of the lower and the upper part, which share their points.
+        places: places of the pairs along both parts as numbers of points, shape (n_pairs,); 2.25
+            lies a quarter of the cell behind point 2.
         first_pair: row of the first of these pairs in the gap operator.
-        local: local coordinates of the pairs within the cells that end at `points`, above 0, 1: at
-            these points, shape (n_pairs, 2) [-]; None: all pairs are at points.
     """
 
     name: str
     parts: tuple[int, int]
-    points: IntArray
+    places: FloatArray
     first_pair: int = 0
-    local: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        """Check the local coordinates.
-
-        Raises:
-            ValueError: they do not fit the points, or one is not within its cell.
-        """
-        if self.local is None:
-            return
-        inside = self.local < 1.0
-        if self.local.shape != self.points.shape or np.any(inside & (self.points < 1)):
-            raise ValueError(
-                f"interface {self.name}: expected a local coordinate for each of the points "
-                f"{self.points.shape}, and no pair before the first point"
-            )
-        if np.any(self.local <= 0.0) or np.any(self.local > 1.0):
-            raise ValueError(
-                f"interface {self.name}: expected local coordinates above 0, up to 1, given "
-                f"{self.local.min()} to {self.local.max()}"
-            )
 
     @property
     def pairs(self) -> slice:
         """The rows of the gap operator that belong to this interface."""
-        return slice(self.first_pair, self.first_pair + len(self.points))
-
-    @property
-    def is_at_points(self) -> bool:
-        """Whether all pairs are at points of the parts, none inside a cell."""
-        return self.local is None or bool(np.all(self.local == 1.0))
-
-    def places(self, side: int) -> FloatArray:
-        """Return the pairs' places on a part as numbers of points, shape (n_pairs,).
-
-        A whole number is that point; 2.25 lies a quarter of the cell behind point 2.
-
-        Args:
-            side: 0 for the lower part, 1 for the upper part.
-        """
-        points = self.points[:, side].astype(np.float64)
-        return points if self.local is None else points - 1.0 + self.local[:, side]
+        return slice(self.first_pair, self.first_pair + self.places.size)
 
 
 @dataclass(frozen=True)
@@ -372,13 +333,12 @@ class Layout:
         Results are kept at the stations. If all pairs are at points, the stations are the points.
         """
         points = np.arange(self.x.size, dtype=np.float64)
-        inside = [i.places(0) for i in self.interfaces if not i.is_at_points]
-        inside += [stop.places for stop in self.stops]
-        return np.asarray(np.unique(np.concatenate([points, *inside])))
+        pairs = [own.places for own in (*self.interfaces, *self.stops)]
+        return np.asarray(np.unique(np.concatenate([points, *pairs])))
 
     def stations_of(self, interface: Interface) -> IntArray:
         """Return the station of each pair of an interface, shape (n_pairs,)."""
-        return np.searchsorted(self.stations, interface.places(0))
+        return np.searchsorted(self.stations, interface.places)
 
     def station_of_point(self, point: int) -> int:
         """Return the station at a point."""
@@ -429,8 +389,7 @@ class Structure:
         if dofs.max() >= n:
             what = "free dofs" if layout.reading is None else "readings"
             raise ValueError(f"layout: dof {dofs.max()}, expected below {n}, the number of {what}")
-        n_pairs = sum(len(interface.points) for interface in layout.interfaces)
-        n_pairs += sum(stop.places.size for stop in layout.stops)
+        n_pairs = sum(own.places.size for own in (*layout.interfaces, *layout.stops))
         for what, given, expected in (
             ("pairs", n_pairs, o.n_pairs),
             ("probes", len(layout.probes), o.n_probes),
@@ -461,24 +420,21 @@ def opposite(
     free = [part.dofs[:, DISPLACEMENT] >= 0 for part in (parts[lower], parts[upper])]
     is_bonded = parts[lower].dofs[:, DISPLACEMENT] == parts[upper].dofs[:, DISPLACEMENT]
     is_apart = (free[0] | free[1]) & ~is_bonded
-    points = np.flatnonzero(is_apart)
-    name = f"{parts[lower].name}-{parts[upper].name}"
-    if per_element == 1:
-        return Interface(name, (lower, upper), np.column_stack([points, points]), first_pair)
     n = parts[lower].n_elements
-    ends = np.concatenate([[0], np.repeat(np.arange(1, n + 1), per_element)])
-    local = np.concatenate([[1.0], np.tile(np.arange(1, per_element + 1) / per_element, n)])
-    within = is_apart[ends] | is_apart[np.maximum(ends - 1, 0)]  # of elements that are not bonded
+    ends = np.repeat(np.arange(1, n + 1), per_element)
+    local = np.tile(np.arange(1, per_element + 1) / per_element, n)
+    within = is_apart[ends] | is_apart[ends - 1]  # of elements that are not bonded
     is_kept = np.where(local < 1.0, within, is_apart[ends])
-    both = [np.column_stack([values[is_kept]] * 2) for values in (ends, local)]
-    return Interface(name, (lower, upper), both[0], first_pair, both[1])
+    places = np.concatenate([np.flatnonzero(is_apart[:1]), (ends - 1.0 + local)[is_kept]])
+    name = f"{parts[lower].name}-{parts[upper].name}"
+    return Interface(name, (lower, upper), places, first_pair)
 
 
 def neighbours(parts: Sequence[Part], per_element: int) -> tuple[Interface, ...]:
     """Pair each part with the next one; see `opposite`."""
     interfaces: list[Interface] = []
     for lower in range(len(parts) - 1):
-        first_pair = sum(len(interface.points) for interface in interfaces)
+        first_pair = sum(interface.places.size for interface in interfaces)
         interfaces.append(opposite(parts, lower, lower + 1, first_pair, per_element=per_element))
     return tuple(interfaces)
 
@@ -590,8 +546,8 @@ def gap_matrix(
     blocks = []
     for interface in sorted(interfaces, key=lambda interface: interface.first_pair):
         lower, upper = (
-            interpolation_rows(parts[number], interface.places(side), n_dofs)
-            for side, number in enumerate(interface.parts)
+            interpolation_rows(parts[number], interface.places, n_dofs)
+            for number in interface.parts
         )
         blocks.append(upper - lower)
     return sp.vstack(blocks, format="csr") if blocks else sp.csr_matrix((0, n_dofs))
@@ -603,7 +559,7 @@ def tributary_lengths(parts: Sequence[Part], interface: Interface) -> FloatArray
     A length is half of the distances to the next points or pairs on both sides. With these weights,
     springs per length do not depend on the mesh.
     """
-    lower, own = parts[interface.parts[0]], interface.places(0)
+    lower, own = parts[interface.parts[0]], interface.places
     places = np.unique(np.concatenate([np.arange(lower.x.size, dtype=np.float64), own]))
     return half_ways(lower.positions(places))[np.searchsorted(places, own)]
 
@@ -684,20 +640,14 @@ def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray
     Returns:
         Moments, shape (n_parts, k, n_stations) [N m].
     """
-    h = np.diff(layout.x)
-    EI = np.stack([part.flexural_rigidity for part in layout.parts])[:, None, :]
-    chord = 6.0 * (u[..., 1:] - u[..., :-1]) / h**2
-    at_start = EI * (chord - (4.0 * phi[..., :-1] + 2.0 * phi[..., 1:]) / h)
-    at_end = EI * (-chord + (2.0 * phi[..., :-1] + 4.0 * phi[..., 1:]) / h)
-    moment = np.zeros_like(u)
-    moment[..., :-1] += at_start
-    moment[..., 1:] += at_end
-    moment[..., 1:-1] *= 0.5
-    places = layout.stations
-    if places.size == layout.x.size:
-        return moment
-    cells = np.clip(np.ceil(places).astype(np.int64) - 1, 0, h.size - 1)
-    X, is_point = places - cells, places == np.round(places)
-    result = (1.0 - X) * at_start[..., cells] + X * at_end[..., cells]
-    result[..., is_point] = moment
-    return np.asarray(result)
+    part, places = layout.parts[0], layout.stations
+    EI = np.stack([own.flexural_rigidity for own in layout.parts])[:, None, :]
+
+    def of(cells: IntArray) -> FloatArray:
+        # the curvature depends on the difference of both displacements alone
+        weights = interpolation(part, places, CURVATURE, cells)[1][:, 1:]
+        ends = np.stack([phi[..., cells], np.diff(u)[..., cells], phi[..., cells + 1]])
+        return np.asarray(EI[..., cells] * np.einsum("e...s,se->...s", ends, weights))
+
+    before, behind = np.ceil(places).astype(np.int64) - 1, np.floor(places).astype(np.int64)
+    return 0.5 * (of(np.maximum(before, 0)) + of(np.minimum(behind, part.n_elements - 1)))

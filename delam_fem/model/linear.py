@@ -12,6 +12,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from scipy.linalg import eigh, null_space
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh, splu
 
 from delam_fem.model.layout import Layout, Structure
@@ -193,19 +194,15 @@ def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
     Returns:
         Shape (n_dofs, number of dofs that are left).
     """
-    master = np.arange(n_dofs)
+    tied = [np.zeros((2, 0), dtype=np.int64)]
     for interface in layout.interfaces:
-        lower, upper = (
-            layout.parts[part].dofs[interface.points[:, side]]
-            for side, part in enumerate(interface.parts)
-        )
-        both = (lower >= 0) & (upper >= 0)
-        for below, above in zip(lower[both].tolist(), upper[both].tolist(), strict=True):
-            a, b = master[below], master[above]
-            master[master == max(a, b)] = min(a, b)
-    kept, place = np.unique(master, return_inverse=True)
-    entries = np.ones(n_dofs), (np.arange(n_dofs), place)
-    return sp.csr_matrix(entries, shape=(n_dofs, kept.size))
+        points = np.ceil(interface.places).astype(np.int64)
+        both = np.stack([layout.parts[part].dofs[points].ravel() for part in interface.parts])
+        tied.append(both[:, (both >= 0).all(axis=0)])
+    ties = np.hstack(tied)
+    graph = sp.csr_matrix((np.ones(ties.shape[1]), (ties[0], ties[1])), shape=(n_dofs, n_dofs))
+    count, place = connected_components(graph, directed=False)
+    return sp.csr_matrix((np.ones(n_dofs), (np.arange(n_dofs), place)), shape=(n_dofs, count))
 
 
 def keeping_closed(structure: Structure) -> sp.csr_matrix:
@@ -219,7 +216,7 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
     """
     layout, H = structure.layout, structure.operators.gap_matrix
     n = structure.operators.n_dofs
-    H = H[: sum(len(interface.points) for interface in layout.interfaces)]  # stops stay open
+    H = H[: sum(interface.places.size for interface in layout.interfaces)]  # stops stay open
     if layout.reading is None or not H.shape[0]:
         return kept_closed(layout, n)
     if n <= DENSE_DOFS:

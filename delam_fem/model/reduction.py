@@ -36,7 +36,7 @@ from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import read_arrays, write_arrays
 
-FORMAT = 1
+FORMAT = 2
 """Number of the format, which changes when a file cannot be read as before."""
 SUFFIX = ".npz"
 _COMPARED: Mapping[str, set[str] | None] = {
@@ -204,9 +204,7 @@ def _of_layout(layout: Layout) -> tuple[dict[str, Any], dict[str, Any]]:
         arrays |= {f"part_{k}_x": part.x, f"part_{k}_dofs": part.dofs}
         arrays |= {f"part_{k}_EI": part.flexural_rigidity, f"part_{k}_m": part.mass_per_length}
     for k, interface in enumerate(layout.interfaces):
-        arrays[f"interface_{k}_points"] = interface.points
-        if interface.local is not None:
-            arrays[f"interface_{k}_local"] = interface.local
+        arrays[f"interface_{k}_places"] = interface.places
     return words, arrays
 
 
@@ -218,12 +216,9 @@ def _layout(data: Mapping[str, Any], reading: Reading) -> Layout:
         for k, name in enumerate(words["parts"])
     )
     interfaces = tuple(
-        Interface(
-            name, (lower, upper), data[f"interface_{k}_points"], first,
-            data.get(f"interface_{k}_local"),
-        )
+        Interface(name, (lower, upper), data[f"interface_{k}_places"], first)
         for k, (name, lower, upper, first) in enumerate(words["interfaces"])
-    )  # fmt: skip
+    )
     return Layout(
         parts,
         interfaces,

@@ -230,7 +230,7 @@ def _add_heat(data: xr.Dataset, recorder: Recorder, layout: Layout) -> None:
 def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:
     """Return interface (-1: a stop), station and stop (-1: none) of each pair, all (n_pairs,)."""
     numbers = [
-        np.full(len(interface.points), number) for number, interface in enumerate(layout.interfaces)
+        np.full(interface.places.size, number) for number, interface in enumerate(layout.interfaces)
     ]
     nodes = [layout.stations_of(interface) for interface in layout.interfaces]
     for own in layout.stops:

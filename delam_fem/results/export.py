@@ -342,7 +342,7 @@ def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
             free = dofs >= 0
             of_dofs[0, dofs[free]], of_dofs[2, dofs[free]] = number, component
             of_dofs[1, dofs[free]] = part.x[free]
-    pairs = [layout.parts[i.parts[0]].positions(i.places(0)) for i in layout.interfaces]
+    pairs = [layout.parts[i.parts[0]].positions(i.places) for i in layout.interfaces]
     pairs += [layout.parts[stop.part].positions(stop.places) for stop in layout.stops]
     given = case.excitation
     frequency = given.top_frequency if given.is_periodic else np.nan

@@ -232,7 +232,7 @@ def _delaminations(
     for interface in layout.interfaces:
         lower, upper = (layout.names[part] for part in interface.parts)
         own = [d for d in case.delamination if d.between == (lower, upper)]
-        x = layout.parts[interface.parts[0]].positions(interface.places(0))
+        x = layout.parts[interface.parts[0]].positions(interface.places)
         rows = np.arange(interface.pairs.start, interface.pairs.stop)
         if case.gap is not None:
             found.append((f"{lower}-{upper}", (0.0, case.length), rows))

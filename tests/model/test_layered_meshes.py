@@ -36,7 +36,7 @@ def mesh(tmp_path: Path) -> Path:
 def test_nodes_come_from_the_file(mesh: Path) -> None:
     structure = forms.assemble(preset("embedded", {"mesh.file": str(mesh)}))
     assert structure.layout.x.tolist() == X.tolist()
-    assert structure.layout.interfaces[0].points[:, 0].tolist() == [3, 4]
+    assert structure.layout.interfaces[0].places.tolist() == [3, 4]
     for more in ((), (X,)):
         same = closed_form.assemble(preset("embedded", {"mesh.file": str(mesh)}), *more)
         difference = abs(structure.operators.stiffness - same.operators.stiffness).max()

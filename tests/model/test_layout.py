@@ -52,7 +52,7 @@ def test_laminae_are_clamped_at_the_base_and_free_at_the_tip(structure: Structur
     assert thin.own_dofs.tolist() == [6, 7, 8, 9, 10, 11]
     (interface,) = structure.layout.interfaces
     assert interface.name == "thick-thin"
-    assert interface.points.tolist() == [[1, 1], [2, 2], [3, 3]]
+    assert interface.places.tolist() == [1, 2, 3]
     assert [(probe.name, probe.part, probe.point) for probe in structure.layout.probes] == [
         ("tip", 0, 3),
         ("tip", 1, 3),
@@ -78,7 +78,7 @@ def test_parts_with_points_of_their_own_have_no_common_x() -> None:
 
 
 def test_values_of_pairs_stand_at_their_points() -> None:
-    delaminated = Interface("a-b", (0, 1), np.array([[1, 1]]), first_pair=2)
+    delaminated = Interface("a-b", (0, 1), np.array([1.0]), first_pair=2)
     layout = Layout((part("a"), part("b")), (delaminated,))
     spread = layout.at_stations(delaminated, np.array([[5, 6, 7], [8, 9, 10]], dtype=np.int8))
     assert spread.tolist() == [[0, 7, 0], [0, 10, 0]]
@@ -87,7 +87,7 @@ def test_values_of_pairs_stand_at_their_points() -> None:
 
 def test_pairs_of_one_station_are_combined() -> None:
     """Pairs across a width: the largest of their states, the sum of their impulses."""
-    across = Interface("a-b", (0, 1), np.array([[1, 1], [1, 1], [2, 2]]))
+    across = Interface("a-b", (0, 1), np.array([1.0, 1.0, 2.0]))
     layout = Layout((part("a"), part("b")), (across,))
     states = layout.at_stations(across, np.array([[2, 1, 0], [0, 1, 3]], dtype=np.int8))
     assert states.tolist() == [[0, 2, 0], [0, 1, 3]]

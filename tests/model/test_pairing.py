@@ -31,7 +31,7 @@ def stack(n: int) -> list[Part]:
 def test_every_neighbour_of_three_laminae_has_its_pairs() -> None:
     parts = stack(3)
     lower = opposite(parts, 0, 1)
-    upper = opposite(parts, 1, 2, first_pair=len(lower.points))
+    upper = opposite(parts, 1, 2, first_pair=lower.places.size)
     H = gap_matrix(parts, (lower, upper), 18)
     u = np.zeros(18)
     u[[0, 6, 12]] = 1.0, 3.0, 10.0  # displacement of point 1 of each lamina
@@ -40,7 +40,7 @@ def test_every_neighbour_of_three_laminae_has_its_pairs() -> None:
 
 
 def test_points_where_both_parts_are_held_are_no_pairs() -> None:
-    assert opposite(stack(2), 0, 1).points[:, 0].tolist() == [1, 2, 3]
+    assert opposite(stack(2), 0, 1).places.tolist() == [1, 2, 3]
 
 
 def test_a_pair_with_one_held_point_feels_the_other() -> None:
@@ -54,7 +54,7 @@ def test_a_pair_with_one_held_point_feels_the_other() -> None:
 
 def test_an_embedded_delamination_has_pairs_inside_alone() -> None:
     parts = stack(2)
-    inside = Interface("inside", (0, 1), np.array([[1, 1], [2, 2]]))
+    inside = Interface("inside", (0, 1), np.array([1.0, 2.0]))
     assert gap_matrix(parts, (inside,), 12).shape == (2, 12)
     assert tributary_lengths(parts, inside) == pytest.approx([0.15, 0.15])
 

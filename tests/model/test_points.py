@@ -16,7 +16,6 @@ from delam_fem.model.layout import (
     DISPLACEMENT,
     FIXED,
     SLOPE,
-    Interface,
     Part,
     at_stations,
     bending_moment,
@@ -68,9 +67,9 @@ def test_the_interpolant_is_that_of_scipy() -> None:
 def test_a_gap_opens_as_the_upper_part_rises() -> None:
     parts = [free_part(), free_part(8)]
     interface = opposite(parts, 0, 1, per_element=4)
-    assert interface.places(0).tolist() == [0.0, *(np.arange(1, 13) / 4)]
+    assert interface.places.tolist() == [0.0, *(np.arange(1, 13) / 4)]
     H = gap_matrix(parts, (interface,), 16)
-    x = parts[0].positions(interface.places(0))
+    x = parts[0].positions(interface.places)
     u = np.concatenate([np.zeros(8), sampled(CUBIC)])
     assert H @ u == pytest.approx(CUBIC(x), rel=ROUND_OFF)
     assert H @ u[::-1].reshape(2, 8)[:, ::-1].ravel() == pytest.approx(-CUBIC(x), rel=ROUND_OFF)
@@ -80,21 +79,13 @@ def test_a_held_point_is_no_pair_but_its_cell_has_pairs() -> None:
     dofs = np.vstack([[BASE, FIXED], np.arange(6).reshape(3, 2)])
     parts = [Part(f"{i}", X, dofs + 6 * i * (dofs >= 0), np.ones(3), np.ones(3)) for i in (0, 1)]
     interface = opposite(parts, 0, 1, per_element=2)
-    assert interface.places(1).tolist() == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    assert interface.places.tolist() == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
     H = gap_matrix(parts, (interface,), 12)
     h = 0.1  # at the middle of a cell u = (u0 + u1)/2 + h (phi0 - phi1)/8
     assert H[0].toarray().ravel()[6:8] == pytest.approx([0.5, -h / 8.0])
     assert H[1].indices.tolist() == [0, 6]
     lengths = tributary_lengths(parts, interface)
     assert lengths == pytest.approx([0.05, 0.075, 0.1, 0.075, 0.05, 0.025])
-
-
-@pytest.mark.parametrize("wrong", [0.0, 1.5])
-def test_a_pair_lies_within_its_cell(wrong: float) -> None:
-    with pytest.raises(ValueError, match=r"local coordinates above 0, up to 1, given"):
-        Interface("a", (0, 1), np.array([[1, 1]]), 0, np.array([[wrong, 0.5]]))
-    with pytest.raises(ValueError, match="no pair before the first point"):
-        Interface("a", (0, 1), np.array([[0, 0]]), 0, np.array([[0.5, 0.5]]))
 
 
 @pytest.mark.parametrize("p", [1, 3, 4])

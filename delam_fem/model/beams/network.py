@@ -386,7 +386,7 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
     """
     gaps = [np.zeros(0)]
     for interface in layout.interfaces:
-        x = layout.parts[interface.parts[0]].positions(interface.places(0))
+        x = layout.parts[interface.parts[0]].positions(interface.places)
         gaps.append(opening(case, layout, interface, x))
     return np.concatenate(gaps)
 

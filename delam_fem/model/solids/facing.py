@@ -285,12 +285,10 @@ def interface(
     nearest = np.round(place)
     is_at_point = np.abs(place - nearest) < _AT_POINT
     place = np.where(is_at_point | at_points, nearest, place)
-    end = np.ceil(place).astype(np.int64)
-    local = np.where(place == end, 1.0, place - end + 1.0)
-    both = [np.column_stack([values] * 2) for values in (end, local)]
+    end = np.ceil(place)
+    local = np.where(place == end, 1.0, place - end + 1.0)  # so that differences are of round-off
     name = "-".join(parts[number].name for number in between)
-    is_plain = bool(np.all(local == 1.0))
-    return Interface(name, between, both[0], first_pair, None if is_plain else both[1])
+    return Interface(name, between, end - 1.0 + local, first_pair)
 
 
 def _first(hits: Hits, n_lines: int, key: FloatArray | IntArray) -> IntArray:
@@ -512,7 +510,7 @@ def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> lis
     """
     result: list[Interface] = []
     for own in every:
-        first = sum(len(other.points) for other in result)
+        first = sum(other.places.size for other in result)
         is_file = case.mesh.file is not None
         result.append(interface(parts, own.facing.parts, own.x, first, at_points=is_file))
     return result

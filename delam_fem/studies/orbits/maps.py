@@ -413,16 +413,14 @@ def tip_of(structure: Structure) -> tuple[int, int, float] | None:
     """Return the probes at the first pair with one on both sides, and its gap at rest [m]."""
     layout, gap0 = structure.layout, structure.operators.gap0
     for interface in layout.interfaces:
-        lower, upper = interface.parts
-        for pair, points in enumerate(interface.points.tolist()):
+        for pair, place in enumerate(interface.places.tolist()):
             found = [
                 number
-                for part, point in zip((lower, upper), points, strict=True)
+                for part in interface.parts
                 for number, probe in enumerate(layout.probes)
-                if (probe.part, probe.point) == (part, point)
+                if (probe.part, probe.point) == (part, place)
             ]
-            is_at_points = interface.local is None or bool(np.all(interface.local[pair] == 1.0))
-            if len(found) == 2 and is_at_points:
+            if len(found) == 2:
                 return found[0], found[1], float(gap0[interface.first_pair + pair])
     return None
 

@@ -356,7 +356,7 @@ def _pairs_at_probes(layout: Layout) -> IntArray:
     """Return the pair at the probe of the lower part of each interface, shape (n_interfaces,)."""
     pairs = np.full(len(layout.interfaces), NO_PAIR, dtype=np.int64)
     for number, interface in enumerate(layout.interfaces):
-        places = interface.places(0)
+        places = interface.places
         found = np.flatnonzero(places == layout.probes[interface.parts[0]].point)
         if found.size:
             pairs[number] = interface.first_pair + found[0]

@@ -109,7 +109,7 @@ def test_bonded_laminae_share_their_dofs() -> None:
     assert (x[apart_above] > 0.2 + 1e-9).all()
     assert x[apart_above][-1] < 0.4  # both are clamped at the end
     assert a[0].tolist() == [BASE, FIXED]
-    points = [interface.points[:, 0].tolist() for interface in structure.layout.interfaces]
+    points = [interface.places.tolist() for interface in structure.layout.interfaces]
     assert points == [apart_below.tolist(), apart_above.tolist()]
 
 

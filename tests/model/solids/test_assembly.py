@@ -49,8 +49,7 @@ def test_plane_stress_has_the_layout_of_beams(name: str, per_element: int) -> No
     assert solid.layout.supports == beam.layout.supports
     for mine, theirs in zip(solid.layout.interfaces, beam.layout.interfaces, strict=True):
         assert (mine.name, mine.parts, mine.pairs) == (theirs.name, theirs.parts, theirs.pairs)
-        np.testing.assert_allclose(mine.places(0), theirs.places(0), atol=1e-12)
-        np.testing.assert_allclose(mine.places(1), theirs.places(1), atol=1e-12)
+        np.testing.assert_allclose(mine.places, theirs.places, atol=1e-12)
     np.testing.assert_allclose(solid.operators.gap0, beam.operators.gap0, atol=1e-15)
     weights = solid.operators.pair_weights, beam.operators.pair_weights
     assert (weights[0] is None) == (weights[1] is None) == (per_element == 1)
@@ -85,7 +84,7 @@ def test_rows_of_pairs_across_the_width_share_the_weight_of_a_beams_pair() -> No
     interface = solid.layout.interfaces[0]
     weights = solid.operators.pair_weights
     np.testing.assert_allclose(weights[:3], [0.25, 0.5, 0.25])
-    np.testing.assert_allclose(np.unique(interface.places(0)), beam.layout.interfaces[0].places(0))
+    np.testing.assert_allclose(np.unique(interface.places), beam.layout.interfaces[0].places)
     np.testing.assert_allclose(
         solid.layout.at_stations(interface, weights)[solid.layout.stations_of(interface)], 1.0
     )
@@ -107,7 +106,8 @@ def test_rates_of_gaps_are_those_of_the_middle_lines() -> None:
     u = spsolve(o.stiffness.tocsc(), load)
     read = layout.read(u[None], np.zeros(1))[0]
     interface = layout.interfaces[0]
-    of_upper = read[layout.parts[THIN].dofs[interface.points[:, 1], DISPLACEMENT]]
+    points = interface.places.astype(np.int64)
+    of_upper = read[layout.parts[THIN].dofs[points, DISPLACEMENT]]
     np.testing.assert_allclose(o.gap_matrix @ u, of_upper, rtol=1e-3, atol=1e-6)
     assert of_upper[-1] > 0.5
 

@@ -313,13 +313,11 @@ def test_pairs_of_a_row_share_their_station() -> None:
     found = interface(parts, (0, 1), np.repeat([0.25, 0.3, 1.0], 3), first_pair=4)
     assert found.pairs == slice(4, 13)
     expected = np.repeat([1.0, 1.2, 4.0], 3)
-    for side in (0, 1):
-        np.testing.assert_allclose(found.places(side), expected, atol=1e-12)
-    assert interface(parts, (0, 1), np.array([0.25, 1.0])).local is None
+    np.testing.assert_allclose(found.places, expected, atol=1e-12)
+    assert interface(parts, (0, 1), np.array([0.25, 1.0])).places.tolist() == [1.0, 4.0]
 
 
 def test_pairs_anywhere_belong_to_the_nearest_point() -> None:
     parts = [part(np.linspace(0, 1, 5))] * 2
     found = interface(parts, (0, 1), np.array([0.0, 0.11, 0.14, 0.9]), at_points=True)
-    assert found.local is None
-    assert found.points[:, 0].tolist() == [0, 0, 1, 4]
+    assert found.places.tolist() == [0.0, 0.0, 1.0, 4.0]

@@ -325,7 +325,7 @@ def test_opening_of_the_mesh_counts_if_the_case_gives_none(tmp_path: Path) -> No
     def gaps(opening: float | None) -> Array:
         case = changed("plane_delaminated", tmp_path, opened, **{"delamination.1.opening": opening})
         structure = assemble(case)
-        assert structure.layout.interfaces[0].places(0).size == structure.operators.n_pairs
+        assert structure.layout.interfaces[0].places.size == structure.operators.n_pairs
         return structure.operators.gap0
 
     given = gaps(None)
