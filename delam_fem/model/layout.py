@@ -326,6 +326,11 @@ class Layout:
         """Names of the parts."""
         return tuple(part.name for part in self.parts)
 
+    @property
+    def touching(self) -> tuple[Interface | StopPairs, ...]:
+        """What has pairs, in the order of their rows in the gap operator."""
+        return (*self.interfaces, *self.stops)
+
     @cached_property
     def stations(self) -> FloatArray:
         """Places of all points and pairs along the lower parts, increasing, shape (n_stations,).
@@ -333,7 +338,7 @@ class Layout:
         Results are kept at the stations. If all pairs are at points, the stations are the points.
         """
         points = np.arange(self.x.size, dtype=np.float64)
-        pairs = [own.places for own in (*self.interfaces, *self.stops)]
+        pairs = [own.places for own in self.touching]
         return np.asarray(np.unique(np.concatenate([points, *pairs])))
 
     def stations_of(self, interface: Interface) -> IntArray:
@@ -389,7 +394,7 @@ class Structure:
         if dofs.max() >= n:
             what = "free dofs" if layout.reading is None else "readings"
             raise ValueError(f"layout: dof {dofs.max()}, expected below {n}, the number of {what}")
-        n_pairs = sum(own.places.size for own in (*layout.interfaces, *layout.stops))
+        n_pairs = sum(own.places.size for own in layout.touching)
         for what, given, expected in (
             ("pairs", n_pairs, o.n_pairs),
             ("probes", len(layout.probes), o.n_probes),

@@ -229,17 +229,12 @@ def _add_heat(data: xr.Dataset, recorder: Recorder, layout: Layout) -> None:
 
 def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:
     """Return interface (-1: a stop), station and stop (-1: none) of each pair, all (n_pairs,)."""
-    numbers = [
-        np.full(interface.places.size, number) for number, interface in enumerate(layout.interfaces)
-    ]
-    nodes = [layout.stations_of(interface) for interface in layout.interfaces]
-    for own in layout.stops:
-        numbers.append(np.full(own.places.size, -1))
-        nodes.append(np.searchsorted(layout.stations, own.places))
-    none = np.zeros(0, dtype=np.int64)
-    interface = np.concatenate([none, *numbers])
+    numbers = [*range(len(layout.interfaces)), *(-1 for _ in layout.stops)]
+    sizes = [own.places.size for own in layout.touching]
+    interface = np.repeat(np.array(numbers, dtype=np.int64), sizes)
+    places = np.concatenate([np.zeros(0), *(own.places for own in layout.touching)])
     stop = np.where(interface < 0, np.cumsum(interface < 0), 0) - 1
-    return interface, np.concatenate([none, *nodes]), stop
+    return interface, np.searchsorted(layout.stations, places), stop
 
 
 GROUPS = {"history": "time", "periods": "period", "fields": "frame", "events": "event"}

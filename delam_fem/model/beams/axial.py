@@ -29,8 +29,8 @@ def assemble(case: Case, x: FloatArray) -> Structure:
     ends = ((0, case.support.start), (last, case.support.end))
     free = np.delete(np.arange(x.size), [node for node, kind in ends if kind != "free"])
     start, end = (sp.eye(last, x.size, k=k, format="csr") for k in (0, 1))  # nodes of cells
-    laminae, lumped = [], []
-    for i, own in enumerate(case.lamina):
+    laminae, lumped, damping = [], [], []
+    for own in case.lamina:
         masses = sp.diags(own.mass_per_length * h)
         k = own.axial_rigidity / h if own.stiffness is None else np.array([own.stiffness])
         diagonal = 0.5 * (start + end).T @ masses.diagonal()
@@ -40,11 +40,9 @@ def assemble(case: Case, x: FloatArray) -> Structure:
         if own.mass is not None or case.time.mass == "lumped":
             M = sp.diags(diagonal)
         K = (end - start).T @ sp.diags(k) @ (end - start)
-        alpha, beta = case.rayleigh(i)
-        C = alpha * M + beta * K
         if case.damping.rayleigh == "every mode":
-            C = _damped(M, K, own.damping_ratio, free)
-        laminae.append((M, C, K))
+            damping.append(_damped(M, K, own.damping_ratio, free))
+        laminae.append((M, K))
         lumped.append(diagonal)
     dofs = np.full((count, x.size, 2), FIXED)
     dofs[..., 0] = BASE
@@ -53,8 +51,9 @@ def assemble(case: Case, x: FloatArray) -> Structure:
     sections[1] = [[own.mass_per_length] for own in case.lamina]
     parts = parts_of(case, x, dofs, sections)
     straight = np.diag([1.0, 0.0])  # the slopes have no stiffness and no mass
-    matrices = [sp.kron(sp.block_diag(own), straight) for own in zip(*laminae, strict=True)]
-    return side_by_side(case, parts, matrices, np.kron(np.concatenate(lumped), straight[0]))
+    M, K = (sp.kron(sp.block_diag(own), straight) for own in zip(*laminae, strict=True))
+    C = sp.kron(sp.block_diag(damping), straight) if damping else None
+    return side_by_side(case, parts, (M, K), np.kron(np.concatenate(lumped), straight[0]), C)
 
 
 def _damped(M: sp.spmatrix, K: sp.spmatrix, ratio: float, free: IntArray) -> sp.csr_matrix:

@@ -47,14 +47,9 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     if not case.is_apart:
         return _stack(case, network(case, x))
     beams = [Beam.of(lamina, np.diff(x), at_middles=case.is_at_middles) for lamina in case.lamina]
-    damping = [case.rayleigh(i) for i in range(len(beams))]
-    is_lumped = case.time.mass == "lumped"
-    M = [sp.diags(beam.lumped_mass, format="csr") if is_lumped else beam.mass for beam in beams]
-    K = [beam.stiffness for beam in beams]
-    C = [alpha * m + beta * k for (alpha, beta), m, k in zip(damping, M, K, strict=True)]
-    matrices = [sp.block_diag(own) for own in (M, C, K)]
+    M, K = (sp.block_diag([getattr(own, of) for own in beams]) for of in ("mass", "stiffness"))
     lumped = np.concatenate([beam.lumped_mass for beam in beams])
-    return side_by_side(case, clamped_parts(case, x), matrices, lumped)
+    return side_by_side(case, clamped_parts(case, x), (M, K), lumped)
 
 
 def _stack(case: Case, stack: Network) -> Structure:

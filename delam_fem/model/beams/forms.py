@@ -202,124 +202,93 @@ def assemble(
     if not case.is_apart:
         if flexural_rigidity is not None or mass_per_length is not None:
             raise CaseError("bonded laminae: expected constant properties, given a profile along x")
-        return assemble_stack(case, x, comm)
+        return _stack(case, network(case, x), comm)
     n = len(x) - 1
     EI = flexural_rigidity or (lambda i, x: case.lamina[i].flexural_rigidity)
     rhoA = mass_per_length or (lambda i, x: case.lamina[i].mass_per_length)
     middle, numbers = 0.5 * (x[1:] + x[:-1]), range(len(case.lamina))
     sections = [[np.broadcast_to(profile(i, middle), n) for i in numbers] for profile in (EI, rhoA)]
-    M, C, K, lumped = _matrices(case, Lines.of(comm, [x] * len(numbers)), (EI, rhoA))
-    return side_by_side(case, clamped_parts(case, x, np.array(sections)), (M, C, K), lumped)
-
-
-@dataclass(frozen=True)
-class Lines:
-    """Separate lines on one mesh, with what the forms of beams on them share.
-
-    Attributes:
-        hermite: the space.
-        of_cell: number of the line of each input cell, shape (n_cells,).
-        trial, test: the functions of the space.
-        curvatures: their second derivatives.
-    """
-
-    hermite: Hermite
-    of_cell: IntArray
-    trial: Any
-    test: Any
-    curvatures: tuple[Any, Any]
-
-    @classmethod
-    def of(
-        cls, comm: MPI.Intracomm, lines: Sequence[FloatArray], *, has_axial: bool = False
-    ) -> Lines:
-        """Build the space on lines, each given by x of its nodes, shape (n_nodes,) [m]."""
-        sizes = np.array([x.size for x in lines])
-        cells = np.column_stack([np.arange(sizes.sum() - 1), np.arange(1, sizes.sum())])
-        within = np.delete(cells, np.cumsum(sizes)[:-1] - 1, axis=0)
-        hermite = Hermite.on_line(comm, np.concatenate(lines), within, has_axial=has_axial)
-        trial, test = ufl.TrialFunction(hermite.space), ufl.TestFunction(hermite.space)
-        curvatures = hermite.curvature(trial), hermite.curvature(test)
-        return cls(hermite, np.repeat(np.arange(sizes.size), sizes - 1), trial, test, curvatures)
-
-    def coefficient(self, profile: Profile) -> Any:
-        """Return a coefficient with its own course on each line."""
-
-        def values(cells: IntArray, x: FloatArray) -> FloatArray:
-            numbers = range(int(self.of_cell[-1]) + 1)
-            own = [self.of_cell[cells] == i for i in numbers]
-            return np.select(own, [profile(i, x) for i in numbers])
-
-        return self.hermite.coefficient(values)
-
-    def mass(self, factor: Any) -> Any:
-        """Return the form of the consistent mass of ρA."""
-        w, v = self.hermite.value(self.trial), self.hermite.value(self.test)
-        return factor * w * v * ufl.dx(metadata={"quadrature_degree": MASS_DEGREE})
-
-    def lumped_mass(self, factor: Any) -> Any:
-        """Return the form of the lumped mass: ρA h/2 for u and ρA h³/78 for phi at each end."""
-        h, pair, test = abs(ufl.Jacobian(self.hermite.mesh)[0, 0]), self.trial, self.test
-        dx_ends = ufl.dx(metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
-        return factor * (pair[0] * test[0] + h**2 / 39 * pair[1] * test[1]) * dx_ends
+    M, K, lumped, C = _matrices(case, comm, [x] * len(numbers), (EI, rhoA))
+    return side_by_side(case, clamped_parts(case, x, np.array(sections)), (M, K), lumped, C)
 
 
 def _matrices(
-    case: Case, lines: Lines, profiles: tuple[Profile, Profile]
-) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix, FloatArray]:
-    """Return M, C, K and the diagonal of the lumped mass, with the clamped dofs."""
-    EI, rhoA = (lines.coefficient(profile) for profile in profiles)
-    alpha, beta = (
-        lines.coefficient(lambda i, x, k=k: case.rayleigh(i)[k])  # type: ignore[misc]
-        for k in (0, 1)
-    )
-    (w2, v2), assemble = lines.curvatures, lines.hermite.assemble
-    dx_bending = ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE})
-    inertia = lines.lumped_mass if case.time.mass == "lumped" else lines.mass
-    # two forms, because ffcx 0.5 does not allow two quadrature rules in one form
-    C = assemble(inertia(alpha * rhoA)) + assemble(beta * EI * w2 * v2 * dx_bending)
-    M, K = assemble(inertia(rhoA)), assemble(EI * w2 * v2 * dx_bending)
-    return M, C, K, assemble(lines.lumped_mass(rhoA)).diagonal()
+    case: Case,
+    comm: MPI.Intracomm,
+    lines: Sequence[FloatArray],
+    section: tuple[Profile, Profile],
+    axial: tuple[Profile, Profile] | None = None,
+) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray, sp.csr_matrix | None]:
+    """Return M, K, the diagonal of the lumped mass and C of lines of beams, held dofs included.
+
+    The lumped mass is ρA h/2 for u and ρA h³/78 for phi at each end of a cell.
+
+    Args:
+        case: the case.
+        comm: communicator that shares the assembly.
+        lines: x of the nodes of each line, shape (n_nodes,) [m]; all lines lie on one mesh.
+        section: EI [N m2] and ρA [kg/m] of each line.
+        axial: EA [N] and ζ [m] of lines with an axial field, which have no C; None: each line is a
+            lamina of its own.
+    """
+    sizes = np.array([x.size for x in lines])
+    cells = np.column_stack([np.arange(sizes.sum() - 1), np.arange(1, sizes.sum())])
+    within = np.delete(cells, np.cumsum(sizes)[:-1] - 1, axis=0)
+    on = Hermite.on_line(comm, np.concatenate(lines), within, has_axial=axial is not None)
+    of_cell = np.repeat(np.arange(sizes.size), sizes - 1)
+
+    def coefficient(profile: Profile) -> Any:
+        def values(cells: IntArray, x: FloatArray) -> FloatArray:
+            own = [of_cell[cells] == i for i in range(sizes.size)]
+            return np.select(own, [profile(i, x) for i in range(sizes.size)])
+
+        return on.coefficient(values)
+
+    # a form for each rule, because ffcx 0.5 does not allow two quadrature rules in one form
+    def assembled(form: Any, degree: int = BENDING_DEGREE, **rule: str) -> sp.csr_matrix:
+        return on.assemble(form * ufl.dx(metadata={"quadrature_degree": degree, **rule}))
+
+    def at_ends(factor: Any) -> sp.csr_matrix:
+        h = abs(ufl.Jacobian(on.mesh)[0, 0])
+        ends = pair[0] * test[0] + h**2 / 39 * pair[1] * test[1]
+        return assembled(factor * ends, 1, quadrature_rule="GLL")
+
+    def inertia(factor: Any) -> sp.csr_matrix:
+        if case.time.mass == "lumped":
+            return at_ends(factor)
+        return assembled(factor * on.value(pair) * on.value(test), MASS_DEGREE)
+
+    pair, test = ufl.TrialFunction(on.space), ufl.TestFunction(on.space)
+    EI, rhoA = map(coefficient, section)
+    w2, v2, C = on.curvature(pair), on.curvature(test), None
+    energy = EI * w2 * v2
+    if axial is None:
+        alpha, beta = (coefficient(lambda i, x, k=k: case.rayleigh(i)[k]) for k in (0, 1))  # type: ignore[misc]
+        C = inertia(alpha * rhoA) + assembled(beta * EI * w2 * v2)
+    else:
+        EA, zeta = map(coefficient, axial)
+        energy += EA * (pair[2].dx(0) - zeta * w2) * (test[2].dx(0) - zeta * v2)
+    return inertia(rhoA), assembled(energy), at_ends(rhoA).diagonal(), C
 
 
 Line = tuple[Segment, Group, int]
 """A segment, a group of it, and the lamina of the group that the line stands for."""
 
 
-def assemble_stack(case: Case, x: FloatArray, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
-    """Assemble a case of bonded laminae from weak forms.
-
-    Args:
-        case: the case.
-        x: positions of the nodes, one at every edge of a delamination [m].
-        comm: communicator that shares the assembly; every rank gets the whole result.
-    """
-    unknowns = network(case, x)
+def _stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
+    """Assemble a bonded stack: each lamina of every segment is a line, and all are tied (N1)."""
     lines = [(segment, group, i) for segment, group in unknowns.groups() for i in group]
-    M, K, lumped = _stack_matrices(unknowns, lines, comm)
+    own = [unknowns.laminae[i] for _, _, i in lines]
+    zeta = [float(unknowns.middles[i]) - unknowns.neutral_axis(group) for _, group, i in lines]
+    M, K, lumped, _ = _matrices(
+        case,
+        comm,
+        [unknowns.x[segment.nodes] for segment, _, _ in lines],
+        (lambda i, x: own[i].flexural_rigidity, lambda i, x: own[i].mass_per_length),
+        (lambda i, x: own[i].axial_rigidity, lambda i, x: zeta[i]),
+    )
     to = _transformation(unknowns, lines)
     return structure(case, unknowns, to.T @ M @ to, to.T @ K @ to, to.T @ lumped)
-
-
-def _stack_matrices(
-    unknowns: Network, lines: list[Line], comm: MPI.Intracomm
-) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray]:
-    """Return M, K and the diagonal of the lumped mass of all lines, not yet tied."""
-    on = Lines.of(comm, [unknowns.x[segment.nodes] for segment, _, _ in lines], has_axial=True)
-
-    def coefficient(values: Sequence[float]) -> Any:
-        return on.coefficient(lambda i, x: values[i])
-
-    own, middles = [unknowns.laminae[i] for _, _, i in lines], unknowns.middles
-    EI = coefficient([lamina.flexural_rigidity for lamina in own])
-    EA = coefficient([lamina.axial_rigidity for lamina in own])
-    rhoA = coefficient([lamina.mass_per_length for lamina in own])
-    zeta = coefficient([float(middles[i]) - unknowns.neutral_axis(g) for _, g, i in lines])
-    (w2, v2), assemble = on.curvatures, on.hermite.assemble
-    strain, strain_test = on.trial[2].dx(0) - zeta * w2, on.test[2].dx(0) - zeta * v2
-    dx_bending = ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE})
-    K = assemble((EI * w2 * v2 + EA * strain * strain_test) * dx_bending)
-    return assemble(on.mass(rhoA)), K, assemble(on.lumped_mass(rhoA)).diagonal()
 
 
 def _transformation(unknowns: Network, lines: list[Line]) -> sp.csr_matrix:

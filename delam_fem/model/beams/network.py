@@ -520,21 +520,30 @@ def side_by_side(
     parts: tuple[Part, ...],
     matrices: Sequence[sp.spmatrix],
     lumped: FloatArray,
+    damping: sp.spmatrix | None = None,
 ) -> Structure:
     """Return laminae that are apart, with their point masses; each has its own damping.
 
     Args:
         case: the case.
         parts: the laminae.
-        matrices: M, C, K of all points of all laminae, point by point, held ones included.
+        matrices: M and K of all points of all laminae, point by point, held ones included.
         lumped: diagonal of the lumped mass of the same dofs.
+        damping: C of the same dofs; None: that of Rayleigh.
     """
     layout = layout_of(case, parts)
     whole = np.concatenate([part.dofs.ravel() for part in layout.parts])
     n, moving = int(whole.max()) + 1, np.flatnonzero(whole != FIXED)
     columns = np.where(whole == BASE, n, whole)[moving]
     to = sp.csr_matrix((np.ones(moving.size), (moving, columns)), shape=(whole.size, n + 1))
-    M, C, K = (to.T @ matrix @ to for matrix in matrices)
+    M, K = matrices
+    if case.time.mass == "lumped":
+        M = sp.diags(lumped, format="csr")
+    if damping is None:
+        each = [case.rayleigh(i) for i in range(len(parts))]
+        alpha, beta = map(sp.diags, np.repeat(each, [part.dofs.size for part in parts], axis=0).T)
+        damping = alpha @ M + beta @ K
+    M, C, K = (to.T @ matrix @ to for matrix in (M, damping, K))
     lumped = to.T @ lumped
     for i, lamina in enumerate(case.lamina):
         if masses := [own for own in case.point_mass if own.lamina == lamina.name]:
