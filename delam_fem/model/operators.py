@@ -18,7 +18,7 @@ ranks contribute; loads of contact forces need no communication.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -97,14 +97,22 @@ class BaseCoupling:
         return cls(np.zeros(n), np.zeros(n), np.zeros(n))
 
 
+@dataclass(frozen=True, eq=False)
 class Recorded:
     """What all operators share, whatever holds their matrices: counts of pairs, probes, sensors."""
 
+    mass: Any
+    damping: Any
+    stiffness: Any
     base: BaseCoupling
+    gap_matrix: sp.csr_matrix
     gap0: FloatArray
-    lumped_mass: FloatArray | None
-    probes: sp.csr_matrix
-    sensors: sp.csr_matrix
+    lumped_mass: FloatArray | None = None
+    pair_weights: FloatArray | None = None
+    probes: sp.csr_matrix = None
+    sensors: sp.csr_matrix = None
+    rayleigh: tuple[FloatArray, FloatArray] | None = None
+    names: tuple[str, ...] = ()
 
     def _complete(self, n: int, further: Mapping[str, tuple[int, ...]], text: str) -> None:
         """Replace missing probes and sensors by an empty matrix; check the shapes.
@@ -206,9 +214,9 @@ class Operators(Recorded):
             signals of sensors follow, CSR (n_sensors, n). None: none.
         rayleigh: α and β at each dof, constant on each body, if C = α M + β K holds to round-off,
             each of shape (n,) [1/s, s]; engines may then need fewer products. None: no word on C.
+        names: of the probes; empty: they have numbers only.
         near_null: motions that strain the bodies least, as rigid ones, for iterative solvers, shape
             (n, k); None: none are known.
-        names: of the probes; empty: they have numbers only.
         start: displacements and velocities with which runs begin that get no other state, whatever
             `BaseCoupling.shift` is, shape (2, n) [m, m/s]; None: at rest.
     """
@@ -216,16 +224,7 @@ class Operators(Recorded):
     mass: sp.csr_matrix
     damping: sp.csr_matrix
     stiffness: sp.csr_matrix
-    base: BaseCoupling
-    gap_matrix: sp.csr_matrix
-    gap0: FloatArray
-    lumped_mass: FloatArray | None = None
-    pair_weights: FloatArray | None = None
-    probes: sp.csr_matrix = None
-    sensors: sp.csr_matrix = None
-    rayleigh: tuple[FloatArray, FloatArray] | None = None
     near_null: FloatArray | None = None
-    names: tuple[str, ...] = ()
     start: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -386,7 +385,7 @@ class Operators(Recorded):
         if comm.size > 1:
             if near is not None:
                 with_near_null(parts[2], near)
-            return DistributedOperators(comm, *parts, **further)
+            return DistributedOperators(*parts, comm=comm, **further)
         arrays = [sp.csr_matrix(part.getValuesCSR()[::-1], shape=part.getSize()) for part in parts]
         return Operators(arrays[0], arrays[1], arrays[2], near_null=near, **further)
 
@@ -401,14 +400,13 @@ class Operators(Recorded):
         return self.n_dofs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DistributedOperators(Recorded):
     """Matrices of one semi-discrete contact problem, spread over the ranks of a communicator.
 
     The equations and the units are those of `Operators`. This rank owns n_own of the n dofs.
 
     Attributes:
-        comm: the communicator.
         mass: M, PETSc matrix (n, n), rows and columns spread over the ranks.
         damping: C, PETSc matrix (n, n), spread in the same way.
         stiffness: K, PETSc matrix (n, n), spread in the same way.
@@ -423,27 +421,19 @@ class DistributedOperators(Recorded):
         probes: own columns of the probes, CSR (n_probes, n_own).
         sensors: own columns of the functionals of sensors, CSR (n_sensors, n_own).
         rayleigh: α and β at the own dofs, each of shape (n_own,); see `Operators`.
+        names: of the probes; empty: they have numbers only.
+        comm: the communicator.
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
         is_shared_order: whether the order of the dofs is the same for any number of ranks.
-        names: of the probes; empty: they have numbers only.
     """
 
-    comm: MPI.Intracomm
     mass: PETSc.Mat
     damping: PETSc.Mat
     stiffness: PETSc.Mat
-    base: BaseCoupling
-    gap_matrix: sp.csr_matrix
-    gap0: FloatArray
-    lumped_mass: FloatArray | None = None
-    pair_weights: FloatArray | None = None
-    probes: sp.csr_matrix = None
-    sensors: sp.csr_matrix = None
-    rayleigh: tuple[FloatArray, FloatArray] | None = None
+    comm: MPI.Intracomm = field(kw_only=True)
     is_uncoupled: bool = False
     is_shared_order: bool = False
-    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
@@ -492,7 +482,6 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
     if o.near_null is not None:
         with_near_null(K, o.near_null[own])
     return DistributedOperators(
-        comm,
         M,
         C,
         K,
@@ -511,8 +500,9 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         probes=sp.csr_matrix(o.probes)[:, own],
         sensors=sp.csr_matrix(o.sensors)[:, own],
         rayleigh=None if o.rayleigh is None else (o.rayleigh[0][own], o.rayleigh[1][own]),
-        is_shared_order=True,
         names=o.names,
+        comm=comm,
+        is_shared_order=True,
     )
 
 

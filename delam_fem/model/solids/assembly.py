@@ -174,7 +174,7 @@ def _operators(
     mass, damping, stiffness = (distributed.matrix(own, comm) for own in taken)
     distributed.with_near_null(stiffness, unknowns.rigid_motions)
     further["is_uncoupled"] = is_uncoupled
-    return DistributedOperators(comm, mass, damping, stiffness, **further)
+    return DistributedOperators(mass, damping, stiffness, comm=comm, **further)
 
 
 def young_modulus(case: Case, mesh: SolidMesh) -> FloatArray:

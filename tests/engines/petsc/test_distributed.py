@@ -32,9 +32,9 @@ def compare(way, law, impulse, refine):
         M, C, K = (matrix(m.tocsr()[own][:, order], comm) for m in (o.mass, o.damping, o.stiffness))
         b = o.base
         given = DistributedOperators(
-            comm, M, C, K, BaseCoupling(b.mass[own], b.damping[own], b.stiffness[own], b.corner),
+            M, C, K, BaseCoupling(b.mass[own], b.damping[own], b.stiffness[own], b.corner),
             o.gap_matrix[:, own], o.gap0, o.lumped_mass[own], o.pair_weights,
-            o.probes[:, own], is_uncoupled=True,
+            o.probes[:, own], comm=comm, is_uncoupled=True,
         )
     options = dict(steps_per_period=STEPS, periods=2, time_step=case.time_step, frames_per_period=4,
                    refinement=Refinement(int(refine)))
