@@ -816,19 +816,12 @@ class Case(Section):
         """Return the case after a check of its files, with the duration of a tabulated excitation.
 
         Raises:
-            CaseError: a file is missing, or the table of the excitation cannot be used.
+            CaseError: a file is missing, or the table of the excitation cannot be used or ends
+                before the run.
         """
         for key, file in self.files.items():
             if not file.is_file():
                 raise CaseError(f"{label}: {key}: no such file: {file}")
-        return self._with_table_checked(label)
-
-    def _with_table_checked(self, label: str) -> Self:
-        """Return the case with the duration of a tabulated excitation; check its table.
-
-        Raises:
-            CaseError: the table cannot be used, or it ends before the run.
-        """
         given = self.excitation
         if not isinstance(given, TableExcitation):
             return self

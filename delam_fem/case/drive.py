@@ -8,7 +8,6 @@ need not know the kinds.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self, TypeAlias
@@ -72,22 +71,17 @@ def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
     table = read_columns(path, name, ("time", "value"))
     (time, value), units = in_si_units(table, ("time", "value"), (("s",), _UNITS[acts_on]), name)
     require(time.size >= least_rows, name, f"at least {least_rows} rows", time.size)
-    _check_times(time, table.lines, name)
-    return Series(time, value, units[1])
-
-
-def _check_times(time: FloatArray, lines: Sequence[int], name: str) -> None:
-    """Check that times begin at 0 and increase."""
     if time[0] != 0.0:
         raise CaseError(
-            f"{name}, line {lines[0]}: expected times from 0, given {time[0]}; subtract the first "
-            "time"
+            f"{name}, line {table.lines[0]}: expected times from 0, given {time[0]}; subtract the "
+            "first time"
         )
     for k in np.flatnonzero(~(np.diff(time) > 0.0)):
         raise CaseError(
-            f"{name}, line {lines[k + 1]}: expected times to increase, given {time[k + 1]} after "
-            f"{time[k]}"
+            f"{name}, line {table.lines[k + 1]}: expected times to increase, given {time[k + 1]} "
+            f"after {time[k]}"
         )
+    return Series(time, value, units[1])
 
 
 Target = Literal["base", "force"]

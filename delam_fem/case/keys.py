@@ -84,12 +84,12 @@ class Table:
 def tables() -> tuple[Table, ...]:
     """Return all tables of a case file in their order; the first has the keys before any table."""
     fields = Case.model_fields
-    below = {name: tuple(_models(field.annotation)) for name, field in fields.items()}
+    below = {name: _models(field.annotation) for name, field in fields.items()}
     plain = [name for name, models in below.items() if not models]
     found = [_table(Case, "", plain, is_required=True)]
     for name, models in below.items():
         for model in models:
-            inner = {key: [*_models(f.annotation)] for key, f in model.model_fields.items()}
+            inner = {key: _models(f.annotation) for key, f in model.model_fields.items()}
             keys = [*(key for key in inner if not inner[key]), *model.also_written]
             is_array = _is_array(fields[name].annotation)
             found.append(
@@ -135,8 +135,10 @@ def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
     words = next((m.words for m in field.metadata if isinstance(m, Expected)), "")
     is_required = field.is_required() or name == "kind"  # the kind says which table it is
     default = None if is_required or field.default is PydanticUndefined else field.default
-    unit = (found[1] if found else "-") if _is_number(annotation) else ""
-    choices = tuple(_choices(annotation))
+    parts = [*_parts(annotation)]
+    unit = (found[1] if found else "-") if {int, float}.intersection(parts) else ""
+    literals = [part for part in parts if get_origin(part) is Literal]
+    choices = tuple(str(word) for part in literals for word in get_args(part))
     type_ = words or _type(annotation, choices)
     return Key(name, type_, choices, unit, is_required, default, meaning)
 
@@ -154,29 +156,15 @@ def _parts(annotation: Any) -> Iterator[Any]:
         yield annotation
 
 
-def _models(annotation: Any) -> Iterator[type[Section]]:
-    """Yield the models of tables in the type of a field."""
-    for part in _parts(annotation):
-        if isinstance(part, type) and issubclass(part, Section):
-            yield part
+def _models(annotation: Any) -> list[type[Section]]:
+    """Return the models of tables in the type of a field."""
+    return [p for p in _parts(annotation) if isinstance(p, type) and issubclass(p, Section)]
 
 
 def _is_array(annotation: Any) -> bool:
     """Return whether the type of a field is an array of tables."""
     origin = get_origin(annotation)
     return origin is tuple or (origin is Annotated and _is_array(get_args(annotation)[0]))
-
-
-def _is_number(annotation: Any) -> bool:
-    """Return whether a key takes numbers."""
-    return any(part in (int, float) for part in _parts(annotation))
-
-
-def _choices(annotation: Any) -> Iterator[str]:
-    """Yield the words of a `Literal` in the type of a field."""
-    for part in _parts(annotation):
-        if get_origin(part) is Literal:
-            yield from map(str, get_args(part))
 
 
 def _type(annotation: Any, choices: tuple[str, ...]) -> str:

@@ -258,8 +258,8 @@ def input_nodes(linear: Any) -> IntArray:
     """Return the input node of each dof of a P1 space on this rank, shape (n_local_dofs,)."""
     dofmap, geometry = linear.dofmap, linear.mesh.geometry
     nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
-    for cell, vertices in enumerate(cell_nodes(linear.mesh)):
-        nodes[dofmap.cell_dofs(cell)] = np.asarray(geometry.input_global_indices)[vertices]
+    own = cell_nodes(linear.mesh)
+    nodes[cell_dofs(linear)[: len(own)]] = np.asarray(geometry.input_global_indices)[own]
     return nodes
 
 

@@ -317,11 +317,6 @@ class Layout:
         return first.x
 
     @property
-    def n_elements(self) -> int:
-        """Number of elements per part, if all parts share their points."""
-        return self.x.size - 1
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the parts."""
         return tuple(part.name for part in self.parts)

@@ -9,7 +9,6 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 from scipy.linalg import eigh, null_space
 from scipy.sparse.csgraph import connected_components
@@ -247,10 +246,6 @@ def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
     return float(eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few].max()) or 1.0
 
 
-DENSE = 20
-"""Largest number of dofs for dense eigenvalues, which also serve a single mass."""
-
-
 def largest_stable_time_step(
     operators: Operators, spring_stiffness: float = 0.0, courant: float = 2.0
 ) -> float:
@@ -264,8 +259,8 @@ def largest_stable_time_step(
     K, M = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ weighted)), sp.csc_matrix(o.mass)
     if not K.count_nonzero():
         return math.inf
-    if o.n_dofs <= DENSE:
-        square = scipy.linalg.eigh(K.toarray(), M.toarray(), eigvals_only=True)[-1]
+    if o.n_dofs <= DENSE_DOFS:
+        square = eigh(K.toarray(), M.toarray(), eigvals_only=True)[-1]
     else:
         square = eigsh(K, k=1, M=M, which="LM", return_eigenvectors=False)[0]
     return courant / math.sqrt(float(square))

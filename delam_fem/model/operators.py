@@ -475,7 +475,9 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         operators: the whole problem, the same on every rank.
         comm: communicator that shares the work.
     """
-    o, own = operators, _own_of(operators.n_dofs, comm)
+    o, (share, rest) = operators, divmod(operators.n_dofs, comm.size)
+    first = comm.rank * share + min(comm.rank, rest)
+    own = slice(first, first + share + (comm.rank < rest))  # the same split as PETSc's
     base, lumped = o.base, o.lumped_mass
     matrices = o.mass, o.damping, o.stiffness
     M, C, K = (matrix(m if comm.size == 1 else m[own], comm) for m in matrices)
@@ -570,10 +572,3 @@ def whole(share: FloatArray, comm: MPI.Intracomm) -> FloatArray:
         Values at all dofs, shape (…, n).
     """
     return share if comm.size == 1 else np.concatenate(comm.allgather(share), axis=-1)
-
-
-def _own_of(n: int, comm: MPI.Intracomm) -> slice:
-    """Return the rows of n that this rank owns (the same split as PETSc's)."""
-    share, rest = divmod(n, comm.size)
-    first = comm.rank * share + min(comm.rank, rest)
-    return slice(first, first + share + (comm.rank < rest))

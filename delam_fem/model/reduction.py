@@ -10,7 +10,6 @@ readings. The basis has residual shapes for their places, and the initial state 
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -25,9 +24,9 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
 from delam_fem.contact.laws import combination
-from delam_fem.model.beams.network import completed, gap_at_rest
+from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
 from delam_fem.model.discretise import assemble, require_bending, require_mass
-from delam_fem.model.layout import Interface, Layout, Part, Probe, Reading, Structure, Support
+from delam_fem.model.layout import Interface, Layout, Reading, Structure
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.sensors import StrainRows
@@ -38,7 +37,6 @@ from delam_fem.system.files import read_arrays, write_arrays
 
 FORMAT = 2
 """Number of the format, which changes when a file cannot be read as before."""
-SUFFIX = ".npz"
 _COMPARED: Mapping[str, set[str] | None] = {
     "lamina": None,
     "support": None,
@@ -74,12 +72,15 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
     assert layout.reading is not None
     C = o.damping.toarray()
     is_diagonal = not (C - np.diag(C.diagonal())).any()
-    words, arrays = _of_layout(layout)
     content: dict[str, Any] = {
         "format": np.array(FORMAT),
         "case": np.array(case.to_toml()),
         "mesh": np.array(_digest(case)),
-        "layout": np.array(json.dumps(words)),
+        "x": layout.x,
+        "dofs": np.stack([part.dofs for part in layout.parts]),
+        "sections": np.stack(
+            [[part.flexural_rigidity, part.mass_per_length] for part in layout.parts], axis=1
+        ),
         "squares": o.stiffness.diagonal(),
         "damping": C.diagonal() if is_diagonal else C,
         "base": np.stack([o.base.mass, o.base.damping, o.base.stiffness]),
@@ -94,9 +95,11 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
         "reading_part": layout.reading.part,
         "strains": strains,
     }
+    content["lower"] = np.array([own.parts[0] for own in layout.interfaces], dtype=np.int64)
+    content |= {f"places_{k}": own.places for k, own in enumerate(layout.interfaces)}
     if o.start is not None:
         content["start"] = o.start
-    write_arrays(path, content | arrays)
+    write_arrays(path, content)
 
 
 def load(case: Case) -> Structure:
@@ -141,7 +144,7 @@ def _read(path: Path, changed: int, size: int) -> tuple[Case, str, Structure, Fl
         if int(data["format"]) != FORMAT:
             raise ValueError(f"format {int(data['format'])}, expected {FORMAT}")
         origin = Case.from_toml(str(data["case"]))
-        structure = _structure(data)
+        structure = _structure(data, origin)
         strains = data["strains"]
         if strains.ndim != 2 or strains.shape[1] != structure.operators.n_dofs + 1:
             raise ValueError("strains of another size")
@@ -154,8 +157,8 @@ def _read(path: Path, changed: int, size: int) -> tuple[Case, str, Structure, Fl
         ) from None
 
 
-def _structure(data: Mapping[str, Any]) -> Structure:
-    """Return the structure that the arrays of a file describe.
+def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
+    """Return the structure that the arrays of a file and the case that was reduced describe.
 
     Raises:
         ValueError: arrays do not fit one another, or are not finite.
@@ -188,44 +191,13 @@ def _structure(data: Mapping[str, Any]) -> Structure:
     reading = Reading(sp.csr_matrix(data["readings"]), data["reading_base"], data["reading_part"])
     if reading.matrix.shape != (reading.base.size, n) or reading.part.shape != (n,):
         raise ValueError("readings of another size")
-    return Structure(operators, _layout(data, reading))
-
-
-def _of_layout(layout: Layout) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the words of a layout, and its arrays by name."""
-    words = {
-        "parts": [part.name for part in layout.parts],
-        "interfaces": [[i.name, *i.parts, i.first_pair] for i in layout.interfaces],
-        "probes": [[probe.name, probe.part, probe.point] for probe in layout.probes],
-        "supports": [[own.part, own.point, own.kind] for own in layout.supports],
-    }
-    arrays: dict[str, Any] = {}
-    for k, part in enumerate(layout.parts):
-        arrays |= {f"part_{k}_x": part.x, f"part_{k}_dofs": part.dofs}
-        arrays |= {f"part_{k}_EI": part.flexural_rigidity, f"part_{k}_m": part.mass_per_length}
-    for k, interface in enumerate(layout.interfaces):
-        arrays[f"interface_{k}_places"] = interface.places
-    return words, arrays
-
-
-def _layout(data: Mapping[str, Any], reading: Reading) -> Layout:
-    """Return the layout that `_of_layout` took apart."""
-    words = json.loads(str(data["layout"]))
-    parts = tuple(
-        Part(name, *(data[f"part_{k}_{key}"] for key in ("x", "dofs", "EI", "m")))
-        for k, name in enumerate(words["parts"])
-    )
-    interfaces = tuple(
-        Interface(name, (lower, upper), data[f"interface_{k}_places"], first)
-        for k, (name, lower, upper, first) in enumerate(words["interfaces"])
-    )
-    return Layout(
-        parts,
-        interfaces,
-        tuple(Probe(*row) for row in words["probes"]),
-        tuple(Support(*row) for row in words["supports"]),
-        reading=reading,
-    )
+    parts = parts_of(origin, data["x"], data["dofs"], data["sections"])
+    interfaces: list[Interface] = []
+    for k, lower in enumerate(data["lower"].tolist()):
+        first = sum(own.places.size for own in interfaces)
+        name, places = f"{parts[lower].name}-{parts[lower + 1].name}", data[f"places_{k}"]
+        interfaces.append(Interface(name, (lower, lower + 1), places, first))
+    return Structure(operators, layout_of(origin, parts, tuple(interfaces), reading))
 
 
 def _require_same(path: Path, origin: Case, case: Case, mesh: str) -> None:
@@ -306,7 +278,7 @@ def _strain_rows(layout: Layout, origin: Case, strains: FloatArray) -> StrainRow
     return rows
 
 
-NAME = f"reduced{SUFFIX}"
+NAME = "reduced.npz"
 """Name of the file of a reduced structure in its folder."""
 
 

@@ -129,15 +129,8 @@ def limit(
     if (differences <= spread).all():
         uncertainty = float(max(spread[-1], np.ptp(f[-4:])))
         return Limit(orders, float(f[-1]), uncertainty, "within scatter")
-    return _richardson(h, f, orders, (differences > spread).all(), float(spread[-1]))
-
-
-def _richardson(
-    h: FloatArray, f: FloatArray, orders: FloatArray, stands_out: np.bool_, spread: float
-) -> Limit:
-    """Return the limit from X2, or NaN with the reason if the last two orders do not allow it."""
     reason = None
-    if not stands_out:
+    if not (differences > spread).all():
         reason = "differences of the size of the scatter"
     elif not np.isfinite(orders[-2:]).all():
         reason = "not monotone"
@@ -148,8 +141,7 @@ def _richardson(
     if reason is not None:
         return Limit(orders, np.nan, np.nan, reason)
     last, before = (_extrapolated(h[k - 3 : k], f[k - 3 : k]) for k in (h.size, h.size - 1))
-    uncertainty = max(abs(last - before), spread)
-    return Limit(orders, last, uncertainty, "Richardson")
+    return Limit(orders, last, max(abs(last - before), float(spread[-1])), "Richardson")
 
 
 def _ratio(h: FloatArray, p: float) -> float:

@@ -116,7 +116,7 @@ def on_ground(
     """
     if n < 2:
         raise ValueError(f"lamina over ground: expected at least 2 elements, given {n}")
-    beam = Beam.of(lamina, np.full(n, lamina.length / n))
+    beam = Beam.of(lamina.flexural_rigidity, lamina.mass_per_length, np.full(n, lamina.length / n))
     M, K = (matrix[N_CLAMP:, N_CLAMP:].tocsr() for matrix in (beam.mass, beam.stiffness))
     first, second = lamina.angular_frequencies(2).tolist()
     alpha, beta = harmonics.coefficients(lamina.damping_ratio, first, second)

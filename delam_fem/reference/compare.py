@@ -209,12 +209,19 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
 def _motions(given: Result, expected: ReferenceRun, impacts: int) -> Motions:
     """Return the motions of the package and of the reference side by side."""
     history = given.history
+    tips = np.asarray(history["tip_displacement"])
+    if tips.shape != expected.tip_displacement.shape:
+        raise RuntimeError(
+            f"the run recorded tip histories of shape {tips.shape}, expected "
+            f"{expected.tip_displacement.shape}: the run was interrupted or diverged; run it "
+            "again, or compare fewer periods"
+        )
     n_impacts = (int(history.sizes["event"]), len(expected.events))
     limit = min(impacts, *n_impacts)
     return Motions(
         names=tuple(map(str, history["lamina"].to_numpy())),
         times=expected.times,
-        tips=_same_length(np.asarray(history["tip_displacement"]), expected),
+        tips=tips,
         reference_tips=expected.tip_displacement,
         impacts=n_impacts,
         impact_limit=limit,
@@ -280,16 +287,6 @@ def _frequency_difference(given: Structure, expected: Operators, case: Case) -> 
     )
     ratio = modes_of(given, case, n).frequencies / matrices.natural_frequencies(expected, n)
     return float(np.abs(ratio - 1.0).max())
-
-
-def _same_length(tips: FloatArray, expected: ReferenceRun) -> FloatArray:
-    if tips.shape != expected.tip_displacement.shape:
-        raise RuntimeError(
-            f"the run recorded tip histories of shape {tips.shape}, expected "
-            f"{expected.tip_displacement.shape}: the run was interrupted or diverged; run it "
-            "again, or compare fewer periods"
-        )
-    return tips
 
 
 def _compare(case: Case, given: options.Compare, place: Place) -> Comparison | ModelComparison:

@@ -157,12 +157,6 @@ class Standing:
     velocity: FloatArray
     permanent: BoolArray
 
-    @classmethod
-    def at_rest(cls, operators: Operators) -> Standing:
-        """Return the state at t = 0: stress-free and at rest."""
-        n = operators.n_dofs
-        return cls(0, np.zeros(n), np.zeros(n), np.zeros(operators.n_pairs, dtype=bool))
-
 
 class Event(NamedTuple):
     """One impact of one pair.
@@ -219,7 +213,8 @@ def simulate_reference(
     refusal = refused_motion(case)
     if refusal:
         raise CaseError(refusal)
-    state = initial or Standing.at_rest(operators)
+    rest = np.zeros(operators.n_dofs)
+    state = initial or Standing(0, rest, rest, np.zeros(operators.n_pairs, dtype=bool))
     N, dt = case.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)
     base = base_motion(case).states(steps * dt)
@@ -248,7 +243,7 @@ class _System:
         self.operators = operators
         self.dt = dt
         self.penalty_stiffness = penalty_stiffness
-        self.mass_factor = splu(operators.mass.tocsc())
+        self.solve_mass: MassSolver = splu(operators.mass.tocsc()).solve
         base = operators.base
         self.base_columns = np.stack([base.stiffness, base.damping, base.mass], axis=1)
         self._factorise(np.zeros(operators.n_pairs, dtype=bool))
@@ -272,11 +267,6 @@ class _System:
         self._require_springs(P)
         residual = self.force(base) - self.operators.damping @ v - self.K @ u
         return self.solve_mass(residual)
-
-    def solve_mass(self, force: FloatArray) -> FloatArray:
-        """Return M^-1 times a force, shape (n,) or (n, k)."""
-        response: FloatArray = self.mass_factor.solve(force)
-        return response
 
     def force(self, base: FloatArray) -> FloatArray:
         """Return the force due to the base motion (q, q', q'') and to the rest gaps of springs."""

@@ -113,12 +113,10 @@ def lumped_mass(mass_per_length: float, h: float) -> FloatArray:
 
 def wave_numbers(n: int) -> list[float]:
     """Return the first n roots of cos B cosh B = -1; root k lies between (k - 1) pi and k pi."""
-
-    def equation(B: float) -> float:
-        return float(np.cos(B) + 1.0 / np.cosh(B))
-
+    ends = [(k * np.pi, (k + 1) * np.pi) for k in range(n)]
     return [
-        float(brentq(equation, k * np.pi, (k + 1) * np.pi, xtol=_ROOT_TOLERANCE)) for k in range(n)
+        float(brentq(lambda B: np.cos(B) + 1.0 / np.cosh(B), *end, xtol=_ROOT_TOLERANCE))
+        for end in ends
     ]
 
 

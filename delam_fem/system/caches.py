@@ -8,7 +8,6 @@ when it is on the disk. What is stale or damaged is compiled anew.
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import importlib.machinery
 import logging
@@ -181,7 +180,7 @@ def _publish(private: Path, final: Path) -> None:
     _clear_out(final.parent)
 
 
-@functools.cache
+@cache
 def _announce() -> None:
     """Log, once per process, that the weak forms are being compiled."""
     _log.info("compiling the weak forms, once, some seconds")

@@ -130,7 +130,7 @@ def test_three_laminae_with_a_gap_are_apart() -> None:
     case = preset("paper", {"lamina": [thick, thin, {**thin, "name": "top"}]})
     assert case.is_apart
     structure = closed_form.assemble(case)
-    assert [len(interface.points) for interface in structure.layout.interfaces] == [20, 20]
+    assert [interface.places.size for interface in structure.layout.interfaces] == [20, 20]
 
 
 def test_openings_at_rest() -> None:
@@ -160,7 +160,7 @@ def test_a_power_opens_towards_the_free_end(free: str) -> None:
     )
     structure = closed_form.assemble(case)
     (interface,) = structure.layout.interfaces
-    x = structure.layout.x[interface.points[:, 0]]
+    x = structure.layout.parts[0].positions(interface.places)
     distance = x - 0.2 if free == "end" else 0.2 - x
     assert structure.operators.gap0 == pytest.approx(0.001 * distance / 0.2, abs=1e-17)
     assert distance.max() == pytest.approx(0.2)  # the free end is a pair

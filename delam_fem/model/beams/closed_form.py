@@ -13,7 +13,6 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Lamina
 from delam_fem.model.beams import axial
 from delam_fem.model.beams.network import (
     Network,
@@ -46,7 +45,11 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         return axial.assemble(case, x)
     if not case.is_apart:
         return _stack(case, network(case, x))
-    beams = [Beam.of(lamina, np.diff(x), at_middles=case.is_at_middles) for lamina in case.lamina]
+    h, at_middles = np.diff(x), case.is_at_middles
+    beams = [
+        Beam.of(own.flexural_rigidity, own.mass_per_length, h, at_middles=at_middles)
+        for own in case.lamina
+    ]
     M, K = (sp.block_diag([getattr(own, of) for own in beams]) for of in ("mass", "stiffness"))
     lumped = np.concatenate([beam.lumped_mass for beam in beams])
     return side_by_side(case, clamped_parts(case, x), (M, K), lumped)
@@ -61,7 +64,7 @@ def _stack(case: Case, stack: Network) -> Structure:
         nodes = segment.nodes
         h = np.diff(stack.x[nodes])
         EI, rhoA, EA = stack.section(group)
-        beam = Beam.uniform(
+        beam = Beam.of(
             EI, rhoA, h, at_middles=case.is_at_middles, is_tied=stack.ties(segment, case)
         )
         # from the unknowns to (w, w') along the nodes, and to the elongation of the group
@@ -197,13 +200,7 @@ class Beam:
     lumped_mass: FloatArray  # (N,)
 
     @classmethod
-    def of(cls, lamina: Lamina, h: FloatArray, *, at_middles: bool = False) -> Beam:
-        """Assemble a lamina from elements of lengths h, shape (n,) [m]; see `uniform`."""
-        EI, rhoA = lamina.flexural_rigidity, lamina.mass_per_length
-        return cls.uniform(EI, rhoA, h, at_middles=at_middles)
-
-    @classmethod
-    def uniform(
+    def of(
         cls,
         EI: float,
         rhoA: float,
@@ -212,7 +209,7 @@ class Beam:
         at_middles: bool = False,
         is_tied: bool = False,
     ) -> Beam:
-        """Assemble a uniform beam of stiffness EI [N m2] and mass ρA [kg/m].
+        """Assemble a uniform beam of stiffness EI [N m2], mass ρA [kg/m] and elements h [m].
 
         Its mass is consistent, or at the middles of the elements; see `middle_masses`.
         """

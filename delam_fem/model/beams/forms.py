@@ -138,24 +138,18 @@ class Hermite:
         space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", COEFFICIENT_DEGREE)
         points = space.tabulate_dof_coordinates()[:, 0]
         cells = np.empty(len(points), dtype=np.int64)
-        for local, given in enumerate(self.cell_of_cell):
-            cells[space.dofmap.cell_dofs(local)] = given
+        cells[_dolfinx.cell_dofs(space)] = self.cell_of_cell[:, None]
         return _dolfinx.function(space, values(cells, points))
 
     def _global_to_input(self) -> IntArray:
         """Return the input dof (n_fields node + component) of each global dof, on every rank."""
-        n = self.n_fields
-        rows = []
-        nodes = _dolfinx.cell_nodes(self.mesh)
-        index_map = self.space.dofmap.index_map
-        for component in range(n):
-            dofmap = self.space.sub(component).dofmap
-            for cell, vertices in enumerate(nodes):
-                local = dofmap.cell_dofs(cell).astype(np.int32)
-                dofs = index_map.local_to_global(local)
-                rows.append(np.column_stack([dofs, n * self.node_of_vertex[vertices] + component]))
-        mine = np.vstack(rows) if rows else np.empty((0, 2), dtype=np.int64)
-        table = np.vstack(self.comm.allgather(mine))
+        index_map, rows = self.space.dofmap.index_map, []
+        nodes = self.node_of_vertex[_dolfinx.cell_nodes(self.mesh)]
+        for component in range(self.n_fields):
+            local = _dolfinx.cell_dofs(self.space.sub(component))[: len(nodes)]
+            dofs = index_map.local_to_global(local.ravel().astype(np.int32))
+            rows.append(np.column_stack([dofs, (self.n_fields * nodes + component).ravel()]))
+        table = np.vstack(self.comm.allgather(np.vstack(rows)))
         result = np.empty(index_map.size_global, dtype=np.int64)
         result[table[:, 0]] = table[:, 1]
         return result

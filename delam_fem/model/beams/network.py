@@ -48,8 +48,6 @@ from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap, opening_at_rest
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
-    Delamination,
-    InnerSupport,
     Lamina,
     PointMass,
     open_ends,
@@ -232,7 +230,9 @@ def network(case: Case, x: FloatArray) -> Network:
             if kind != "free":
                 is_rigid = kind == "clamped" and case.support.rotational_stiffness is None
                 own = [BASE, FIXED if is_rigid else n_free]
-            elif node in inner and _holds(inner[node], case, cluster):
+            elif node in inner and (
+                inner[node].lamina in (None, *(case.lamina[i].name for i in cluster))
+            ):
                 own = [BASE, FIXED if inner[node].kind == "clamped" else n_free]
             dofs[list(cluster), node] = own
             n_free += sum(dof >= 0 for dof in own)
@@ -241,11 +241,6 @@ def network(case: Case, x: FloatArray) -> Network:
                 axial |= {(node, i): number for i in cluster}
                 n_axial += number != FIXED
     return Network(x, case.lamina, segments, dofs, axial, n_free, n_axial)
-
-
-def _holds(own: InnerSupport, case: Case, cluster: Group) -> bool:
-    """Return whether a support holds the laminae of a cluster."""
-    return own.lamina is None or any(case.lamina[i].name == own.lamina for i in cluster)
 
 
 def never_opens(case: Case) -> str | None:
@@ -303,7 +298,7 @@ def eliminated(matrix: sp.spmatrix, n_kept: int) -> sp.csr_matrix:
     return without_round_off(K_dd - full)
 
 
-def surface_strain(stack: Network, stiffness: sp.spmatrix) -> StrainRows:
+def surface_strain(stack: Network, parts: Sequence[Part], stiffness: sp.spmatrix) -> StrainRows:
     """Return the strains of the surfaces of bonded laminae (N2).
 
         strain = u_g' - (z - z_g) w''
@@ -313,14 +308,13 @@ def surface_strain(stack: Network, stiffness: sp.spmatrix) -> StrainRows:
 
     Args:
         stack: the unknowns.
+        parts: its laminae.
         stiffness: K in the columns of the network.
     """
     n_kept = stack.n_free + 1
     K = without_round_off(stiffness)
     K_aa, K_ad = K[n_kept:, n_kept:].toarray(), K[n_kept:, :n_kept].toarray()
     axial = -np.linalg.pinv(K_aa, hermitian=True) @ K_ad  # (n_axial, n_kept)
-    cells = np.ones(stack.x.size - 1)
-    parts = [Part("", stack.x, dofs, cells, cells) for dofs in stack.dofs]
 
     def of_cell(lamina: int, place: float, side: float, cell: int) -> FloatArray:
         segment = next(s for s in stack.segments if s.first <= cell < s.last)
@@ -599,7 +593,9 @@ def structure(
     alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
     C = alpha * M + beta * K + of_supports[1]
     operators = _operators(case, layout, (M, C, K), lumped[: n + 1] + diagonal)
-    return completed(Structure(operators, layout), case, surface_strain(network, stiffness))
+    return completed(
+        Structure(operators, layout), case, surface_strain(network, layout.parts, stiffness)
+    )
 
 
 def _springs(case: Case, network: Network) -> sp.csr_matrix:
@@ -726,16 +722,13 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
 
 def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
     """Return node and name of the reference probes."""
-    L, kinds = case.length, (case.support.start, case.support.end)
-    ends = {"start": 0, "end": x.size - 1}
-    if not case.delamination:
-        free = [node for node, kind in zip(ends.values(), kinds, strict=True) if kind == "free"]
-        return (free[-1], "tip") if free else (_nearest(x, 0.5 * L, case), "middle")
-    longest: Delamination = max(case.delamination, key=lambda own: own.end - own.start)
-    free_ends = open_ends(longest, L, case.support)
-    if free_ends:
-        return ends[free_ends[-1]], "tip"
-    return _nearest(x, 0.5 * (longest.start + longest.end), case), "middle"
+    L, kinds = case.length, {"start": case.support.start, "end": case.support.end}
+    spans = [(own.start, own.end, open_ends(own, L, case.support)) for own in case.delamination]
+    whole = 0.0, L, tuple(end for end, kind in kinds.items() if kind == "free")
+    start, end, free = max(spans or [whole], key=lambda span: span[1] - span[0])
+    if free:
+        return {"start": 0, "end": x.size - 1}[free[-1]], "tip"
+    return _nearest(x, 0.5 * (start + end), case), "middle"
 
 
 def _nearest(x: FloatArray, place: float, case: Case) -> int:

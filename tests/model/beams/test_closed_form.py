@@ -116,7 +116,7 @@ def test_damping_is_rayleigh_per_lamina(paper: Case, model: Structure) -> None:
 
 
 def test_dofs_run_along_lamina_one_then_two(model: Structure) -> None:
-    ops, n = model.operators, model.layout.n_elements
+    ops, n = model.operators, model.layout.parts[0].n_elements
     q = np.zeros(ops.n_dofs)
     q[2 * 2], q[2 * n + 2 * 2], q[2 * 2 + 1] = 3.0, 10.0, 99.0  # third free node: u1, u2, phi1
     np.testing.assert_array_equal(ops.gap_matrix @ q, [0.0, 0.0, 7.0, 0.0, 0.0])
