@@ -48,6 +48,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap, opening_at_rest
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
+    InnerSupport,
     Lamina,
     PointMass,
     open_ends,
