@@ -507,9 +507,10 @@ def folds() -> Iterator[Row]:
 
 HEAD = f"""# Beside what others computed
 
-The tables are written by `scripts/against_others.py`, which runs the case files of `{CASES}` as a
-user would. Differences are relative and, unless a reason stands below the table, less than {BAR:g};
-a test repeats them.
+For those who judge the program by the numbers of others: tests of Code_Aster, published and exact
+solutions, and Siconos. `scripts/against_others.py` writes the tables down to "Bars". It runs the
+case files of `{CASES}` as a user would. Differences are relative and, unless a reason stands below
+the table, less than {BAR:g}; a test repeats them.
 """
 
 

@@ -540,14 +540,16 @@ def markdown(figures: dict[str, Any]) -> str:
     """Return the text of docs/performance.md."""
     parts = [
         "# Performance\n",
-        "This page is written by `scripts/benchmark.py -o docs`. All numbers are from one run on "
+        "For those who ask how long a step takes: both engines by mesh, law and scheme, beside a "
+        "bare loop and a readable one. [The continuum](continuum.md#cost) has the cost of solids "
+        "by dofs and ranks, in time and memory.\n",
+        "`scripts/benchmark.py -o docs` writes this page; `--limit PROGRAM` adds the table beside "
+        "a bare loop. All numbers are from one run on "
         "one machine, each the fastest of several repeats. Times are in µs of processor time per "
-        "step, at 1000 steps per period and 3.25 Hz from rest, with ledger and record. When it "
-        f"began, {figures['load']:.1f} other processes were at work on the machine's "
+        "step, at 1000 steps per period and 3.25 Hz from rest, with ledger and record. When the "
+        f"run began, {figures['load']:.1f} other processes were at work on the machine's "
         f"{figures['cores']} cores: where that is not nearly 0, times are too long, and steps/s "
         "and sweeps say little.\n",
-        "`--limit PROGRAM` adds the table beside a bare loop. What solids cost by dofs and ranks, "
-        "in time and memory, is in [continuum.md](continuum.md).\n",
         "- *MatSolve + 2 MatMult*: what PETSc needs for the bare linear algebra of a step.\n"
         "- *plain loop*: the readable NumPy and SciPy loop of `delam_fem/reference/loop.py`.\n"
         "- *PETSc / bare*: the time of PETSc's steps over that of its linear algebra.\n",

@@ -73,8 +73,10 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
     """
     claims = claims_of(figures)
     lines = [
-        "# The paper, figure by figure", "", f"{PAPER}. {ABOUT}", "",
-        "This page is written by `scripts/paper_docs.py` from the numbers of `delam-fem paper`.",
+        "# The paper, figure by figure", "",
+        "For readers of the paper: each of its statements with a verdict, and each of its figures "
+        "computed anew.", "", f"{PAPER}. {ABOUT}", "",
+        "`scripts/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
         "", tally(claims), "", markdown_table(claims),
     ]  # fmt: skip
     paths = []
