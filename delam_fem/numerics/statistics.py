@@ -227,6 +227,12 @@ EDGE = 1e-6
 """Smallest distance of parameters from their bounds, relative to the range, in the logits."""
 
 
+def uniform(bounds: FloatArray, n: int, seed: int) -> FloatArray:
+    """Return n values of parameters with bounds, shape (n_parameters, 2): (n, n_parameters)."""
+    low, high = bounds.T
+    return np.asarray(np.random.default_rng(seed).uniform(low, high, (n, low.size)))
+
+
 @dataclass(frozen=True)
 class Posterior:
     """A sample of the posterior distribution.

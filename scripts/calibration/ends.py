@@ -14,10 +14,11 @@ from calibration.infer import N_LINES, SHAKER, rigs, shaken
 from calibration.row import OWN, Row
 
 import delam_fem as df
+from delam_fem.numerics.statistics import uniform
 from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.indices import CONFIDENCE, mark, repeated
-from delam_fem.studies.detection.infer import Prior
+from delam_fem.studies.detection.infer import prior_of
 from delam_fem.studies.detection.population import Specimen, population
 
 NOISE_DB, REPETITIONS = 40.0, 60
@@ -38,7 +39,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         specimens = [
             Specimen(middle - 0.5 * length, middle + 0.5 * length, depth, "clamped", frequency)
             for (middle, length, depth), frequency in zip(
-                Prior.of(case).sample(n, 200 + number), rng.uniform(60.0, 400.0, n), strict=True
+                uniform(prior_of(case), n, 200 + number), rng.uniform(60.0, 400.0, n), strict=True
             )
         ]
         own = {key: values[:n] for key, values in every[rig].items()}

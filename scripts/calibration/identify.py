@@ -20,10 +20,17 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.numerics.beams import ComplexArray
-from delam_fem.numerics.statistics import Table
+from delam_fem.numerics.statistics import Table, uniform
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.identification import identify
-from delam_fem.studies.identification.identify import FINER, Experiment, Unknown, mismatch
+from delam_fem.studies.identification.identify import (
+    FINER,
+    Experiment,
+    Unknown,
+    drawn,
+    mismatch,
+    of_rig,
+)
 
 CASE = {
     "time.mass": "lumped",
@@ -61,8 +68,10 @@ RIGS: dict[str, tuple[int, dict[str, float]]] = {
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
     size, repeated, left_out, most = (1000, 100, 200, 1000) if is_long else (120, 6, 20, 20)
-    given = Experiment(df.preset("paper", CASE), (1.25, 3.25), UNKNOWNS, 1e-4)
-    parameters, also = given.draw(size, 1), given.disturbed(size, 2)
+    rig = df.preset("paper", CASE)
+    given = Experiment(rig, (1.25, 3.25), UNKNOWNS, 1e-4, uncertain=of_rig(rig))
+    parameters = uniform(given.bounds, size, 1)
+    also = drawn(given.uncertain, given.case, size, 2)
     exact = given.simulate(parameters, folder / "table", also=also, executor="serial")
     more = {key: values[:repeated] for key, values in also.items()}
     more[STEPS] = np.full(repeated, FINER * given.case.steps_per_period)
@@ -76,7 +85,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     own = [kept[k] for k in part[:most]]
     found = judged(OWN, given, own, whole.parameters[:most], whole.statistics[:most])
     for number, (rig, (n, keys)) in enumerate(RIGS.items() if is_long else ()):
-        truths, rng = given.draw(n, 10 + number), np.random.default_rng([7, number])
+        truths, rng = uniform(given.bounds, n, 10 + number), np.random.default_rng([7, number])
         tables = [whole] * n
         if rig == RECORD:
             every = [recorded(given, truth, k) for k, truth in enumerate(truths)]

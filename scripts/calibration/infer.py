@@ -16,6 +16,7 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.case.definition import Case
+from delam_fem.numerics.statistics import uniform
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection import infer
@@ -37,17 +38,17 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     few = {OWN: 4, SHAKER: 4}
     size, truths = (1000, {OWN: 200, MESH: 40}) if is_long else (100, few)
     case = df.preset("embedded")
-    prior = infer.Prior.of(case)
-    parameters = prior.sample(size, 7)
+    prior = infer.prior_of(case)
+    parameters = uniform(prior, size, 7)
     table = computed(case, parameters, folder / "table", drawn(of_rig(case), case, size, 8))
     known = known_of(case, table, parameters, prior)
-    wide = np.subtract(*np.quantile(infer.edges(prior.sample(9999, 1)), [0.95, 0.05], axis=0))
+    wide = np.subtract(*np.quantile(infer.edges(uniform(prior, 9999, 1)), [0.95, 0.05], axis=0))
     found = []
     for number, (rig, keys) in enumerate(rigs(case, 200).items()):
         n = truths.get(rig, 80 if is_long else 0)
         if not n:
             continue
-        given = prior.sample(n, 100 + number)
+        given = uniform(prior, n, 100 + number)
         also = {key: values[:n] for key, values in keys.items()}
         runs = computed(case, given, folder / f"rig-{number}", also)
         rng = np.random.default_rng([6, number])
@@ -110,7 +111,7 @@ def computed(
 
 
 def known_of(
-    case: Case, table: Population, parameters: FloatArray, prior: infer.Prior
+    case: Case, table: Population, parameters: FloatArray, prior: FloatArray
 ) -> infer.Knowledge:
     """Return what a table says with the usual noise."""
     whole, surface = intact(case), surface_of(case, None)

@@ -13,9 +13,10 @@ import numpy as np
 from calibration.row import OWN, Row
 
 import delam_fem as df
+from delam_fem.studies.detection.detect import intact, simulated
 from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
-from delam_fem.studies.detection.modulation import Tones, modulation, two_tone
-from delam_fem.studies.options import Scan
+from delam_fem.studies.detection.modulation import modulation, pump_of
+from delam_fem.studies.options import Modulate, Scan
 
 PAIRS = ((350.0, 60.0), (250.0, 40.0), (170.0, 50.0), (120.0, 50.0), (330.0, 70.0))
 """Probe and pump [Hz]."""
@@ -33,9 +34,10 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
 
 def called(probe: float, pump: float, truths: int) -> int:
     """Return how many records of a healthy plate are called."""
-    case, scan = df.preset("embedded", {"excitation.frequency": probe}), Scan(periods=4)
-    tones = Tones.of(case, pump, 0.1).intact()
-    limits, pure = modulation(tones, scan), two_tone(tones, scan)
+    case = intact(df.preset("embedded", {"excitation.frequency": probe}))
+    limits = modulation(case, Modulate(pump_frequency=pump, pump_amplitude=0.1, periods=4))
+    scan = Scan(periods=4)
+    pure = simulated(case, scan, pump=pump_of(case, pump, 0.1))
     inside, noise = np.isin(pure.x, limits.x), pure.noise_of(scan)
     found = 0
     for k in range(truths):

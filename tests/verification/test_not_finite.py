@@ -27,8 +27,7 @@ from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.studies.convergence.ladder import Ladder, method
 from delam_fem.studies.convergence.rung import compute as compute_rung
 from delam_fem.studies.detection.detect import Measurement, detect
-from delam_fem.studies.detection.modulation import Tones, modulation
-from delam_fem.studies.options import Scan
+from delam_fem.studies.options import Modulate
 from delam_fem.studies.orbits.newton import is_zero
 from delam_fem.studies.orbits.search import stability_of
 from delam_fem.studies.sweeps.grid import sweep_of
@@ -178,9 +177,8 @@ def test_no_scan_with_such_a_sample_calls_nothing(bad: float) -> None:
 
 
 def test_noise_without_a_size_is_refused() -> None:
-    tones = Tones.of(df.preset("embedded", {"mesh.elements": 10}), 30.0, 1e-6)
     with pytest.raises(CaseError, match="noise_db: expected a number, given nan"):
-        modulation(tones, Scan(periods=1, noise_db=np.nan))
+        Modulate(pump_frequency=30.0, pump_amplitude=1e-6, periods=1, noise_db=np.nan)
 
 
 @pytest.mark.parametrize("bad", BAD)

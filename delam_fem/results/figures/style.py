@@ -156,12 +156,22 @@ def stacked(n: int, height: float, **options: Any) -> tuple[Figure, Any]:
     return figure, figure.subplots(n, 1, squeeze=False, **options)[:, 0]
 
 
-def side_by_side(n: int, height: float, columns: int = 2) -> tuple[Figure, Any]:
-    """Return a figure with n panels in rows of a height [in], and the panels, shape (n,)."""
+def side_by_side(
+    n: int, height: float, columns: int = 2, *, above: float = 0.0, **options: Any
+) -> tuple[Figure, Any]:
+    """Return a figure with n panels in rows of a height [in], and the panels, shape (n,).
+
+    Args:
+        n: number of panels.
+        height: height of a row [in].
+        columns: panels of a row.
+        above: height for a title or legends besides [in].
+        options: of `Figure.subplots`.
+    """
     columns = min(n, columns)
     rows = math.ceil(n / columns)
-    figure = canvas(height * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    figure = canvas(above + height * rows)
+    panels = figure.subplots(rows, columns, squeeze=False, **options).ravel()
     for axes in panels[n:]:
         axes.remove()
     return figure, panels[:n]

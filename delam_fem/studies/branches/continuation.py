@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -310,12 +310,13 @@ def measured(
     y = map_.slow.of(at.state)
     scale = float(np.linalg.norm(y))
     derivatives = ensemble.derivatives(at.state, at.parameter, scale)
-    slope = by_parameter(ensemble, at.guess(scale), SLOPE * span)
+    at = replace(at, scale=scale)
+    slope = by_parameter(ensemble, at, SLOPE * span)
     try:
-        multiple = run_on(ensemble, at.guess(scale))[1]
+        multiple = run_on(ensemble, at)[1]
     except ArithmeticError:
         multiple = None
-    kicked = within(ensemble, at.guess(scale), multiple)
+    kicked = within(ensemble, at, multiple)
     seen = map_.watched(at.state, at.parameter, ensemble.periods)
     units = np.append(np.full(y.size, scale), span)
     gaps = seen.gaps if seen.gaps.size else np.full(ensemble.periods, seen.smallest_gap)
@@ -487,7 +488,7 @@ def _across(
             found = solved(ensemble, guess, J, border)
         except (ArithmeticError, np.linalg.LinAlgError):
             return None
-        guess = found.guess(guess.scale)
+        guess = found
         if found.is_solved and found.away < FARTHEST:
             return found
     return None

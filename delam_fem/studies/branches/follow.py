@@ -19,6 +19,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -391,8 +392,15 @@ class PointJournal:
     def points(self, branch: int) -> list[Point]:
         """Return the points of a branch, up to the first that is missing or damaged."""
         found: list[Point] = []
-        while (point := self._read(branch, len(found))) is not None:
-            found.append(point)
+        while (path := self._path(branch, len(found))).is_file():
+            try:
+                values = read_arrays(path)
+                numbers = {name: float(values[name]) for name in _NUMBERS}
+                kept = {**values, **numbers, "iterations": int(values["iterations"])}
+                found.append(Point(**kept))
+            except (ValueError, KeyError, TypeError) as error:
+                _log.warning("%s: computed anew (%s)", path, error)
+                break
         return found
 
     def keep(self, branch: int, number: int, point: Point) -> None:
@@ -405,18 +413,6 @@ class PointJournal:
 
     def _path(self, branch: int, number: int) -> Path:
         return self.folder / f"{branch:02d}-{number:04d}.npz"
-
-    def _read(self, branch: int, number: int) -> Point | None:
-        path = self._path(branch, number)
-        if not path.is_file():
-            return None
-        try:
-            values = read_arrays(path)
-            numbers = {name: float(values[name]) for name in _NUMBERS}
-            return Point(**{**values, **numbers, "iterations": int(values["iterations"])})
-        except (ValueError, KeyError, TypeError) as error:
-            _log.warning("%s: computed anew (%s)", path, error)
-            return None
 
 
 RESULT = "branch.nc"
@@ -525,11 +521,16 @@ def _branches(
 
     Each doubling on a branch begins another one, up to `plan.doublings` times in a row.
     """
-    ready = [_First(plan.periods, 0)]
+
+    def first(ensemble: Ensemble) -> Point:
+        guess, *_ = mean_of_motion(map_, plan.way.start, state, plan.periods)
+        return first_point(ensemble, guess, plan.way)
+
+    ready: list[tuple[int, int, Callable[[Ensemble], Point]]] = [(plan.periods, 0, first)]
     branches: list[Branch] = []
     while ready and (not branches or branches[-1].ending != "interrupted"):
-        first, number = ready.pop(0), len(branches)
-        ensemble = Ensemble(map_, first.periods, plan.perturbations)
+        (periods, doubled, begin), number = ready.pop(0), len(branches)
+        ensemble = Ensemble(map_, periods, plan.perturbations)
         points = journal.points(number)
 
         def keep(point: Point, count: int, number: int = number) -> None:
@@ -538,7 +539,7 @@ def _branches(
 
         if not points:
             try:
-                points = [first.point(ensemble, plan, state)]
+                points = [begin(ensemble)]
             except (ArithmeticError, np.linalg.LinAlgError) as error:
                 if not branches:
                     raise ArithmeticError(f"no orbit at the start of the range: {error}") from None
@@ -550,7 +551,7 @@ def _branches(
         for low, high in turns(found, plan.way.span):
             _log.warning(
                 "between %s = %.6g and %.6g a bubble of period %d may be missed: look at a run "
-                "there, or take a shorter --step", plan.key, low, high, 2 * first.periods,
+                "there, or take a shorter --step", plan.key, low, high, 2 * periods,
             )  # fmt: skip
         if ending == "lost":
             _log.warning(
@@ -559,43 +560,14 @@ def _branches(
                 number, plan.key, found[-1].parameter, len(found),
                 why_lost(ensemble, found[-1], plan.way),
             )  # fmt: skip
-        branches.append(Branch(first.periods, tuple(found), tuple(events), ending))
-        if first.doubled < plan.doublings:
-            ready += [
-                _First(2 * first.periods, first.doubled + 1, found[event.index], event.parameter)
-                for event in events
-                if event.kind == "period doubling" and plan.way.has(event.parameter)
-            ]
+        branches.append(Branch(periods, tuple(found), tuple(events), ending))
+        for event in events if doubled < plan.doublings else ():
+            if event.kind == "period doubling" and plan.way.has(event.parameter):
+                begin = partial(
+                    doubled_point, near=found[event.index], parameter=event.parameter, path=plan.way
+                )
+                ready.append((2 * periods, doubled + 1, begin))
     return branches
-
-
-@dataclass(frozen=True)
-class _First:
-    """Where a branch begins: at the start of the range, or at a doubling of another branch.
-
-    Attributes:
-        periods: P.
-        doubled: number of doublings on the way here.
-        near: the first point of the other branch behind the doubling; None: the start of the range.
-        parameter: λ at the doubling.
-    """
-
-    periods: int
-    doubled: int
-    near: Point | None = None
-    parameter: float = 0.0
-
-    def point(self, ensemble: Ensemble, plan: Plan, state: FloatArray) -> Point:
-        """Return the first point of the branch; `state` is settled at the start of the range.
-
-        Raises:
-            ArithmeticError: no orbit is found.
-            LinAlgError: the equations are singular.
-        """
-        if self.near is not None:
-            return doubled_point(ensemble, self.near, self.parameter, plan.way)
-        guess, *_ = mean_of_motion(ensemble.map, plan.way.start, state, self.periods)
-        return first_point(ensemble, guess, plan.way)
 
 
 @dataclass(frozen=True)

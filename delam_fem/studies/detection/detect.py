@@ -13,15 +13,16 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.engines.session import session_of
+from delam_fem.case.excitation import drive
+from delam_fem.engines.session import by_period, law_of, modes_of, scheme_of, session, span_of
 from delam_fem.model import discretise
 from delam_fem.model.linear import keeping_closed, response
 from delam_fem.numerics.types import FloatArray
@@ -31,9 +32,9 @@ from delam_fem.results.figures.style import (
     GAP_COLOUR,
     GREEN,
     VERMILLION,
-    WIDTH,
     label_x,
     legend_outside,
+    side_by_side,
     stacked,
 )
 from delam_fem.results.measured.reading import assigned, read_measured
@@ -129,7 +130,9 @@ class Measurement:
         return Measurement(self.times, self.x, self.field + added, self.frequency)
 
 
-def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
+def simulated(
+    case: Case, scan: Scan, kept: Path | None = None, *, pump: Case | None = None
+) -> Measurement:
     """Compute the motion of a case and return the field that a sensor without noise would measure.
 
     The run begins with the linear motion of the closed structure. The record, its last periods,
@@ -141,6 +144,8 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
         case: the case, with a harmonic excitation.
         scan: how to measure.
         kept: folder for a checkpoint, from which the run goes on; None: none is kept.
+        pump: the same case with a lower frequency, which acts at once; the periods of the scan are
+            then common periods of both, so that no spectral line leaks.
 
     Raises:
         CaseError: the excitation is not harmonic, the lamina does not exist, the scan has no
@@ -148,26 +153,41 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
     """
     if not case.is_periodic or case.excitation.length is not None:
         raise CaseError('detect: expected a harmonic excitation, given another "excitation.kind"')
-    f = case.excitation.top_frequency
+    f, tones = case.excitation.top_frequency, [case] if pump is None else [pump, case]
+    turns = 1 if pump is None else common_turns(pump.excitation.top_frequency, f)
     samples, x = samples_of(scan, f), scan_positions(case.length, scan.spacing, scan.first)
     N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
     structure = discretise.assemble(case, needs_dolfinx=False)
-    periods = max(case.n_periods, settling_periods(case) + scan.periods)
-    changed = case.model_copy(
-        update={
-            "time": case.time.model_copy(update={"steps_per_period": N, "periods": periods}),
-            "output": case.output.model_copy(
-                update={"window_periods": scan.periods, "fields_per_period": samples}
-            ),
-        }
+    periods = math.ceil(settling_periods(case) / turns) + scan.periods
+    span = replace(
+        span_of(case),
+        time_step=1.0 / (N * f),
+        steps_per_period=N * turns,
+        periods=periods if pump is not None else max(case.n_periods, periods),
+        window_periods=scan.periods,
+        frames_per_period=samples * turns,
     )
-    start = steady_motion(changed, structure)
-    with session_of(changed, structure.operators, initial=start) as opened:
-        outcome = opened.run_kept(kept, changed)
+    drives = [by_period(drive(own), span, is_periodic=True)(0) for own in tones]
+    table = np.sum(drives, axis=0)
+    found = [steady_motion(own, structure) for own in tones]
+    closed = [own for own in found if own is not None]
+    motion = np.sum([own.motion for own in closed], axis=0)
+    start = replace(closed[0], motion=motion) if closed else None
+    with session(
+        structure.operators, law_of(case), scheme_of(case), lambda _: table, span, initial=start,
+        modes=modes_of(case),
+    ) as opened:  # fmt: skip
+        beside = "" if pump is None else f", beside {pump.to_toml()}"
+        outcome = opened.run_kept(kept, case, f"compiled, {span}{beside}")
         if outcome != "completed":
             raise CaseError(f"detect: the motion of case {case.name} has {outcome}")
         times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), x)
     return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
+
+
+def common_turns(pump: float, probe: float) -> int:
+    """Return the number of periods of a frequency in a common period with a lower one."""
+    return (Fraction(str(probe)) / Fraction(str(pump))).numerator
 
 
 def drive_responses(
@@ -188,20 +208,24 @@ def drive_responses(
     return found
 
 
-def read(data: xr.Dataset, case: Case, scan: Scan) -> Measurement:
-    """Return the field in a dataset of measurements (`results.measured`).
+def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) -> Measurement:
+    """Return the field in files of measurements.
 
     The frequency of the field is that at which the record moves most, so that a clock that is a
     little wrong does no harm.
 
     Args:
-        data: dataset with the histories of points along a lamina.
+        files: files with the histories of points along a lamina.
+        options: how the files are read.
         case: case with the excitation of the record.
         scan: gives the lamina and the quantity.
 
     Raises:
         CaseError: fewer than five points are measured, or the record is of another frequency.
     """
+    data = read_measured(
+        *files, channels=assigned(options.channels), units=options.units, rate=options.rate
+    )
     found = measured_scan(data, scan.quantity, surface_of(case, scan.lamina))
     field, x = found.to_numpy(), found["position"].to_numpy()
     if x.size < 5 or not np.all(np.diff(x) > 0.0):
@@ -234,7 +258,7 @@ def intact(case: Case) -> Case:
 
 MAIN = "curvature"
 """The index that calls and locates, unless another is asked for."""
-_INTACT_SEED = 1_000_003
+INTACT_SEED = 1_000_003
 """Added to the seed, so that the intact beam has noise of its own."""
 
 
@@ -427,7 +451,7 @@ def detect(
         clean = found = shapes(measured)
         noise = per_sample(found.noise, measured.times.size)
     there = np.interp(without.x, found.x, np.broadcast_to(noise, found.x.shape))
-    intact_marks = _marks(shapes(without.noisy(there, scan.seed + _INTACT_SEED)))
+    intact_marks = _marks(shapes(without.noisy(there, scan.seed + INTACT_SEED)))
     return Detection(
         case,
         scan,
@@ -474,13 +498,6 @@ def _number(value: float) -> float:
 def _shown(value: float, form: str = ".4g") -> str:
     """Return a number as text, or a dash in place of NaN."""
     return format(value, form) if np.isfinite(value) else "–"
-
-
-def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) -> Measurement:
-    """Return the field in files of measurements; see `read`."""
-    channels = assigned(options.channels)
-    data = read_measured(*files, channels=channels, units=options.units, rate=options.rate)
-    return read(data, case, scan)
 
 
 _TITLES = {
@@ -532,19 +549,14 @@ def detection_figure(found: Detection) -> Figure:
 
 def indices_figure(found: Detection) -> Figure:
     """Draw all indices with their limits."""
-    marks = found.marks
-    rows = -(-len(marks) // 2)
-    figure = Figure(figsize=(WIDTH, 0.6 + 2.3 * rows), layout="constrained")
-    panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
-    for axes in panels[len(marks) :]:
-        axes.remove()
-    for axes, (name, own) in zip(panels, marks.items(), strict=False):
+    figure, panels = side_by_side(len(found.marks), 2.3, above=0.6, sharex=True)
+    for axes, (name, own) in zip(panels, found.marks.items(), strict=True):
         _spans(axes, found)
         _index(axes, own)
         contrast = found.contrast(name)
         more = f", contrast {contrast:.1f}" if np.isfinite(contrast) else ""
         axes.set_title(_TITLES[name] + more, loc="left")
-    label_x(panels[: len(marks)], "x [m]")
+    label_x(panels, "x [m]")
     legend_outside(figure, panels[0], 5, "outside upper right")
     return figure
 

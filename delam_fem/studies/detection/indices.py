@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -111,19 +112,15 @@ def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2
     return Mark(x[1:-1], values, limits)
 
 
-def magnitude(order: float) -> Callable[[Shapes, float], Mark]:
+def magnitude(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2.0) -> Mark:
     """Return the index |V_k| of an order: 2 and 3 (harmonics), ½ (subharmonic).
 
     Source: I. Solodov, N. Krohn, G. Busse, "CAN: an example of nonclassical acoustic nonlinearity
     in solids", Ultrasonics 40 (2002), for harmonics and subharmonics of a clapping contact.
     """
-
-    def of(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
-        values = np.abs(shapes.order(order))
-        limit = shapes.noise * _largest_of_noise(1, shapes.n_lines, values.size, false_calls)
-        return Mark(shapes.x, values, np.broadcast_to(limit, values.shape))
-
-    return of
+    values = np.abs(shapes.order(order))
+    limit = shapes.noise * _largest_of_noise(1, shapes.n_lines, values.size, false_calls)
+    return Mark(shapes.x, values, np.broadcast_to(limit, values.shape))
 
 
 def thd(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
@@ -151,9 +148,9 @@ def distortion(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
 
 INDICES: dict[str, Callable[[Shapes, float], Mark]] = {
     "curvature": curvature,
-    "V2": magnitude(2.0),
-    "V3": magnitude(3.0),
-    "V1/2": magnitude(0.5),
+    "V2": magnitude,
+    "V3": partial(magnitude, order=3.0),
+    "V1/2": partial(magnitude, order=0.5),
     "distortion": distortion,
     "thd": thd,
 }

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.statistics import UNLIKE, Posterior
+from delam_fem.numerics.statistics import UNLIKE, Posterior, uniform
 from delam_fem.numerics.statistics import Table as Simulations
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH
@@ -54,33 +54,13 @@ STATISTICS = (
 """Names of the statistics of each scan, in order."""
 
 
-@dataclass(frozen=True)
-class Prior:
-    """Uniform distributions of the parameters.
+def prior_of(case: Case) -> FloatArray:
+    """Return lowest and highest value of middle, length and depth, shape (3, 2) [m].
 
-    Attributes:
-        middle, length, depth: lowest and highest value [m].
+    They are in proportion to the case.
     """
-
-    middle: tuple[float, float] = (0.10, 0.30)
-    length: tuple[float, float] = (0.03, 0.16)
-    depth: tuple[float, float] = (0.0002, 0.0009)
-
-    @classmethod
-    def of(cls, case: Case) -> Prior:
-        """Return the prior in proportion to a case; for `embedded`, the defaults of the class."""
-        L, h = case.length, sum(own.thickness or 0.0 for own in case.lamina)
-        return cls((0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h))
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Lowest and highest value of middle, length and depth, shape (3, 2) [m]."""
-        return np.array([self.middle, self.length, self.depth])
-
-    def sample(self, n: int, seed: int) -> FloatArray:
-        """Return n values of middle, length and depth, shape (n, 3) [m]."""
-        low, high = self.bounds.T
-        return np.asarray(np.random.default_rng(seed).uniform(low, high, size=(n, 3)))
+    L, h = case.length, sum(own.thickness or 0.0 for own in case.lamina)
+    return np.array([(0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h)])
 
 
 def specimens_of(
@@ -157,7 +137,7 @@ class Knowledge:
 
 
 def knowledge(
-    found: Population, parameters: FloatArray, prior: Prior, sensors: tuple[Sensor, ...],
+    found: Population, parameters: FloatArray, prior: FloatArray, sensors: tuple[Sensor, ...],
     seed: int = 3,
 ) -> Knowledge:  # fmt: skip
     """Return the table of a population, without structures of which a run failed.
@@ -165,7 +145,7 @@ def knowledge(
     Args:
         found: population of the specimens of `specimens_of`.
         parameters: parameters of the structures, shape (n, 3) [m].
-        prior: prior from which they were drawn.
+        prior: bounds of the prior from which they were drawn, see `prior_of`.
         sensors: sensor at each frequency.
         seed: seed of the noise.
     """
@@ -185,7 +165,7 @@ def knowledge(
         bases.append(np.vstack([mean, components[:COMPONENTS]]))
         columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
-    table = Simulations(parameters[whole], np.concatenate(columns, axis=1), prior.bounds)
+    table = Simulations(parameters[whole], np.concatenate(columns, axis=1), prior)
     return Knowledge(table, tuple(bases), frequencies, sensors)
 
 
@@ -290,7 +270,7 @@ class Inferred(Finding):
         figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
         panels = figure.subplots(2, 2).ravel()
         samples, weights = 1e3 * self.posterior.samples, self.posterior.weights
-        prior = 1e3 * edges(Prior.of(self.case).sample(20_000, 1))
+        prior = 1e3 * edges(uniform(prior_of(self.case), 20_000, 1))
         for k, (axes, name) in enumerate(zip(panels, NAMES, strict=False)):
             bins = np.linspace(prior[:, k].min(), prior[:, k].max(), 60)
             axes.hist(prior[:, k], bins=bins, density=True, color="0.85", label="prior")
@@ -321,8 +301,8 @@ def _infer(case: Case, options: Infer, place: Place) -> Inferred:
     number, frequencies, noise_db = options.number, options.frequency, options.noise_db
     measured = _scans(case, options)
     doubts = doubts_of(case, options.uncertain)
-    prior = Prior.of(case)
-    parameters = prior.sample(number, 7)
+    prior = prior_of(case)
+    parameters = uniform(prior, number, 7)
     drawn_keys = drawn(doubts, case, number, 8)
     also = {key: np.tile(values, len(frequencies)) for key, values in drawn_keys.items()}
     specimens = specimens_of(parameters, case.support.end, frequencies)

@@ -27,7 +27,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.model.beams.network import network
 from delam_fem.numerics.beams import ComplexArray
-from delam_fem.numerics.statistics import FEWEST, UNLIKE, Posterior
+from delam_fem.numerics.statistics import FEWEST, UNLIKE, Posterior, uniform
 from delam_fem.numerics.statistics import Table as Simulations
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import BLUE, VERMILLION
@@ -330,7 +330,7 @@ class Experiment:
         noise: standard deviation of a sample of the displacement [m].
         n_samples: number of samples of each motion; None: as many as the window of the case.
         uncertain: keys that are not sought, but in which the rig may differ from the case, drawn
-            for each simulation; None: see `of_rig`.
+            for each simulation; those of a usual rig: see `of_rig`.
     """
 
     case: Case
@@ -338,7 +338,7 @@ class Experiment:
     unknowns: tuple[Unknown, ...]
     noise: float
     n_samples: int | None = None
-    uncertain: tuple[Unknown, ...] | None = None
+    uncertain: tuple[Unknown, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the sought keys have values of their own, which the results show.
@@ -349,9 +349,9 @@ class Experiment:
         require_values(self.unknowns)
 
     @property
-    def doubts(self) -> tuple[Unknown, ...]:
-        """Keys in which the rig may differ from the case."""
-        return of_rig(self.case) if self.uncertain is None else self.uncertain
+    def bounds(self) -> FloatArray:
+        """Lowest and highest value of each unknown, shape (n_unknowns, 2)."""
+        return np.array([(unknown.low, unknown.high) for unknown in self.unknowns])
 
     @property
     def truth(self) -> list[float]:
@@ -424,10 +424,6 @@ class Experiment:
             found.append(of_points(swept))
         return np.stack(found, axis=1)
 
-    def disturbed(self, n: int, seed: int) -> dict[str, FloatArray]:
-        """Return n values of each key in which the rig may differ from the case."""
-        return drawn(self.doubts, self.case, n, seed)
-
     def table(
         self, harmonics: ComplexArray, parameters: FloatArray, seed: int,
         finer: ComplexArray | None = None,
@@ -458,14 +454,7 @@ class Experiment:
                 f"identification: expected at least {FEWEST} simulations, {good.sum()} of "
                 f"{good.size} were completed"
             )
-        bounds = np.array([(unknown.low, unknown.high) for unknown in self.unknowns])
-        return Simulations(parameters[good], values[good], bounds)
-
-    def draw(self, n: int, seed: int) -> FloatArray:
-        """Return parameters from the prior, shape (n, n_unknowns)."""
-        low = np.array([unknown.low for unknown in self.unknowns])
-        high = np.array([unknown.high for unknown in self.unknowns])
-        return np.asarray(np.random.default_rng(seed).uniform(low, high, (n, low.size)))
+        return Simulations(parameters[good], values[good], self.bounds)
 
 
 def _discrepancy(
@@ -553,7 +542,7 @@ class Identification(Finding):
             "noise_m": experiment.noise,
             "simulations": self.completed,
             "checks": self.checks,
-            "uncertain": [asdict(own) for own in experiment.doubts],
+            "uncertain": [asdict(own) for own in experiment.uncertain],
             "mismatch": self.mismatch,
         }
         draw = partial(posterior_figure, posterior, experiment.unknowns, truth)
@@ -601,8 +590,8 @@ def identify(
     if measured is not None:
         experiment, observed = _read(experiment, measured)
     save_case(experiment.case, directory)
-    parameters = experiment.draw(simulations, seed)
-    also = experiment.disturbed(simulations, seed + 3)
+    parameters = uniform(experiment.bounds, simulations, seed)
+    also = drawn(experiment.uncertain, experiment.case, simulations, seed + 3)
     simulate = partial(experiment.simulate, executor=executor, workers=workers, progress=progress)
     harmonics = simulate(parameters, directory / "simulations", also=also)
     steps = np.full(min(finer, simulations), FINER * experiment.case.steps_per_period)
@@ -663,7 +652,7 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
 def _identify(case: Case, given: options.Identify, place: Place) -> Identification:
     """Identify with options of a user."""
     unknowns = tuple(map(Unknown.parse, given.unknown))
-    doubts = None if given.uncertain is None else tuple(map(Unknown.parse, given.uncertain))
+    doubts = doubts_of(case, given.uncertain)
     return identify(
         Experiment(case, given.frequency, unknowns, given.noise, uncertain=doubts),
         place.folder,

@@ -24,7 +24,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -132,31 +132,6 @@ class Passage:
     history: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def passage(
-    states: FloatArray,
-    u: FloatArray,
-    first: int,
-    tip: tuple[int, int, float] | None,
-    lowest: FloatArray | None = None,
-) -> Passage:
-    """Return the passage through some periods from the displacements at their steps.
-
-    Args:
-        states: states at the ends of the periods, shape (n_periods, n).
-        u: displacements of the probes after each step, shape (n_steps, n_probes) [m].
-        first: number of the step of the drive at which a period of the map begins.
-        tip: two probes and the gap between them at rest [m]; None: not seen.
-        lowest: smallest gap of each period, where it is known more finely than at steps [m].
-    """
-    gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
-    gaps = gap.reshape(len(states), -1)
-    n, lowest = gaps.shape[1], gaps.min(axis=1) if lowest is None else lowest
-    low, high = u.min(axis=0), u.max(axis=0)
-    # row k of u is after step k + 1 of the map; the drive begins anew after step n - first
-    strobes = u[n - 1 - first :: n]
-    return Passage(states, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
-
-
 class PeriodMap(Protocol):
     """A map from one period to the next.
 
@@ -204,8 +179,91 @@ BEGINNINGS = 20
 
 
 @dataclass(frozen=True)
+class Seen:
+    """A period of a problem whose steps are kept.
+
+    Attributes:
+        end: state at its end, shape (n,); NaN if the motion diverges.
+        u: displacements of the observed points after each step, shape (N, n_seen) [m].
+        lowest: smallest gap between the tips, where it is known more finely than at steps [m].
+    """
+
+    end: FloatArray
+    u: FloatArray
+    lowest: float = np.nan
+
+
+class ProblemMap:
+    """The map of a family of problems, one for each value of the parameter; see `PeriodMap`.
+
+    Attributes:
+        slow: coordinates for Newton's method.
+        nature: what the map is of.
+        phase: where in a period of the drive a period of the map begins, 0 to 1.
+        evaluations: periods computed so far.
+        at: function that returns the problem for a value of the parameter.
+    """
+
+    def __init__(
+        self,
+        problem_of: Callable[[float, float], Problem | ModalProblem],
+        slow: Slow,
+        nature: Nature,
+        phase: float = 0.0,
+    ) -> None:
+        """Store the family; problems are made when they are needed.
+
+        Args:
+            problem_of: problem for a value of the parameter and a phase; all have the same number
+                of coordinates.
+            slow: coordinates for Newton's method.
+            nature: what the map is of.
+            phase: where in a period of the drive a period of the map begins, 0 to 1.
+        """
+        self.slow, self.nature, self.phase, self.evaluations = slow, nature, phase, 0
+        self._problem_of = problem_of
+        self.at = lru_cache(KEPT)(lambda parameter: problem_of(parameter, phase))
+
+    def after(
+        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the states one period later; see `PeriodMap.after`."""
+        problem = self.at(parameter)
+        given = np.zeros(len(states)) if shifts is None else shifts
+        self.evaluations += len(states)
+        every = zip(states, given.tolist(), strict=True)
+        return np.array([problem.end(state, shift) for state, shift in every])
+
+    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+        """Return what is seen in some periods from a state."""
+        problem, found = self.at(parameter), [Seen(state, np.zeros((0, 0)))]
+        for _ in range(periods):
+            found.append(problem.seen(found[-1].end))
+        self.evaluations += periods
+        u, tip = np.concatenate([own.u for own in found[1:]]), problem.tip
+        gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
+        gaps = gap.reshape(periods, -1)
+        n, fine = gaps.shape[1], np.array([own.lowest for own in found[1:]])
+        lowest = np.where(np.isnan(fine), gaps.min(axis=1), fine)
+        # row k of u is after step k + 1 of the map; the drive begins anew after step n - first
+        strobes, ends = u[n - 1 - problem.first :: n], np.array([own.end for own in found[1:]])
+        low, high = u.min(axis=0), u.max(axis=0)
+        return Passage(ends, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
+
+    def opened(self, state: FloatArray, parameter: float) -> tuple[ProblemMap, FloatArray]:
+        """Return the map that begins with the tips apart; see `PeriodMap.opened`."""
+        problem = self.at(parameter)
+        if problem.tip is None or (found := problem.beginnings(state)) is None:
+            return self, state
+        (u, states), (lower, upper, _) = found, problem.tip
+        best = int(np.argmax(u[:, upper] - u[:, lower]))
+        phase = ((best + 1) / len(u) + self.phase) % 1.0
+        return ProblemMap(self._problem_of, self.slow, self.nature, phase), states[best]
+
+
+@dataclass(frozen=True)
 class Problem:
-    """One problem whose drive repeats after each period.
+    """One problem whose drive repeats after each period, stepped by an engine.
 
     Attributes:
         operators: the semi-discrete problem.
@@ -214,6 +272,7 @@ class Problem:
         motion: the drive.
         span: time step, steps per period, refinement and bound.
         tip: two probes and the gap between them at rest [m], for the smallest gap; None: not seen.
+        phase: where in a period of the drive a period of the map begins, 0 to 1.
     """
 
     operators: Operators
@@ -222,133 +281,97 @@ class Problem:
     motion: Prescribed
     span: Span
     tip: tuple[int, int, float] | None = None
+    phase: float = 0.0
 
+    @property
+    def first(self) -> int:
+        """Number of the step of the drive at which a period of the map begins."""
+        return round(self.phase * self.span.steps_per_period)
 
-class StrobeMap:
-    """The map of a family of problems; see `PeriodMap`.
+    @cached_property
+    def stepping(self) -> tuple[Engine, Recorder]:
+        """Engine that computes the steps, and a recorder that keeps no states."""
+        dt, refinement = self.span.time_step, self.span.refinement
+        engine = engine_of(self.operators, self.law, self.scheme, dt, refinement=refinement)
+        return engine, self.recorder(0)
 
-    Attributes:
-        slow: coordinates for Newton's method.
-        nature: what the map is of.
-        evaluations: periods computed so far.
-    """
+    def recorder(self, frames: int) -> Recorder:
+        """Return a recorder that keeps some states of each period."""
+        span, o = replace(self.span, frames_per_period=frames), self.operators
+        return Recorder(o.base, span, o.n_probes, o.n_sensors)
 
-    def __init__(
-        self, problem_of: Callable[[float], Problem], slow: Slow, *, phase: float = 0.0
-    ) -> None:
-        """Store the family; engines are made when they are needed.
+    @cached_property
+    def table(self) -> Callable[[float], FloatArray]:
+        """Function that returns (q, q', q'') on a grid that begins a share of a step later."""
+        return cache(self._table)
 
-        Args:
-            problem_of: problem for a value of the parameter; all have the same number of dofs.
-            slow: coordinates for Newton's method.
-            phase: where in a period of the drive a period of the map begins, 0 to 1.
-        """
-        self.slow, self.evaluations, self.phase = slow, 0, phase
-        n = slow.basis.shape[0] // 2
-        self.nature = Nature("finite elements", {"displacement": n, "velocity": n}, is_stepped=True)
-        self._problem_of = problem_of
-        self._at = lru_cache(KEPT)(lambda parameter: _Ready(problem_of(parameter), phase))
+    def _table(self, shift: float) -> FloatArray:
+        steps = np.arange(self.span.steps_per_period + 1) + (shift + self.first)
+        table = self.motion.states(steps * self.span.time_step)
+        table[-1] = table[0]  # periodic to the last bit
+        return table
 
-    def after(
-        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
-    ) -> FloatArray:
-        """Return the states one period later; see `PeriodMap.after`."""
-        ready = self._at(parameter)
-        given = np.zeros(len(states)) if shifts is None else shifts
-        self.evaluations += len(states)
-        every = zip(states, given.tolist(), strict=True)
-        return np.array([ready.end(state, shift)[0] for state, shift in every])
-
-    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
-        """Return what is seen in some periods from a state."""
-        ready, states, records = self._at(parameter), [state], []
-        for _ in range(periods):
-            end, record = ready.end(states[-1], 0.0)
-            states.append(end)
-            records.append(record)
-        self.evaluations += periods
-        u = np.concatenate([record.u[1:, N_BASE:] for record in records])
-        return passage(np.array(states[1:]), u, ready.first, ready.problem.tip)
-
-    def opened(self, state: FloatArray, parameter: float) -> tuple[StrobeMap, FloatArray]:
-        """Return the map whose periods begin where the tips are farthest apart, and a state there.
-
-        A kick there violates no gap. A map without tips, or of a case that is too coarse in time
-        for other beginnings, is returned as it is.
-
-        Args:
-            state: at the beginning of a period, shape (2 n,).
-            parameter: λ.
-        """
-        ready = self._at(parameter)
-        tip, span = ready.problem.tip, ready.problem.span
-        if tip is None or span.steps_per_period % BEGINNINGS:
-            return self, state
-        _, record = ready.end(state, 0.0, BEGINNINGS)
-        every = span.steps_per_period // BEGINNINGS
-        u = record.u[every::every, N_BASE:]
-        best = int(np.argmax(u[:, tip[1]] - u[:, tip[0]]))
-        share = ((best + 1) / BEGINNINGS + self.phase) % 1.0
-        found = record.frames[best].ravel()
-        return StrobeMap(self._problem_of, self.slow, phase=share), np.asarray(found)
-
-
-class _Ready:
-    """A problem with its engine, and tables of its drive on shifted step grids.
-
-    Attributes:
-        problem: the problem.
-        first: number of the step of the drive at which a period of the map begins.
-    """
-
-    def __init__(self, problem: Problem, phase: float) -> None:
-        span = problem.span
-        self.problem, self.first = problem, round(phase * span.steps_per_period)
-        self.engine: Engine = engine_of(
-            problem.operators,
-            problem.law,
-            problem.scheme,
-            span.time_step,
-            refinement=span.refinement,
-        )
-        self._recorder, self._table = cache(self._made_recorder), cache(self._made_table)
-
-    def end(
-        self, state: FloatArray, shift: float, frames: int = 0
+    def period(
+        self, state: FloatArray, shift: float, recorder: Recorder | None = None
     ) -> tuple[FloatArray, PeriodRecord]:
         """Return the state one period later, NaN if the motion diverges, and the record.
 
         Args:
             state: state at the beginning, shape (2 n,).
             shift: shift of the grid of time steps, as a share of a step.
-            frames: number of states on the way that the record keeps.
+            recorder: one that keeps states on the way; None: none are kept.
         """
-        table = self._table(shift)
+        table, operators, (engine, usual) = self.table(shift), self.operators, self.stepping
         u, v = state.reshape(2, -1)
         motion = np.array([u, v, np.zeros_like(u)])
-        operators = self.problem.operators
         resting = np.zeros(operators.n_pairs, dtype=np.bool_)
-        if LAWS[self.problem.law.name].spring:
+        if LAWS[self.law.name].spring:
             resting = operators.gap_matrix @ u + operators.gap0 <= 0.0
-        set_initial(self.engine, State(motion, resting), table[0])
-        recorder = self._recorder(frames)
-        record = one_period(self.engine, recorder, table)
+        set_initial(engine, State(motion, resting), table[0])
+        record = one_period(engine, recorder or usual, table)
         if record.n_steps < len(table) - 1:
             return np.full_like(state, np.nan), record
-        return self.engine.state().motion[:2].ravel(), record
+        return engine.state().motion[:2].ravel(), record
 
-    def _made_recorder(self, frames: int) -> Recorder:
-        """Return a recorder that keeps some states of each period."""
-        span, o = replace(self.problem.span, frames_per_period=frames), self.problem.operators
-        return Recorder(o.base, span, o.n_probes, o.n_sensors)
+    def end(self, state: FloatArray, shift: float) -> FloatArray:
+        """Return the state one period later; the grid of steps is shifted by a share of a step."""
+        return self.period(state, shift)[0]
 
-    def _made_table(self, shift: float) -> FloatArray:
-        """Return (q, q', q'') on a grid that begins a share of a step later, shape (N + 1, 3)."""
-        span = self.problem.span
-        steps = np.arange(span.steps_per_period + 1) + (shift + self.first)
-        table = self.problem.motion.states(steps * span.time_step)
-        table[-1] = table[0]  # periodic to the last bit
-        return table
+    def seen(self, state: FloatArray) -> Seen:
+        """Return a period from a state, with every step."""
+        end, record = self.period(state, 0.0)
+        return Seen(end, record.u[1:, N_BASE:])
+
+    def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return what is seen at `BEGINNINGS` instants: displacements (k, n_seen), states (k, 2 n).
+
+        None: the steps do not fall on these instants.
+        """
+        every, rest = divmod(self.span.steps_per_period, BEGINNINGS)
+        if rest:
+            return None
+        record = self.period(state, 0.0, self.recorder(BEGINNINGS))[1]
+        return record.u[every::every, N_BASE:], np.reshape(record.frames, (-1, state.size))
+
+
+class StrobeMap(ProblemMap):
+    """The map of a family of problems that an engine steps; see `PeriodMap`."""
+
+    def __init__(
+        self, problem_of: Callable[[float], Problem], slow: Slow, *, phase: float = 0.0
+    ) -> None:
+        """Store the family.
+
+        Args:
+            problem_of: problem for a value of the parameter; all have the same number of dofs.
+            slow: coordinates for Newton's method.
+            phase: where in a period of the drive a period of the map begins, 0 to 1.
+        """
+        n = slow.basis.shape[0] // 2
+        nature = Nature("finite elements", {"displacement": n, "velocity": n}, is_stepped=True)
+        super().__init__(
+            lambda at, phase: replace(problem_of(at), phase=phase), slow, nature, phase
+        )
 
 
 MODES = 4
@@ -403,6 +426,15 @@ class CaseFamily:
         if key not in self._structures:
             self._structures = {key: discretise.assemble(case, needs_dolfinx=False)}
         return self._structures[key]
+
+    def modal_problem(self, case: Case, phase: float) -> ModalProblem:
+        """Return the problem of a case in modes; the table of its drive begins at the phase."""
+        structure = self.structure(case)
+        reduced = reduce(structure.operators, case.n_modes)
+        periods = Periods(reduced, case.time_step, case.time.refine)
+        table, first = motion_of(case)(0), round(phase * case.steps_per_period)
+        drive = periods.drive(np.concatenate([table[first:-1], table[: first + 1]]))
+        return ModalProblem(periods, drive, first, tip_of(structure))
 
     def map(self) -> StrobeMap:
         """Return the map of the family, with the modes of the case as its slow coordinates."""
@@ -502,107 +534,68 @@ class ModalProblem:
     """A case whose periods are computed in modes.
 
     Attributes:
-        structure: the discretised case, whose modes are taken.
         periods: what computes periods.
         drive: drive in a period of the map.
         first: number of the step of the drive at which a period of the map begins.
+        tip: two probes and the gap between them at rest [m]; None: not seen.
     """
 
-    structure: Structure
     periods: Periods
     drive: Drive
     first: int
+    tip: tuple[int, int, float] | None
 
-    def period(self, state: FloatArray) -> Period:
-        """Compute a period and keep every step of it."""
-        return self.periods.record(state, self.drive)
+    def end(self, state: FloatArray, shift: float) -> FloatArray:
+        """Return the state one period later; contact is seen at any time, shifts have no effect."""
+        return self.periods.advance(state, self.drive)
 
-    def seen(self, period: Period) -> FloatArray:
+    def seen(self, state: FloatArray) -> Seen:
+        """Return a period from a state, with every step."""
+        period = self.periods.record(state, self.drive)
+        lowest = np.nan if self.tip is None else float(period.lowest[-1])
+        return Seen(period.end, self.displacements(period), lowest)
+
+    def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what is seen after each step: displacements (N, n_seen), states (N, n)."""
+        period = self.periods.record(state, self.drive)
+        q, v, s = (own[1:].reshape(len(own) - 1, -1) for own in period.trace[:3])
+        return self.displacements(period), np.concatenate([q, v, s], axis=1)
+
+    def displacements(self, period: Period) -> FloatArray:
         """Return the displacements of the probes at each step, shape (N, n_seen) [m]."""
         q, s, reduced = period.trace.q[1:], period.trace.s[1:], self.periods.reduced
         return np.asarray(reduced.displacement(q, s, self.drive.motion[1:]) @ reduced.probes.T)
 
 
-class ModalMap:
+class ModalMap(ProblemMap):
     """The map of a family of cases with massless contact points; see `PeriodMap`.
 
-    Attributes:
-        slow: coordinates for Newton's method: ω q and q' of the lowest modes [J^½].
-        nature: what the map is of.
-        evaluations: periods computed so far.
+    Its slow coordinates are ω q and q' of the lowest modes [J^½].
     """
 
-    def __init__(self, case: Case, key: str = FREQUENCY, *, phase: float = 0.0) -> None:
+    def __init__(self, case: Case, key: str = FREQUENCY) -> None:
         """Check the key and compute the modes of the case.
 
         Args:
             case: the case; its contact points have no mass.
             key: the parameter.
-            phase: where in a period of the drive a period of the map begins, 0 to 1.
 
         Raises:
             CaseError: the drive does not repeat, there is no contact, or the case has no such
                 modes.
         """
-        self._family, self._phase = CaseFamily(case, key), phase
-        self.at = lru_cache(KEPT)(lambda parameter: self._problem(self._family.at(parameter)))
-        self.evaluations = 0
+        family = CaseFamily(case, key)
         if case.contact.law == "none":
             raise CaseError("contact.law: expected a law with contact, given 'none'")
-        first = self._problem(case).periods.reduced
-        self.slow = slow_of(first)
-        self.n_state, m = first.n_state, first.n_modes
-        self.nature = Nature(
-            f"{m // first.n_parts} modes of each part, r = {case.time.refine}",
-            {
-                "modal_displacement": m,
-                "modal_velocity": m,
-                "late_force": self.n_state - 2 * m,
-            },
+        first = family.modal_problem(case, 0.0).periods.reduced
+        m = first.n_modes
+        parts = {
+            "modal_displacement": m, "modal_velocity": m, "late_force": first.n_state - 2 * m,
+        }  # fmt: skip
+        nature = Nature(f"{m // first.n_parts} modes of each part, r = {case.time.refine}", parts)
+        super().__init__(
+            lambda at, phase: family.modal_problem(family.at(at), phase), slow_of(first), nature
         )
-
-    def after(
-        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
-    ) -> FloatArray:
-        """Return the states one period later; see `PeriodMap.after`. Shifts have no effect."""
-        problem = self.at(parameter)
-        self.evaluations += len(states)
-        return np.array([problem.periods.advance(state, problem.drive) for state in states])
-
-    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
-        """Return what is seen in some periods from a state; see `PeriodMap.watched`."""
-        problem = self.at(parameter)
-        computed: list[Period] = []
-        for _ in range(periods):
-            computed.append(problem.period(state))
-            state = computed[-1].end
-        self.evaluations += periods
-        u = np.concatenate([problem.seen(period) for period in computed])
-        tip, ends = tip_of(problem.structure), np.array([period.end for period in computed])
-        lowest = None if tip is None else np.array([float(p.lowest[-1]) for p in computed])
-        return passage(ends, u, problem.first, tip, lowest)
-
-    def opened(self, state: FloatArray, parameter: float) -> tuple[ModalMap, FloatArray]:
-        """Return the map that begins with the tips apart; see `PeriodMap.opened`."""
-        problem = self.at(parameter)
-        tip = tip_of(problem.structure)
-        if tip is None:
-            return self, state
-        period = problem.period(state)
-        u = problem.seen(period)
-        step = int(np.argmax(u[:, tip[1]] - u[:, tip[0]])) + 1
-        trace, phase = period.trace, (step / len(u) + self._phase) % 1.0
-        found = np.concatenate([trace.q[step], trace.v[step], trace.s[step].ravel()])
-        return ModalMap(self._family.case, self._family.key, phase=phase), found
-
-    def _problem(self, case: Case) -> ModalProblem:
-        """Return the problem of a case; the table of its drive begins at the phase."""
-        structure = self._family.structure(case)
-        reduced = reduce(structure.operators, case.n_modes)
-        periods = Periods(reduced, case.time_step, case.time.refine)
-        table, first = motion_of(case)(0), round(self._phase * case.steps_per_period)
-        drive = periods.drive(np.concatenate([table[first:-1], table[: first + 1]]))
-        return ModalProblem(structure, periods, drive, first)
 
 
 def slow_of(model: Reduced, n_modes: int = SLOW_MODES) -> Slow:

@@ -440,13 +440,10 @@ class Border:
 
 
 @dataclass(frozen=True)
-class Solved:
+class Solved(Guess):
     """A point at which the iteration of `solved` ended.
 
     Attributes:
-        state: z, shape (2 n,).
-        parameter: λ.
-        scale: as in the guess.
         residual: |y - slow F| / scale.
         residual_error: its standard error, relative to the scale too.
         uncertainty: standard error of x that follows, shape (m,), or (m + 1,) with λ.
@@ -454,18 +451,11 @@ class Solved:
         away: distance of x from where it was predicted; 0 without a border.
     """
 
-    state: FloatArray
-    parameter: float
-    scale: float
     residual: float
     residual_error: float
     uncertainty: FloatArray
     iterations: int
     away: float = 0.0
-
-    def guess(self, scale: float) -> Guess:
-        """Return the point as a guess, with a scale of its own."""
-        return Guess(self.state, self.parameter, scale)
 
     @property
     def is_solved(self) -> bool:

@@ -383,10 +383,10 @@ def coarse_orbit(
         at = solved(ensemble, first, J)
         if at.is_solved:
             break
-        first = at.guess(scale)
-    away, multiple = run_on(ensemble, at.guess(scale))
+        first = at
+    away, multiple = run_on(ensemble, at)
     multiple = max(multiple, settled_to, key=lambda found: found.distance if found else 0.0)
-    ensemble = within(ensemble, at.guess(scale), multiple)
+    ensemble = within(ensemble, at, multiple)
     decays = ensemble.decays(at.state, parameter, scale)
     return Coarse(at, ensemble.perturbations.kick, multipliers(decays), away, multiple)
 

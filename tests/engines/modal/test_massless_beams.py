@@ -16,8 +16,8 @@ from delam_fem.model.beams import closed_form
 from delam_fem.model.discretise import assemble
 from delam_fem.model.linear import lowest
 from delam_fem.model.reduced import reduce
-from delam_fem.studies.detection.detect import Scan
-from delam_fem.studies.detection.modulation import Tones, two_tone
+from delam_fem.studies.detection.detect import Scan, simulated
+from delam_fem.studies.detection.modulation import pump_of
 
 MASSLESS: dict[str, Any] = {
     "time.mass": "massless", "contact.law": "newton", "contact.restitution": 0.0,
@@ -117,10 +117,10 @@ def test_two_tones_are_computed_without_mass_at_nodes(monkeypatch: pytest.Monkey
         given.append(modes)
         raise InterruptedError
 
-    monkeypatch.setattr("delam_fem.studies.detection.modulation.session", stopped)
+    monkeypatch.setattr("delam_fem.studies.detection.detect.session", stopped)
     case = beams("embedded", mesh__elements=10)
     with pytest.raises(InterruptedError):
-        two_tone(Tones.of(case, 20.0, 1e-4), Scan(periods=1))
+        simulated(case, Scan(periods=1), pump=pump_of(case, 20.0, 1e-4))
     assert given == [case.n_modes]
 
 

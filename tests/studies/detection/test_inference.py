@@ -3,30 +3,32 @@
 import numpy as np
 import pytest
 
-from delam_fem.numerics.statistics import Posterior
+from delam_fem.case.files import preset
+from delam_fem.numerics.statistics import Posterior, uniform
 from delam_fem.results.scan import Shapes
 from delam_fem.studies.detection.indices import curvature
 from delam_fem.studies.detection.infer import (
     COMPONENTS,
     Knowledge,
-    Prior,
     Sensor,
     _statistics,
     edge_posterior,
     edges,
     knowledge,
+    prior_of,
     specimens_of,
 )
 from delam_fem.studies.detection.population import Population
 
 X = np.linspace(0.0, 0.4, 41)
 N = 700
+PRIOR = prior_of(preset("embedded"))
 
 
 @pytest.fixture(scope="module")
 def made_up() -> tuple[Population, np.ndarray, Knowledge]:
     """Second harmonics that are arches over the delamination, larger for thinner laminae."""
-    parameters = Prior().sample(N, 5)
+    parameters = uniform(PRIOR, N, 5)
     specimens = specimens_of(parameters, "clamped", (92.0,))
     values = np.zeros((N, 2, X.size), dtype=complex)
     values[:, 0] = np.sin(np.pi * X / 0.4)
@@ -35,7 +37,7 @@ def made_up() -> tuple[Population, np.ndarray, Knowledge]:
         s = np.clip((X - middle + 0.5 * length) / length, 0.0, 1.0)
         V[1] = 3e-5 / depth * np.sin(np.pi * s) ** 2
     population = Population(tuple(specimens), X, (1.0, 2.0), values, np.full(N, 0.7))
-    return population, parameters, knowledge(population, parameters, Prior(), (Sensor(40.0),))
+    return population, parameters, knowledge(population, parameters, PRIOR, (Sensor(40.0),))
 
 
 def test_edges_follow_from_middle_and_length() -> None:

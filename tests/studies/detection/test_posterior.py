@@ -8,13 +8,13 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.numerics.statistics import Posterior
-from delam_fem.studies.detection.infer import Inferred, Prior, observed, truth_of
+from delam_fem.studies.detection.infer import Inferred, observed, prior_of, truth_of
 
 CASE = preset("embedded")
 
 
 def test_the_prior_of_a_case_has_its_proportions() -> None:
-    np.testing.assert_allclose(Prior.of(CASE).bounds, Prior().bounds)
+    np.testing.assert_allclose(prior_of(CASE), [[0.1, 0.3], [0.03, 0.16], [0.0002, 0.0009]])
 
 
 def test_the_case_itself_is_observed_at_each_frequency() -> None:

@@ -16,7 +16,7 @@ def strobe() -> ModalMap:
 
 def moving(strobe: ModalMap, periods: int) -> FloatArray:
     """Return the state some periods after rest."""
-    states = np.zeros((1, strobe.n_state))
+    states = np.zeros((1, strobe.slow.basis.shape[0]))
     for _ in range(periods):
         states = strobe.after(states, 3.25)
     return np.asarray(states[0])
@@ -28,7 +28,7 @@ def test_slow_coordinates_are_the_lowest_two_modes_of_each_lamina(strobe: ModalM
     model = strobe.at(3.25).periods.reduced
     chosen = np.flatnonzero(slow.dual[:4, : model.n_modes].any(axis=0))
     assert sorted(model.part[chosen].tolist()) == [0, 0, 1, 1]
-    state = np.zeros(strobe.n_state)
+    state = np.zeros(strobe.slow.basis.shape[0])
     state[chosen[0]] = 1e-3
     energy, strain = strobe.at(3.25).periods.energies(state)
     assert energy == 0.0

@@ -42,7 +42,7 @@ def test_a_motion_that_diverges_is_said() -> None:
 def test_shooting_is_exact_where_the_document_says_so() -> None:
     """docs/reduced.md: 8 modes, r = 64, from 3.25 over 3.35 to 3.45 Hz."""
     strobe = ModalMap(massless(8))
-    states = np.zeros((1, strobe.n_state))
+    states = np.zeros((1, strobe.slow.basis.shape[0]))
     for _ in range(200):
         states = strobe.after(states, 3.25)
     (state,) = states
