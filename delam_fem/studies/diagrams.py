@@ -17,7 +17,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
@@ -57,7 +56,6 @@ from delam_fem.results.pages.html import (
     Preformatted,
     Section,
     Table,
-    Text,
     embedded,
 )
 from delam_fem.studies.linear import linear_amplitudes
@@ -106,27 +104,6 @@ class DiagramAxis:
         )
 
 
-def axes_of(data: xr.Dataset, count: int, kind: str) -> tuple[DiagramAxis, ...]:
-    """Return the axes of a sweep, and check their number.
-
-    Args:
-        data: dataset of the sweep.
-        count: required number of axes.
-        kind: kind of the diagram, for the message.
-
-    Raises:
-        CaseError: the sweep has more or fewer axes.
-    """
-    names = [str(name) for name in data["outcome"].dims if name != "direction"]
-    if len(names) != count:
-        raise CaseError(
-            f"diagram {kind}: expected a sweep over {count} "
-            f"{'axis' if count == 1 else 'axes'}, given {', '.join(names)}; select one value of "
-            "the others: data.isel(name=0)"
-        )
-    return tuple(_axis(data, name) for name in names)
-
-
 def _axis(data: xr.Dataset, name: str) -> DiagramAxis:
     """Return one axis; lengths are shown in millimetres."""
     coordinate = data[name]
@@ -139,16 +116,6 @@ def _axis(data: xr.Dataset, name: str) -> DiagramAxis:
     values = coordinate.to_numpy().astype(np.float64)
     factor, unit = (1e3, "mm") if units == "m" else (1.0, "–" if units == "1" else units)
     return DiagramAxis(name, key, values, factor * values, f"{text}  [{unit}]")
-
-
-def require(data: xr.Dataset, name: str, remedy: str) -> None:
-    """Check that a dataset has a variable.
-
-    Raises:
-        CaseError: the variable is missing; the message contains the remedy.
-    """
-    if name not in data:
-        raise CaseError(f"diagram: the sweep has no {name}; compute it with {remedy}")
 
 
 def is_unsettled(data: xr.Dataset) -> xr.DataArray:
@@ -191,10 +158,8 @@ BARS = 2.0
 LINEAR_POINTS = 2000
 
 
-def response(data: xr.Dataset) -> Figure:
+def response(data: xr.Dataset, axis: DiagramAxis) -> Figure:
     """Draw the tip amplitudes over one axis for each direction, and those without contact."""
-    (axis,) = axes_of(data, 1, "response")
-    require(data, "tip_amplitude", "record.summary = true")
 
     def draw(panel: Axes, i: int) -> None:
         for label, part, (colour, marker, line) in _directions(data):
@@ -212,10 +177,8 @@ def response(data: xr.Dataset) -> Figure:
     return _of_laminae(data, axis, draw, 3.0, "half peak-to-peak  $q_{{{}}}$ [mm]")
 
 
-def bifurcation(data: xr.Dataset) -> Figure:
+def bifurcation(data: xr.Dataset, axis: DiagramAxis) -> Figure:
     """Draw the tip displacements at the end of the last periods of each point over one axis."""
-    (axis,) = axes_of(data, 1, "bifurcation")
-    require(data, "strobe_displacement", "record.strobes = 40")
 
     def draw(panel: Axes, i: int) -> None:
         for label, part, _ in _directions(data):
@@ -233,10 +196,8 @@ def bifurcation(data: xr.Dataset) -> Figure:
     return _of_laminae(data, axis, draw, 3.75, "tip displacement  $q_{{{}}}$ at t = nT [mm]")
 
 
-def lyapunov(data: xr.Dataset) -> Figure:
+def lyapunov(data: xr.Dataset, axis: DiagramAxis) -> Figure:
     """Draw the largest Lyapunov exponent over one axis."""
-    (axis,) = axes_of(data, 1, "lyapunov")
-    require(data, "lyapunov_exponent", "record.lyapunov = 200")
     figure, (panel,) = stacked(1, 4.2)
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     for label, part, (colour, marker, line) in _directions(data):
@@ -355,32 +316,36 @@ DIVERGING = "PuOr_r"
 """Colour map from purple to orange, readable for the colour-blind; white is zero."""
 
 
-def _map() -> tuple[Figure, Axes]:
-    """Return an empty figure for a map over two axes."""
+def _map(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> tuple[Figure, Axes]:
+    """Return a figure for a map over two axes, with labels and a title."""
     figure, (panel,) = stacked(1, 6.6)
     panel.grid(False)
+    for axis, name in ((x, "x"), (y, "y")):
+        panel.set(**{f"{name}label": axis.label})
+        if axis.is_logarithmic:
+            panel.set(**{f"{name}scale": "log"})
+        if axis.words:
+            panel.set(**{f"{name}ticks": axis.shown, f"{name}ticklabels": axis.words})
+    figure.suptitle(heading(data))
     return figure, panel
 
 
-def plane(data: xr.Dataset) -> Figure:
+def plane(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     """Draw the kind of motion at each point over two axes."""
-    x, y = axes_of(data, 2, "plane")
-    require(data, "periodicity", "record.summary = true")
-    require(data, "strobe_displacement", f"record.strobes = {2 * at.FEWEST_STROBES}")
     try:
         kinds = at.kinds_of_motion(
-            _values(data, "outcome", x, y),
-            _values(data, "periodicity", x, y),
-            _values(data, "strobe_displacement", x, y),
-            _values(data, "is_decided", x, y) != 0.0 if "is_decided" in data else None,
-            _values(data, "settled", x, y) != 0.0 if "settled" in data else None,
+            data["outcome"].to_numpy(),
+            data["periodicity"].to_numpy(),
+            data["strobe_displacement"].to_numpy(),
+            data["is_decided"].to_numpy() != 0.0 if "is_decided" in data else None,
+            data["settled"].to_numpy() != 0.0 if "settled" in data else None,
         )
     except ValueError as error:
         raise CaseError(f"diagram plane: {error}") from None
-    figure, panel = _map()
+    figure, panel = _map(data, x, y)
     _cells(panel, x, y, kinds, KIND_COLOURS)
     if kinds.size <= MOST_LABELS:
-        periods = _values(data, "periodicity", x, y)
+        periods = data["periodicity"].to_numpy()
         for i, j in zip(*np.nonzero((kinds == at.HIGHER) & (periods > 1)), strict=True):
             panel.text(
                 x.shown[i], y.shown[j], f"{periods[i, j]:.0f}", fontsize=7.0, ha="center",
@@ -390,7 +355,6 @@ def plane(data: xr.Dataset) -> Figure:
     shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
     _hatch_unsettled(panel, x, y, data)
     _legend(panel, [KIND_COLOURS[k] for k in present], shares)
-    _finish_map(figure, panel, (x, y), data)
     figure.supxlabel(
         f"period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by less than "
         f"{100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
@@ -403,21 +367,18 @@ def plane(data: xr.Dataset) -> Figure:
     return figure
 
 
-def basins(data: xr.Dataset) -> Figure:
+def basins(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     """Draw the attractor that is reached from each initial condition (basins of attraction)."""
-    x, y = axes_of(data, 2, "basins")
-    require(data, "periodicity", "record.summary = true")
-    require(data, "strobe_displacement", "record.strobes = 40")
     names = ("periodicity", "tip_min", "tip_max", "strobe_displacement")
     moving = is_unsettled(data)
     kept_points = data[list(names)].where(~moving)
-    found = at.attractors(*(_values(kept_points, name, x, y) for name in names))
+    found = at.attractors(*(kept_points[name].to_numpy() for name in names))
     isolated = at.is_isolated(found.number)
     kept = np.setdiff1d(found.number[~isolated], [-1])
     number = np.where(isolated, kept.size, np.searchsorted(kept, found.number))
     number[found.number < 0] = kept.size + 1
     colours = [ATTRACTOR_COLOURS[k] if k < len(ATTRACTOR_COLOURS) else OTHERS for k in kept]
-    figure, panel = _map()
+    figure, panel = _map(data, x, y)
     _cells(panel, x, y, number, (*colours, ISOLATED, NONE))
     shown = min(kept.size, len(ATTRACTOR_COLOURS))
     labels = [_attractor(found, k) for k in kept[:shown].tolist()]
@@ -432,7 +393,6 @@ def basins(data: xr.Dataset) -> Figure:
             labels.append(f"{text} ({_percent(float(share))})")
             colours.append(colour)
     _legend(panel, colours, labels)
-    _finish_map(figure, panel, (x, y), data)
     laminae = " / ".join(str(name) for name in data["lamina"].to_numpy())
     figure.supxlabel(
         f"attractors by period and half peak-to-peak tip displacement ({laminae}); one attractor: "
@@ -451,12 +411,10 @@ def _attractor(found: at.Attractors, k: int) -> str:
     return f"{period}, {sizes} mm ({_percent(float(found.share[k]))})"
 
 
-def lyapunov_map(data: xr.Dataset) -> Figure:
+def lyapunov_map(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     """Draw the largest Lyapunov exponent over two axes."""
-    x, y = axes_of(data, 2, "lyapunov")
-    require(data, "lyapunov_exponent", "record.lyapunov = 200")
-    values = _values(data, "lyapunov_exponent", x, y)
-    figure, panel = _map()
+    values = data["lyapunov_exponent"].to_numpy()
+    figure, panel = _map(data, x, y)
     bound = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 1.0
     mesh = panel.pcolormesh(
         x.shown, y.shown, values.T, cmap=DIVERGING, shading="nearest",
@@ -466,23 +424,12 @@ def lyapunov_map(data: xr.Dataset) -> Figure:
     share = _hatch_unsettled(panel, x, y, data)
     if share > 0.0:
         _legend(panel, [NONE], [f"{NOT_SETTLED} ({_percent(share)})"])
-    _finish_map(figure, panel, (x, y), data)
     return figure
 
 
 def _percent(share: float) -> str:
     """Return a share in per cent as text; shares below 1 % become "< 1 %", not "0 %"."""
     return f"{100.0 * share:.0f} %" if share >= 0.01 else "< 1 %"
-
-
-def _values(data: xr.Dataset, name: str, x: DiagramAxis, y: DiagramAxis) -> npt.NDArray[Any]:
-    """Return the values of a variable, with the two axes as first dimensions."""
-    if "direction" in data.dims:
-        raise CaseError(
-            'diagram: a map shows one direction; select it: data.sel(direction="up"), or compute '
-            'with order = "independent"'
-        )
-    return data[name].transpose(x.name, y.name, ...).to_numpy()
 
 
 def _cells(
@@ -498,7 +445,7 @@ def _cells(
 
 def _hatch_unsettled(panel: Axes, x: DiagramAxis, y: DiagramAxis, data: xr.Dataset) -> float:
     """Hatch the cells of points that have not settled; return their share."""
-    mask = is_unsettled(data).transpose(x.name, y.name).to_numpy()
+    mask = is_unsettled(data).to_numpy()
     if mask.any():
         panel.pcolor(
             x.shown, y.shown, np.where(mask.T, 0.0, np.nan), shading="nearest", hatch=HATCH,
@@ -525,32 +472,59 @@ def _legend(panel: Axes, colours: list[str], labels: list[str]) -> None:
     )  # fmt: skip
 
 
-def _finish_map(
-    figure: Figure, panel: Axes, axes: tuple[DiagramAxis, DiagramAxis], data: xr.Dataset
-) -> None:
-    """Label the axes and write the title of the figure."""
-    for axis, name in zip(axes, "xy", strict=True):
-        panel.set(**{f"{name}label": axis.label})
-        if axis.is_logarithmic:
-            panel.set(**{f"{name}scale": "log"})
-        if axis.words:
-            panel.set(**{f"{name}ticks": axis.shown, f"{name}ticklabels": axis.words})
-    figure.suptitle(heading(data))
-
-
 DiagramName = Literal["response", "bifurcation", "plane", "lyapunov", "basins"]
 
 
-_NEEDS: Mapping[DiagramName, tuple[tuple[int, ...], Mapping[str, int]]] = MappingProxyType(
-    {
-        "response": ((1,), {"summary": 1}),
-        "bifurcation": ((1,), {"strobes": 1}),
-        "plane": ((2,), {"summary": 1, "strobes": FEWEST_STROBES}),
-        "lyapunov": ((1, 2), {"lyapunov": 1}),
-        "basins": ((2,), {"summary": 1, "strobes": 1}),
-    }
+_NEEDS: Mapping[DiagramName, tuple[tuple[int, ...], Mapping[str, int], Mapping[str, str]]] = (
+    MappingProxyType(
+        {
+            "response": ((1,), {"summary": 1}, {"tip_amplitude": "summary = true"}),
+            "bifurcation": ((1,), {"strobes": 1}, {"strobe_displacement": "strobes = 40"}),
+            "plane": (
+                (2,),
+                {"summary": 1, "strobes": FEWEST_STROBES},
+                {
+                    "periodicity": "summary = true",
+                    "strobe_displacement": f"strobes = {2 * FEWEST_STROBES}",
+                },
+            ),
+            "lyapunov": ((1, 2), {"lyapunov": 1}, {"lyapunov_exponent": "lyapunov = 200"}),
+            "basins": (
+                (2,),
+                {"summary": 1, "strobes": 1},
+                {"periodicity": "summary = true", "strobe_displacement": "strobes = 40"},
+            ),
+        }
+    )
 )
-"""What a diagram needs of a sweep: possible numbers of axes, and least values of `record`."""
+"""What a diagram needs of a sweep: possible numbers of axes, least values of `record`, and
+variables of the dataset with the record that
+has them."""
+
+
+def _axes(kind: DiagramName, dims: Iterable[str], fewer: str, one: str) -> list[str]:
+    """Return the axes of a sweep with given dimensions.
+
+    Args:
+        kind: name of the diagram.
+        dims: dimensions of the grid.
+        fewer: remedy if the diagram needs another number of axes.
+        one: remedy if a map would have to show two directions.
+
+    Raises:
+        CaseError: a diagram of this kind cannot be drawn of these axes.
+    """
+    counts, names = _NEEDS[kind][0], list(dims)
+    axes = [name for name in names if name != "direction"]
+    if len(axes) not in counts:
+        count = " or ".join(map(str, counts))
+        raise CaseError(
+            f"diagram {kind}: expected a sweep over {count} {'axis' if count == '1' else 'axes'}, "
+            f"given {', '.join(axes)}; {fewer}"
+        )
+    if len(axes) == 2 and len(names) == 3:
+        raise CaseError(f"diagram {kind}: a map shows one direction; {one}")
+    return axes
 
 
 def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
@@ -559,27 +533,17 @@ def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
     Raises:
         CaseError: the sweep has another number of axes, or does not record what is drawn.
     """
-    (counts, record), label = _NEEDS[kind], f"diagram {kind}"
-    axes = [name for name in sweep.sizes if name != "direction"]
-    if len(axes) not in counts:
-        count = " or ".join(map(str, counts))
-        raise CaseError(
-            f"{label}: expected a sweep over {count} {'axis' if count == '1' else 'axes'}, given "
-            f"{', '.join(axes)}; nothing was computed"
-        )
-    for key, least in record.items():
+    nothing, order = "nothing was computed", sweep.file.order
+    one = f'expected order = "independent", "up" or "down", given "{order}"; {nothing}'
+    _axes(kind, sweep.sizes, nothing, one)
+    for key, least in _NEEDS[kind][1].items():
         value = getattr(sweep.file.record, key)
         if value < least:
             wanted, given = ("true", "false") if isinstance(value, bool) else (least, value)
             raise CaseError(
-                f"{label}: expected record.{key} of at least {wanted} in the sweep file, given "
-                f"{given}; nothing was computed"
+                f"diagram {kind}: expected record.{key} of at least {wanted} in the sweep file, "
+                f"given {given}; {nothing}"
             )
-    if "direction" in sweep.sizes and len(axes) == 2:
-        raise CaseError(
-            f'{label}: a map shows one direction; expected order = "independent", "up" or "down", '
-            f'given "{sweep.file.order}"; nothing was computed'
-        )
 
 
 def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
@@ -594,16 +558,22 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
     Raises:
         CaseError: the sweep has another number of axes, or has not recorded a required variable.
     """
-    axes = [name for name in data["outcome"].dims if name != "direction"]
-    draw: dict[DiagramName, Callable[[xr.Dataset], Figure]] = {
+    fewer = "select one value of the others: data.isel(name=0)"
+    one = 'select it: data.sel(direction="up"), or compute with order = "independent"'
+    axes = _axes(kind, map(str, data["outcome"].dims), fewer, one)
+    for name, remedy in _NEEDS[kind][2].items():
+        if name not in data:
+            raise CaseError(f"diagram: the sweep has no {name}; compute it with record.{remedy}")
+    draw: dict[DiagramName, Callable[..., Figure]] = {
         "response": response,
         "bifurcation": bifurcation,
         "plane": plane,
         "lyapunov": lyapunov_map if len(axes) == 2 else lyapunov,
         "basins": basins,
     }
+    ordered = data.transpose(*data["outcome"].dims, ...)
     with styled():
-        return draw[kind](data)
+        return draw[kind](ordered, *(_axis(data, name) for name in axes))
 
 
 def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
@@ -631,6 +601,8 @@ FILES = {
     "sweep.toml": "the sweep",
     "case.toml": "the case that it varies",
 }
+SHOWN = ("periodicity", "tip_contacts_per_period")
+"""Numbers of a point in the table."""
 ALONE = (
     "The run of a point starts from its own initial state. In a sweep with an order (up, down) the "
     "points start from the state of their neighbours, so that it may reach another motion."
@@ -643,25 +615,21 @@ class Point:
 
     Attributes:
         number: number of the point in the order of the grid.
-        place: index along each dimension.
         values: values of its coordinates in words, by name.
         command: command that runs it; empty where a run cannot have its initial state.
+        report: page of its run, relative to the folder of the sweep; empty without one.
+        outcome: its outcome, or "missing".
+        is_moving: whether it was completed but has not settled.
+        numbers: its numbers by name, of `SHOWN`, as far as the sweep has them.
     """
 
     number: int
-    place: tuple[int, ...]
     values: dict[str, str]
     command: str
-
-    @property
-    def folder(self) -> str:
-        """Folder of the run of the point, relative to that of the sweep."""
-        return f"points/{self.number}"
-
-    def report(self, directory: Path) -> str:
-        """Return the page of the run of the point in the folder of the sweep, empty without one."""
-        report = f"{self.folder}/report.html"
-        return report if (directory / report).is_file() else ""
+    report: str
+    outcome: str
+    is_moving: bool
+    numbers: dict[str, float]
 
 
 def write_page(data: xr.Dataset, directory: str | Path) -> Path:
@@ -715,27 +683,36 @@ def sentence(data: xr.Dataset) -> str:
 def points(data: xr.Dataset, directory: Path) -> Iterator[Point]:
     """Yield the points of a sweep in the order of its grid."""
     grid = data["outcome"]
-    axes = [name for name in data.coords if "key" in data[name].attrs]
-    for number, place in enumerate(np.ndindex(*grid.shape)):
-        at = dict(zip(grid.dims, place, strict=True))
-        values, keys = {}, {}
-        if "direction" in at:
-            values["direction"] = str(data["direction"].to_numpy()[at["direction"]])
-        for name in axes:
-            value = data[name].to_numpy()[at[data[name].dims[0]]]
-            values[str(name)] = f"{value:.6g}" if isinstance(value, float) else str(value)
-            keys[str(data[name].attrs["key"])] = value
-        yield Point(number, place, values, _command(keys, number, directory))
+    axes = [str(name) for name in data.coords if "key" in data[name].attrs]
+    names = ["direction"] * ("direction" in grid.dims) + axes
+    coordinates, numbers = (
+        {name: data[name].broadcast_like(grid).to_numpy().ravel() for name in group}
+        for group in (names, [name for name in SHOWN if name in data])
+    )
+    is_moving = is_unsettled(data).to_numpy().ravel()
+    for number, outcome in enumerate(grid.to_numpy().ravel()):
+        own = {name: column[number] for name, column in coordinates.items()}
+        keys = {str(data[name].attrs["key"]): own[name] for name in axes}
+        folder = f"points/{number}"
+        there = (directory / folder / "report.html").is_file()
+        yield Point(
+            number,
+            {name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in own.items()},
+            _command(keys, directory, folder),
+            f"{folder}/report.html" if there else "",
+            str(outcome) or "missing",
+            bool(is_moving[number]),
+            {name: float(column[number]) for name, column in numbers.items()},
+        )
 
 
-def _command(keys: dict[str, Any], number: int, directory: Path) -> str:
-    """Return the command that runs a point."""
+def _command(keys: dict[str, Any], directory: Path, folder: str) -> str:
+    """Return the command that runs a point into a folder of the sweep."""
     if any(key.partition(".")[0] == INITIAL for key in keys):
         return ""
-    parts = ["delam-fem", "run", str(directory / "case.toml")]
-    for key, value in keys.items():
-        parts += ["--set", f"{key}={value}"]
-    return shlex.join([*parts, "-o", str(directory / Point(number, (), {}, "").folder)])
+    given = [text for key, value in keys.items() for text in ("--set", f"{key}={value}")]
+    case, folder = str(directory / "case.toml"), str(directory / folder)
+    return shlex.join(["delam-fem", "run", case, *given, "-o", folder])
 
 
 def _diagrams(directory: Path) -> Iterator[Block]:
@@ -756,15 +733,14 @@ def _points(data: xr.Dataset, directory: Path) -> Iterator[Block]:
         yield Paragraph(text, "about")
         return
     found = list(points(data, directory))
-    yield from _maps(data, found, directory)
+    yield from _maps(data, found)
     yield Paragraph(ALONE, "about")
-    yield _table(data, found, directory)
+    yield _table(found)
 
 
-def _maps(data: xr.Dataset, found: list[Point], directory: Path) -> Iterator[Block]:
+def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[Block]:
     """Yield a map of the periodicity over two axes, one for each direction."""
-    grid = data["outcome"]
-    axes = [str(name) for name in grid.dims if name != "direction"]
+    axes = [str(name) for name in data["outcome"].dims if name != "direction"]
     if len(axes) != 2:
         return
     text = (
@@ -772,53 +748,43 @@ def _maps(data: xr.Dataset, found: list[Point], directory: Path) -> Iterator[Blo
         "a cell leads to its run."
     )
     yield Paragraph(text, "about")
-    numbers = np.arange(grid.size).reshape(grid.shape)
-    by_direction = numbers if "direction" in grid.dims else numbers[None]
-    for of_direction in by_direction:
-        rows = []
-        for j in reversed(range(of_direction.shape[1])):
-            own = [found[number] for number in of_direction[:, j].tolist()]
-            rows.append((own[0].values[axes[1]], [_cell(data, p, directory) for p in own]))
-        columns = [found[number].values[axes[0]] for number in of_direction[:, 0].tolist()]
-        first = found[int(of_direction[0, 0])].values.get("direction", "")
-        title = f"{axes[1]} over {axes[0]}" + (f", {first}" if first else "")
-        yield Grid(title, columns, rows)
+    sizes = [data.sizes[name] for name in axes]
+    for of_direction in np.array(found, dtype=object).reshape(-1, *sizes):
+        rows = [
+            (line[0].values[axes[1]], [_cell(point) for point in line])
+            for line in of_direction.T[::-1]
+        ]
+        columns = [point.values[axes[0]] for point in of_direction[:, 0]]
+        first = of_direction[0, 0].values.get("direction", "")
+        yield Grid(f"{axes[1]} over {axes[0]}" + (f", {first}" if first else ""), columns, rows)
 
 
-def _cell(data: xr.Dataset, point: Point, directory: Path) -> Cell:
+def _cell(point: Point) -> Cell:
     """Return the cell of a point in a map."""
-    outcome = str(data["outcome"].to_numpy()[point.place])
-    P = _number(data, "periodicity", point)
+    P = point.numbers.get("periodicity", np.nan)
     words = ", ".join(f"{name} = {value}" for name, value in point.values.items())
-    target = point.report(directory) or f"#point-{point.number}"
-    if outcome != "completed":
-        return Cell("×", target, FAILED, f"{words}: {outcome or 'missing'}")
-    if bool(is_unsettled(data).to_numpy()[point.place]):
+    target = point.report or f"#point-{point.number}"
+    if point.outcome != "completed":
+        return Cell("×", target, FAILED, f"{words}: {point.outcome}")
+    if point.is_moving:
         return Cell("…", target, MOVING, f"{words}: not settled")
     if not np.isfinite(P):
         return Cell("–", target, IRREGULAR, words)
     return Cell(f"{P:.0f}", target, COLOURS.get(int(P), GREEN), f"{words}: {P:.0f}")
 
 
-def _table(data: xr.Dataset, found: list[Point], directory: Path) -> Table:
+def _table(found: list[Point]) -> Table:
     """Return the table of all points with the commands that run them."""
-    names = [*found[0].values] if found else []
-    shown = [name for name in ("periodicity", "tip_contacts_per_period") if name in data]
+    names, shown = (list(found[0].values), list(found[0].numbers)) if found else ([], [])
+    rows = [
+        (
+            str(point.number),
+            *point.values.values(),
+            point.outcome,
+            *(f"{n:.4g}" if np.isfinite(n) else "–" for n in point.numbers.values()),
+            Link("report", point.report) if point.report else Code(point.command),
+        )
+        for point in found
+    ]
     heading = ("point", *names, "outcome", *(name.replace("_", " ") for name in shown), "run")
-    rows = []
-    for point in found:
-        outcome = str(data["outcome"].to_numpy()[point.place]) or "missing"
-        numbers = [_number(data, name, point) for name in shown]
-        report = point.report(directory)
-        run: Text = Link("report", report) if report else Code(point.command)
-        cells = [f"{number:.4g}" if np.isfinite(number) else "–" for number in numbers]
-        rows.append((str(point.number), *point.values.values(), outcome, *cells, run))
     return Table(heading, rows, anchors=[f"point-{point.number}" for point in found])
-
-
-def _number(data: xr.Dataset, name: str, point: Point) -> float:
-    """Return a number of a point; NaN where the sweep does not have it."""
-    if name not in data:
-        return float("nan")
-    values: FloatArray = data[name].to_numpy()
-    return float(values[point.place])

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -108,6 +108,26 @@ class Axis(Section):
     count: AxisCount | None = None
     spacing: Literal["linear", "logarithmic"] = "linear"
     values: _Values | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_si(cls, data: Any) -> Any:
+        """Return the table with numbers in SI where its values carry a unit."""
+        if not isinstance(data, dict):
+            return data
+        last, own = str(data.get("key")).rsplit(".", 1)[-1], dict(data)
+        unit = UNITS.get(last, "")
+        if not unit and any(isinstance(own.get(name), str) for name in ("start", "stop")):
+            near = difflib.get_close_matches(last, UNITS, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            text = f"expected a key whose values have a unit, given {data.get('key')!r}{hint}"
+            raise inconsistent("key", text)
+        for name in {"start", "stop", "values"} & set(own) if unit else ():
+            value, is_list = own[name], isinstance(own[name], list | tuple)
+            own[name] = (
+                [in_si(v, unit, name) for v in value] if is_list else in_si(value, unit, name)
+            )
+        return own
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -561,50 +581,9 @@ def _file_of(data: Data) -> SweepFile:
     from pydantic import ValidationError
 
     try:
-        return SweepFile.model_validate(_with_numbers(data))
+        return SweepFile.model_validate(data)
     except ValidationError as error:
         raise CaseError(message(f"sweep {data.get('name')}", error, data)) from None
-
-
-def _with_numbers(data: Data) -> Data:
-    """Return a sweep file whose axes have numbers in SI where their values carry a unit.
-
-    Raises:
-        CaseError: a unit is unknown, or does not fit the key.
-    """
-    axes = data.get("axis")
-    if not isinstance(axes, list | tuple):
-        return data
-    changed = []
-    for number, axis in enumerate(axes, start=1):
-        if not isinstance(axis, dict):
-            return data
-        unit = UNITS.get(str(axis.get("key")).rsplit(".", 1)[-1], "")
-        own = dict(axis)
-        if not unit and any(isinstance(axis.get(name), str) for name in ("start", "stop")):
-            near = difflib.get_close_matches(str(axis.get("key")).rsplit(".", 1)[-1], UNITS, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise CaseError(
-                f"sweep {data.get('name')}: axis.{number}.key: expected a key whose values have a "
-                f"unit, given {axis.get('key')!r}{hint}"
-            )
-        for name in {"start", "stop", "values"} & set(axis) if unit else ():
-            label = f"sweep {data.get('name')}: axis.{number}.{name}"
-            value = axis[name]
-            is_list = isinstance(value, list | tuple)
-            own[name] = (
-                [_in_si(v, unit, label) for v in value] if is_list else _in_si(value, unit, label)
-            )
-        changed.append(own)
-    return data | {"axis": changed}
-
-
-def _in_si(value: object, unit: str, label: str) -> object:
-    """Return a value with a unit as a number in SI, anything else as it is."""
-    try:
-        return in_si(value, unit)
-    except PydanticCustomError as error:
-        raise CaseError(f"{label}: {error.message()}") from None
 
 
 def require_valid(sweep: Sweep) -> None:
