@@ -98,31 +98,30 @@ class Pool:
     """Owner of an executor, which it can replace after a worker has died.
 
     Attributes:
-        name: kind of the executor.
+        kind: kind of the executor, or the given one.
         n_workers: number of its workers.
         executor: the present executor.
     """
 
-    def __init__(self, name: ExecutorName, workers: int | None) -> None:
-        """Start the executor.
+    def __init__(self, kind: Executor | ExecutorName, workers: int | None) -> None:
+        """Start the executor, or take the given one.
 
         Raises:
             CaseError: "mpi" is asked for, but there is only one process.
         """
-        self.name = name
-        self.n_workers = 1 if name == "serial" else workers or n_cores()
-        if name == "mpi":
+        self.kind = kind
+        if isinstance(kind, Executor):
+            self.executor, self.n_workers = kind, workers or size_of(kind)
+        elif kind == "mpi":
             self.executor, self.n_workers = _mpi_executor()
         else:
-            self.executor = self._fresh()
-
-    def _fresh(self) -> Executor:
-        return Serial() if self.name == "serial" else _process_pool(self.n_workers)
+            self.n_workers = 1 if kind == "serial" else workers or n_cores()
+            self.executor = Serial() if kind == "serial" else _process_pool(self.n_workers)
 
     @property
     def renew(self) -> Callable[[], Executor] | None:
         """Function that replaces a broken process pool; None for the other kinds of executors."""
-        return self._renewed if self.name == "process" else None
+        return self._renewed if self.kind == "process" else None
 
     def _renewed(self) -> Executor:
         """Replace the executor.
@@ -136,16 +135,16 @@ class Pool:
                 'again; put the call under `if __name__ == "__main__":`, or use '
                 'executor="serial"'
             )
-        self.executor = self._fresh()
+        self.executor = _process_pool(self.n_workers)
         return self.executor
 
 
 @contextmanager
-def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
+def pool(kind: Executor | ExecutorName, workers: int | None = None) -> Iterator[Pool]:
     """Open an executor, and shut it down at the end of the `with` block.
 
     Args:
-        name: "process", "mpi" or "serial".
+        kind: "process", "mpi" or "serial"; or an executor that is open, and stays open.
         workers: number of processes; default: one per core. MPI uses the processes that mpiexec
             has started.
 
@@ -156,8 +155,11 @@ def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
         CaseError: "mpi" is asked for, but there is only one process.
     """
     leave_if_imported()
-    with added(_OF_WORKERS if name == "process" else {}):
-        opened = Pool(name, workers)
+    if isinstance(kind, Executor):
+        yield Pool(kind, workers)
+        return
+    with added(_OF_WORKERS if kind == "process" else {}):
+        opened = Pool(kind, workers)
         try:
             yield opened
         except BaseException:

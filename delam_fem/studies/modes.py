@@ -29,6 +29,7 @@ from delam_fem.results.figures.style import (
     label_x,
     lamina_colours,
     legend_outside,
+    side_by_side,
 )
 from delam_fem.studies import options
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
@@ -38,8 +39,8 @@ Kind = Literal["free", "closed"]
 
 ALIKE = 0.95
 """Modal assurance criterion above which a free and a closed mode count as one shape."""
-COLUMNS, PANEL = 2, 2.4
-"""Panels side by side in the picture, and the height of one [in]."""
+PANEL = 2.4
+"""Height of a panel in the picture [in]."""
 _MORE = 4
 """Further modes of the other kind among which partners are sought."""
 
@@ -123,15 +124,12 @@ class StructureModes(Finding):
 
     def figure(self) -> Figure:
         """Draw the shape of each mode; shaded where the laminae are apart."""
-        n = len(self.frequencies)
-        rows = -(-n // COLUMNS)
-        figure = Figure(figsize=(9.0, 0.7 + PANEL * rows), layout="constrained")
-        panels = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
-        for axes in panels[n:]:
-            axes.remove()
-        for k, axes in enumerate(panels[:n]):
+        figure, panels = side_by_side(
+            len(self.frequencies), PANEL, above=0.7, sharex=True, sharey=True
+        )
+        for k, axes in enumerate(panels):
             self._draw(axes, k)
-        label_x(panels[:n], "x [m]")
+        label_x(panels, "x [m]")
         legend_outside(figure, panels[0], 4, "outside upper right")
         figure.suptitle(f"Modes, delaminations {self.kind}", x=0.02, ha="left")
         return figure

@@ -19,8 +19,7 @@ from delam_fem.studies.convergence.analysis import (
     Convergence,
     Table,
     error_over_cost,
-    free_over_elements,
-    free_over_steps,
+    free_over,
     limit_over_meshes,
     work_over_steps,
 )
@@ -45,8 +44,10 @@ def document(found: dict[str, Convergence]) -> Document:
         figures[f"cost_{name}"] = partial(error_over_cost, found[f"errors {damping}"])
         figures[f"work_{name}"] = partial(work_over_steps, found[f"uniform {damping}"])
         figures[f"meshes_{name}"] = partial(limit_over_meshes, found[f"meshes {damping}"])
-    figures["free_steps"] = partial(free_over_steps, found["errors two-mode"])
-    figures["free_elements"] = partial(free_over_elements, found["meshes two-mode"])
+    figures["free_steps"] = partial(free_over, direction="steps", found=found["errors two-mode"])
+    figures["free_elements"] = partial(
+        free_over, direction="elements", found=found["meshes two-mode"]
+    )
     return Document(document_tables(found), figures)
 
 

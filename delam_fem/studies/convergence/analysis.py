@@ -33,6 +33,7 @@ from delam_fem.results.figures.style import (
     lamina_colours,
     legend_above,
     legend_outside,
+    side_by_side,
     stacked,
 )
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, RIGID, Ladder, Method, Rung
@@ -132,16 +133,12 @@ class Convergence(Finding):
 
     def value(self, rung: Rung, name: str) -> float:
         """Return the mean of a statistic; NaN if the rung has none."""
-        return self._entry(rung, name)[0]
-
-    def scatter(self, rung: Rung, name: str) -> float:
-        """Return the scatter of a statistic between blocks; NaN if the rung has none."""
-        return self._entry(rung, name)[1]
+        return self.entry(rung, name)[0]
 
     def standard_error(self, rung: Rung, name: str) -> float:
         """Return the standard error of the mean of a statistic."""
         blocks = self.value(rung, "blocks")
-        return self.scatter(rung, name) / math.sqrt(blocks) if blocks > 0.0 else math.nan
+        return self.entry(rung, name)[1] / math.sqrt(blocks) if blocks > 0.0 else math.nan
 
     def limit(self, rungs: Sequence[Rung], name: str, *, by: str = "steps") -> statistics.Limit:
         """Extrapolate a statistic along rungs that refine `by` "steps", "elements" or "points"."""
@@ -242,7 +239,8 @@ class Convergence(Finding):
         result = self.results.get(rung.key)
         return math.nan if result is None else 1e-6 * result.microseconds_per_step * rung.steps
 
-    def _entry(self, rung: Rung, name: str) -> tuple[float, float]:
+    def entry(self, rung: Rung, name: str) -> tuple[float, float]:
+        """Return mean and scatter between blocks of a statistic; NaN if the rung has none."""
         result = self.results.get(rung.key)
         missing = (math.nan, math.nan)
         return missing if result is None else result.statistics.get(name, missing)
@@ -392,9 +390,7 @@ def limit_text(told: Limit, q: Statistic) -> str:
 
 def mean_and_scatter(found: Convergence, rung: Rung, q: Statistic) -> str:
     """Return the mean and the scatter of a statistic as text."""
-    value, scatter = (
-        q.factor * x for x in (found.value(rung, q.name), found.scatter(rung, q.name))
-    )
+    value, scatter = (q.factor * x for x in found.entry(rung, q.name))
     return f"{value:.3f} ± {scatter:.2g}" if scatter else f"{value:.3f}"
 
 
@@ -586,9 +582,9 @@ def pictures(found: Convergence) -> dict[str, Callable[[Convergence], Figure]]:
     ladder = found.ladder
     makers: dict[str, Callable[[Convergence], Figure]] = {}
     if len(ladder.steps) > 1:
-        makers["free_steps"] = free_over_steps
+        makers["free_steps"] = partial(free_over, direction="steps")
     if len(ladder.meshes_of(FREE)) > 1:
-        makers["free_elements"] = free_over_elements
+        makers["free_elements"] = partial(free_over, direction="elements")
     if ladder.methods and len(ladder.steps) > 1:
         makers["work_over_steps"] = work_over_steps
     if ladder.methods and ladder.has_limit:
@@ -622,18 +618,6 @@ def work_over_steps(found: Convergence) -> Figure:
 
     label, text = "steps per period", "contact work per period [mJ]"
     return _panels(found, lambda r: r.steps, work, label, text, has_limit=found.ladder.has_limit)
-
-
-def free_over_steps(found: Convergence) -> Figure:
-    """Draw the errors without contact over steps per period on the finest mesh."""
-    rungs = found.ladder.along_steps(FREE, found.ladder.meshes_of(FREE)[-1])
-    return _free(found, rungs, "steps", "steps per period", -2.0)
-
-
-def free_over_elements(found: Convergence) -> Figure:
-    """Draw the errors without contact over elements per lamina with the smallest steps."""
-    rungs = found.ladder.along_meshes(FREE, found.ladder.steps[-1])
-    return _free(found, rungs, "elements", "elements per lamina", -4.0)
 
 
 def limit_over_meshes(found: Convergence) -> Figure:
@@ -692,13 +676,8 @@ def _panels(
 ) -> Figure:
     """Draw one line for each method, in one panel for each mesh, and maybe the limit, dashed."""
     meshes = found.ladder.meshes
-    columns = min(PANELS, len(meshes))
-    rows = math.ceil(len(meshes) / columns)
-    figure = Figure(figsize=(WIDTH, 1.4 + 3.5 * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for axes in grid[len(meshes) :]:
-        axes.remove()
-    for axes, mesh in zip(grid, meshes, strict=False):
+    figure, grid = side_by_side(len(meshes), 3.5, PANELS, above=1.4, sharex=True, sharey=True)
+    for axes, mesh in zip(grid, meshes, strict=True):
         for method, (colour, marker) in zip(found.ladder.methods, cycle(STYLES), strict=False):
             rungs = found.ladder.along_steps(method, mesh)
             points = np.array([(abscissa(rung), ordinate(rung)) for rung in rungs])
@@ -707,7 +686,7 @@ def _panels(
         if has_limit and (level := ordinate(found.ladder.limit_of(mesh))) > 0.0:
             axes.axhline(level, color=BASE_COLOUR, linestyle="--", linewidth=1.0)
         axes.set_title(rungs[0].mesh_text, loc="left")
-    for axes in grid[::columns]:
+    for axes in grid[::PANELS]:
         axes.set_ylabel(ylabel)
     for axes in figure.axes:
         _plain_numbers(axes.xaxis)
@@ -718,10 +697,21 @@ def _panels(
     return figure
 
 
-def _free(found: Convergence, rungs: list[Rung], size: str, label: str, slope: float) -> Figure:
-    """Draw the errors without contact, and a line with a given slope."""
+def free_over(found: Convergence, direction: Literal["steps", "elements"]) -> Figure:
+    """Draw the errors without contact, and a line with the slope of their order.
+
+    Over steps per period they are those of the finest mesh, over elements those with the smallest
+    steps.
+    """
+    ladder = found.ladder
+    if direction == "steps":
+        rungs = ladder.along_steps(FREE, ladder.meshes_of(FREE)[-1])
+        label, slope, other = "steps per period", -2.0, "elements"
+    else:
+        rungs = ladder.along_meshes(FREE, ladder.steps[-1])
+        label, slope, other = "elements per lamina", -4.0, "steps"
     figure, (axes,) = stacked(1, 4.6)
-    n = np.array([getattr(rung, size) for rung in rungs], dtype=float)
+    n = np.array([getattr(rung, direction) for rung in rungs], dtype=float)
     errors = np.abs([found.free_errors(rung) for rung in rungs])
     errors[~(errors > FREE_FLOOR)] = np.nan
     colours = lamina_colours(found.n_laminae)
@@ -742,9 +732,7 @@ def _free(found: Convergence, rungs: list[Rung], size: str, label: str, slope: f
     axes.set(xlabel=label, ylabel="relative error")
     _plain(axes, n.astype(int).tolist())
     axes.legend()
-    other = "elements" if size == "steps" else "steps"
-    fixed = getattr(rungs[0], other)
-    figure.suptitle(f"{_title(found)} without contact, {fixed} {other}")
+    figure.suptitle(f"{_title(found)} without contact, {getattr(rungs[0], other)} {other}")
     return figure
 
 

@@ -58,6 +58,7 @@ from delam_fem.studies.sweeps.point import Done, PointRunner, quantities
 from delam_fem.studies.sweeps.schedule import (
     INDEPENDENT,
     MOST_SHARDS,
+    WHOLE,
     Schedule,
     Shard,
     Track,
@@ -296,22 +297,14 @@ def run_sweep(
     """
     executors.leave_if_imported()
     directory = Path(directory)
-    path = directory / RESULT
-    if resume and is_complete(directory, sweep):
-        return open_result(path)
-    layout = require_computable(
-        sweep, executor, workers, is_confirmed=is_confirmed, folder=directory
-    )
-    directory.mkdir(parents=True, exist_ok=True)
-    with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
-        save_sweep(sweep, directory)
-        about = _computed(sweep, journal, executor, workers, progress)
-        with journal.joined() as joined:
+    if not (resume and is_complete(directory, sweep)):
+        options = (executor, workers, resume, is_confirmed, progress)
+        with _computing(sweep, directory, WHOLE, *options) as (joined, layout, about):
             write_result(sweep, directory, joined, layout, about)
             has_all = joined.numbers.size == sweep.n_points
-    if has_all:
-        remove_journal(directory / JOURNAL)
-    return open_result(path)
+        if has_all:
+            remove_journal(directory / JOURNAL)
+    return open_result(directory / RESULT)
 
 
 def completed(sweep: Sweep, directory: Path, executor: Any = None, **options: Any) -> xr.Dataset:
@@ -364,15 +357,67 @@ def run_shard(
     n_points = share_size(sweep, shard)
     if resume and is_complete(directory, sweep):
         return ShardProgress(n_points, n_points, {})
-    require_computable(
+    options = (executor, workers, resume, is_confirmed, progress)
+    with _computing(sweep, directory, shard, *options) as (joined, _, about):
+        return ShardProgress(joined.numbers.size, n_points, joined.counts() | about)
+
+
+@contextmanager
+def _computing(
+    sweep: Sweep,
+    directory: Path,
+    shard: Shard,
+    executor: Executor | ExecutorName | None,
+    workers: int | None,
+    resume: bool,
+    is_confirmed: bool,
+    progress: Callable[[int, int], None] | bool | None,
+) -> Iterator[tuple[Joined, Layout, dict[str, str | int | float]]]:
+    """Compute the missing points of a shard; see `run_shard`.
+
+    Yields:
+        Its finished points, the layout of the first point of the sweep, and workers and times.
+    """
+    n_points = share_size(sweep, shard)
+    layout = require_computable(
         sweep, executor, workers, is_confirmed=is_confirmed, folder=directory, n_points=n_points
     )
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / JOURNAL
     with Journal(path, sweep.identity, resume=resume, shard=shard) as journal:
-        about = _computed(sweep, journal, executor, workers, progress)
+        if shard.is_whole:
+            save_sweep(sweep, directory)
         with journal.joined() as joined:
-            return ShardProgress(joined.numbers.size, n_points, joined.counts() | about)
+            left = _left(sweep, joined, shard)
+        n_done = n_points - sum(track.waiting.size for track in left)
+        begin = time.perf_counter()
+        packed = pickle.dumps(Sweep(sweep.base, sweep.file))  # without what it has cached
+        with (
+            executors.pool(executor or executors.default_name(), workers) as opened,
+            reporting(progress, "point") as show,
+        ):
+            ready = deque(left)
+            schedule = Schedule(packed, opened.n_workers, ready, opened.executor, opened.renew)
+
+            def take_in(results: list[Done]) -> None:
+                nonlocal n_done
+                journal.add(results)
+                n_done += sum(len(done.points) for done in results)
+                if show is not None:
+                    show(n_done, n_points)
+
+            if show is not None:
+                show(n_done, n_points)
+            with stop_signals() as is_stopped:
+                schedule.run(take_in, is_stopped)
+            about: dict[str, str | int | float] = {
+                "workers": schedule.n_workers,
+                "wall_seconds": time.perf_counter() - begin,
+                "busy_seconds": schedule.costs.busy,
+                "scheduling_overhead": schedule.costs.overhead,
+            }
+        with journal.joined() as joined:
+            yield joined, layout, about
 
 
 def require_computable(
@@ -446,60 +491,6 @@ def share_size(sweep: Sweep, shard: Shard) -> int:
     if not sweep.tracks:
         return shard.items(sweep.n_points).size
     return sum(sweep.tracks[number].size for number in shard.items(len(sweep.tracks)))
-
-
-def _computed(
-    sweep: Sweep,
-    journal: Journal,
-    executor: Executor | ExecutorName | None,
-    workers: int | None,
-    progress: Callable[[int, int], None] | bool | None,
-) -> dict[str, str | int | float]:
-    """Compute the missing points of a journal; return workers and times of this call by name."""
-    with journal.joined() as joined:
-        left = _left(sweep, joined, journal.shard)
-    n_points = share_size(sweep, journal.shard)
-    n_done = n_points - sum(track.waiting.size for track in left)
-    begin = time.perf_counter()
-    with (
-        _schedule(sweep, left, executor, workers) as schedule,
-        reporting(progress, "point") as show,
-    ):
-
-        def take_in(results: list[Done]) -> None:
-            nonlocal n_done
-            journal.add(results)
-            n_done += sum(len(done.points) for done in results)
-            if show is not None:
-                show(n_done, n_points)
-
-        if show is not None:
-            show(n_done, n_points)
-        with stop_signals() as is_stopped:
-            schedule.run(take_in, is_stopped)
-        return {
-            "workers": schedule.n_workers,
-            "wall_seconds": time.perf_counter() - begin,
-            "busy_seconds": schedule.costs.busy,
-            "scheduling_overhead": schedule.costs.overhead,
-        }
-
-
-@contextmanager
-def _schedule(
-    sweep: Sweep,
-    left: list[Track],
-    executor: Executor | ExecutorName | None,
-    workers: int | None,
-) -> Iterator[Schedule]:
-    """Yield a schedule of the missing points, on an executor that is open in this context."""
-    ready = deque(left)
-    packed = pickle.dumps(Sweep(sweep.base, sweep.file))  # without what it has cached
-    if isinstance(executor, Executor):
-        yield Schedule(packed, workers or executors.size_of(executor), ready, executor)
-        return
-    with executors.pool(executor or executors.default_name(), workers) as opened:
-        yield Schedule(packed, opened.n_workers, ready, opened.executor, opened.renew)
 
 
 def _left(sweep: Sweep, joined: Joined, shard: Shard) -> list[Track]:
