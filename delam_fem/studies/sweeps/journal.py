@@ -18,6 +18,7 @@ from __future__ import annotations
 import fcntl
 import json
 import logging
+import math
 import mmap
 import os
 import platform
@@ -26,6 +27,7 @@ import shutil
 import struct
 import time
 import zlib
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -86,6 +88,7 @@ class MappedPart:
         """Read all records.
 
         Raises:
+            CaseError: the file is of another version.
             OSError: the file cannot be read.
         """
         self.path = path
@@ -103,6 +106,8 @@ class MappedPart:
             after = stop
             if start == _FRAME.size:
                 self.about = json.loads(self._map[start:stop])
+                if self.about.get("format") != FORMAT:
+                    raise CaseError(f"{path}: is of another version; delete it, or use that one")
             elif self.about is None:
                 self.lost += stop - start  # their sweep is not known
             else:
@@ -127,24 +132,21 @@ def packed(done: Done) -> bytes:
     """Return a finished chunk as a record.
 
     Its payload is the length of a JSON text (8 bytes), this text with spaces up to a multiple of 8
-    bytes, and the arrays: indices, rows of completed points, and the state if there is one.
+    bytes, and the arrays whose types and shapes the text has: indices, rows of completed points,
+    and the parts of the state if there is one.
     """
     points, state = done.points, done.state
     rows = [point.row for point in points if point.row is not None]
+    arrays: list[Any] = [np.array([p.index for p in points], dtype=np.int64), np.array(rows)]
+    if state is not None:
+        internal = [] if state.internal is None else [state.internal]
+        arrays += [state.motion, np.array(state.losses), *internal, state.resting]
     about = {
         "track": done.chunk.track,
-        "n": len(points),
-        "rows": [len(rows), rows[0].size if rows else 0],
+        "arrays": [[a.dtype.str, *a.shape] for a in arrays],
         "others": [[k, p.outcome, p.error] for k, p in enumerate(points) if p.row is None],
         "seconds": round(done.seconds, 6),
     }
-    indices: IntArray = np.array([point.index for point in points], dtype=np.int64)
-    arrays: list[Any] = [indices, *rows]
-    if state is not None:
-        internal = np.empty(0) if state.internal is None else state.internal
-        about["state"] = [state.motion.shape[1], state.resting.size]
-        about["internal"] = None if state.internal is None else list(state.internal.shape)
-        arrays += [state.motion, np.array(state.losses), internal, state.resting]
     text = json.dumps(about).encode()
     text += b" " * (-len(text) % _ALIGNED)
     head = struct.pack("<Q", len(text)) + text
@@ -170,33 +172,18 @@ def _payloads(data: mmap.mmap) -> Iterator[tuple[int, int]]:
 def _unpacked(data: mmap.mmap, start: int) -> Kept:
     """Return the chunk in the payload at `start` of a part file; see `packed`."""
     (length,) = struct.unpack_from("<Q", data, start)
-    place = start + 8 + length
+    place, arrays, state = start + 8 + length, [], None
     about = json.loads(data[start + 8 : place])
-
-    def numbers(count: int, kind: type = np.float64) -> Any:
-        nonlocal place
-        found: Any = np.frombuffer(data, kind, count, place)
+    for kind, *shape in about["arrays"]:
+        found: Any = np.frombuffer(data, kind, math.prod(shape), place)
+        arrays.append(found.reshape(shape))
         place += found.nbytes
-        return found
-
-    indices = numbers(about["n"], np.int64).copy()
-    n_rows, size = about["rows"]
-    rows = numbers(n_rows * size).reshape(n_rows, size)
-    state = None
-    if "state" in about:
-        n, n_resting = about["state"]
-        motion, losses = numbers(3 * n).reshape(3, n).copy(), numbers(2).tolist()
-        shape = about["internal"]
-        internal = numbers(int(np.prod(shape or [0]))).copy()
-        resting = numbers(n_resting, np.bool_).copy()
-        state = State(
-            motion,
-            resting,
-            (losses[0], losses[1]),
-            None if shape is None else internal.reshape(shape),
-        )
+    indices, rows, *more = arrays
+    if more:
+        motion, losses, *internal, resting = (part.copy() for part in more)
+        state = State(motion, resting, tuple(losses.tolist()), *internal)
     others = {int(k): (str(outcome), str(error)) for k, outcome, error in about["others"]}
-    return Kept(about["track"], indices, others, rows, state, about["seconds"])
+    return Kept(about["track"], indices.copy(), others, rows, state, about["seconds"])
 
 
 OUTCOMES = ("completed", "diverged", "failed")
@@ -255,7 +242,7 @@ class Joined(ExitStack):
         """
         super().__init__()
         self._chunks: list[Kept] = []
-        self._by_track: dict[int, list[Kept]] = {}
+        self._by_track: defaultdict[int, list[Kept]] = defaultdict(list)
         self.shards: set[Shard] = set()
         self.machines: set[tuple[str, str]] = set()
         try:
@@ -273,6 +260,8 @@ class Joined(ExitStack):
         part = MappedPart(path)
         self.callback(part.close)
         self._chunks += part.chunks
+        for chunk in part.chunks:
+            self._by_track[chunk.track].append(chunk)
         shard = named(path.name)
         if shard is not None:
             self.shards.add(shard)
@@ -369,24 +358,16 @@ class Joined(ExitStack):
             The number of its finished points from the first one on without a gap, and the state
             from which the next starts (None: from the initial conditions).
         """
-        end, state = 0, None
-        for first, chunk in sorted(self._of_track(points, track), key=lambda found: found[0]):
+        end, state, found = 0, None, self._by_track[track]
+        order = np.argsort(points)
+        firsts = order[np.searchsorted(points[order], [chunk.indices[0] for chunk in found])]
+        pairs = zip(firsts.tolist(), found, strict=True)
+        for first, chunk in sorted(pairs, key=lambda pair: pair[0]):
             if first > end:
                 break  # damaged points; they and the later ones are computed anew
             if first + chunk.indices.size > end:
                 end, state = first + chunk.indices.size, chunk.state
         return end, state
-
-    def _of_track(self, points: IntArray, track: int) -> list[tuple[int, Kept]]:
-        """Return the chunks of a track with the place of their first point in it."""
-        for chunk in () if self._by_track else self._chunks:
-            self._by_track.setdefault(chunk.track, []).append(chunk)
-        found = self._by_track.get(track, [])
-        if not found:
-            return []
-        order = np.argsort(points)
-        firsts = order[np.searchsorted(points[order], [chunk.indices[0] for chunk in found])]
-        return list(zip(firsts.tolist(), found, strict=True))
 
 
 def _rows_before(chunk: Kept, places: IntArray) -> IntArray:
@@ -398,7 +379,7 @@ def _rows_before(chunk: Kept, places: IntArray) -> IntArray:
 
 PATIENCE = 5.0
 """Time to wait for the journal of another process that is about to end [s]."""
-FORMAT = 1
+FORMAT = 2
 """Number of the format of part files."""
 _SUFFIX, _LOCK = ".points", "lock"
 _POLL = 0.1

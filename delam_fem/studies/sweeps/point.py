@@ -32,9 +32,9 @@ import math
 import pickle
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from types import MappingProxyType
 
 import numpy as np
@@ -587,25 +587,22 @@ class Done:
     idle: float
 
 
-@dataclass
+@dataclass(frozen=True)
 class Discretised:
     """Structure of a case, and what points with the same model share beside it.
 
     Attributes:
         structure: the discretised case.
         rate: rate at which its slowest mode dies out [1/s].
-        modes: first modes of its parts, as far as initial conditions have needed them.
     """
 
     structure: Structure
     rate: float
-    modes: dict[int, FloatArray] = field(default_factory=dict)
 
-    def first_mode(self, number: int) -> FloatArray:
-        """Return the first mode of a part; see `linear.first_mode`."""
-        if number not in self.modes:
-            self.modes[number] = first_mode(self.structure, number)
-        return self.modes[number]
+    @cached_property
+    def first_mode(self) -> Callable[[int], FloatArray]:
+        """Function that returns the first mode of a part, by its number."""
+        return cache(partial(first_mode, self.structure))
 
 
 @dataclass
