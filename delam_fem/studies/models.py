@@ -207,7 +207,7 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     history = found.history
     t = history["time"].to_numpy()
     late = diagnostics.last_periods(history, case, math.ceil(periods / 2))
-    x, impulse = _along(history, model, float(late["time"][0]))
+    x, impulse = _along(history, float(late["time"][0]))
     kept = slice(periods // 2, None)
     return Motion(
         frequency,
@@ -233,7 +233,7 @@ def _first_strike(history: xr.Dataset) -> float:
     return float(min(near.min(initial=math.inf), closed.min(initial=math.inf)))
 
 
-def _along(history: xr.Dataset, model: Variant, since: float) -> tuple[FloatArray, FloatArray]:
+def _along(history: xr.Dataset, since: float) -> tuple[FloatArray, FloatArray]:
     """Return positions along the contact line, and the impulse per length there since a time."""
     x = history["x"].to_numpy()
     is_late = history["event_time"].to_numpy() >= since

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -511,7 +512,14 @@ _TITLES = {
 
 
 def beside_intact(
-    case: Case, x: FloatArray, values: FloatArray, intact_values: FloatArray, limits: FloatArray
+    case: Case,
+    x: FloatArray,
+    values: FloatArray,
+    intact_values: FloatArray,
+    limits: FloatArray,
+    *,
+    title: str,
+    **look: Any,
 ) -> Figure:
     """Draw an index along the beam, that of the intact structure, and the limit of noise."""
     figure, (axes,) = stacked(1, 4.0)
@@ -520,7 +528,8 @@ def beside_intact(
     axes.plot(x, values, "o-", color=VERMILLION, ms=3, label="with it")
     axes.plot(x, intact_values, "o-", color=BLUE, ms=3, label="without it")
     axes.plot(x, limits, "--", color=GREEN, label="limit of noise")
-    axes.set_xlabel("x [m]")
+    axes.set(xlabel="x [m]", **look)
+    axes.set_title(title, loc="left")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     return figure
 

@@ -325,7 +325,12 @@ def excitation_figure(found: ExcitationMap) -> Figure:
     best = found.recommended
     row = best[0] if best is not None else int(found.visibility.max(axis=1).argmax())
     figure, panels = stacked(2, 8.0, sharex=True, height_ratios=(3, 2))
-    _map(panels[0], found, row, figure)
+    text = "2f-curvature over its limit of noise"
+    _map(panels[0], found, found.x, found.index[row].T, text)
+    for own in found.case.delamination:
+        for edge in (own.start, own.end):
+            panels[0].axhline(edge, color="white", linestyle="--", linewidth=1.0)
+    panels[0].set(ylabel="x [m]")
     _lines(panels[1], found, row)
     legend_outside(figure, panels[1], ncols=5, loc="outside lower center")
     label_x(panels, "frequency of the excitation [Hz]")
@@ -338,30 +343,21 @@ def excitation_figure(found: ExcitationMap) -> Figure:
 def ratio_figure(found: ExcitationMap) -> Figure:
     """Draw the visibility over frequency and g₀/A."""
     figure, (axes,) = stacked(1, 4.0)
-    values = np.clip(found.visibility, 1.0, TOP)
-    rows = np.arange(found.ratios.size)
-    picture = axes.pcolormesh(
-        found.frequencies, rows, values, norm=LogNorm(1.0, TOP), shading="nearest"
-    )
+    rows = np.arange(float(found.ratios.size))
+    _map(axes, found, rows, found.visibility, "largest index over its limit of noise")
     axes.set_yticks(rows, [f"{ratio:g}" for ratio in found.ratios])
     axes.set(xlabel="frequency of the excitation [Hz]", ylabel="g₀/A")
-    axes.grid(visible=False)
-    figure.colorbar(picture, ax=axes, label="largest index over its limit of noise")
     return figure
 
 
-def _map(axes: Axes, found: ExcitationMap, row: int, figure: Figure) -> None:
-    """Draw the index over frequency and place."""
-    values = np.clip(found.index[row].T, 1.0, TOP)
-    picture = axes.pcolormesh(
-        found.frequencies, found.x, values, norm=LogNorm(1.0, TOP), shading="nearest"
-    )
-    for own in found.case.delamination:
-        for edge in (own.start, own.end):
-            axes.axhline(edge, color="white", linestyle="--", linewidth=1.0)
-    axes.set(ylabel="x [m]")
+def _map(
+    axes: Axes, found: ExcitationMap, rows: FloatArray, values: FloatArray, label: str
+) -> None:
+    """Draw values over frequency and rows, shape (n_rows, n_frequencies)."""
+    shown, norm = np.clip(values, 1.0, TOP), LogNorm(1.0, TOP)
+    picture = axes.pcolormesh(found.frequencies, rows, shown, norm=norm, shading="nearest")
     axes.grid(visible=False)
-    figure.colorbar(picture, ax=axes, label="2f-curvature over its limit of noise")
+    axes.figure.colorbar(picture, ax=axes, label=label)
 
 
 def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:

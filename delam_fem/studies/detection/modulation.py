@@ -7,9 +7,9 @@ the pump opens and closes a contact, the motion at the probe's frequency is modu
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray
@@ -127,6 +127,11 @@ class Modulation(Finding):
             "limits": self.limits.tolist(),
             "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
         }
+        draw = partial(
+            beside_intact, self.case, self.x, self.ratio, self.intact_ratio, self.limits,
+            title=f"{self.case.name}, {f:g} Hz ± {self.pump:g} Hz", ylabel="sideband ratio [-]",
+            yscale="log",
+        )  # fmt: skip
         caption = "Sideband ratio of each point, and what noise alone exceeds."
         return Report(
             name="modulation",
@@ -134,7 +139,7 @@ class Modulation(Finding):
             case=self.case,
             title=f"Modulation of {self.case.name}",
             sentences=[verdict],
-            pictures={"figures/modulation": (lambda: modulation_figure(self), caption)},
+            pictures={"figures/modulation": (draw, caption)},
         )
 
 
@@ -179,16 +184,6 @@ def modulation(case: Case, options: Modulate, place: Place | None = None) -> Mod
         ratio(bare, scan.seed + INTACT_SEED),
         typical * largest,
     )
-
-
-def modulation_figure(found: Modulation) -> Figure:
-    """Draw the sideband ratio of each point, that of the intact structure, and its limit."""
-    figure = beside_intact(found.case, found.x, found.ratio, found.intact_ratio, found.limits)
-    probe = found.case.excitation.top_frequency
-    title = f"{found.case.name}, {probe:g} Hz ± {found.pump:g} Hz"
-    figure.axes[0].set(yscale="log", ylabel="sideband ratio [-]")
-    figure.axes[0].set_title(title, loc="left")
-    return figure
 
 
 STUDY = Study(Modulate, modulation)

@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import compress, product
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.linear import settling_periods
 from delam_fem.studies.options import Pod, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep, SweepFile, require_valid
+from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep
 from delam_fem.studies.sweeps.run import completed
 from delam_fem.system.errors import CaseError
 
@@ -231,12 +231,10 @@ def scanned(
         "output.window_periods": PERIODS,
         "output.fields_per_period": SAMPLES,
     }
-    record = Record(summary=False, strobes=0, scan=scan)
-    file = SweepFile.model_validate(
-        dict(name=name, base="case.toml", combine="zip", start="steady", axis=axes, record=record)
-    )
-    sweep = Sweep(case.with_overrides(fast), file)
-    require_valid(sweep)
+    sweep = Sweep(
+        case.with_overrides(fast), {}, name=name, combine="zip", start="steady",
+        axis=axes, record=Record(summary=False, strobes=0, scan=scan),
+    )  # fmt: skip
     return completed(sweep, directory, is_confirmed=True, **sweeping)
 
 
@@ -349,9 +347,9 @@ class Trials:
         ]
         return float(np.median(pairs)) if pairs else math.nan
 
-    def of(self, chosen: BoolArray) -> Trials:
+    def of(self, chosen: Sequence[bool]) -> Trials:
         """Return the trials of the chosen specimens."""
-        kept = tuple(own for own, there in zip(self.specimens, chosen, strict=True) if there)
+        kept = tuple(compress(self.specimens, chosen))
         return Trials(
             self.noise_db, kept, self.start[chosen], self.end[chosen], self.hit[chosen],
             self.score[chosen],
@@ -587,10 +585,11 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
     lines, recommended = [], {}
     supports = sorted({own.support for own in found.specimens})
     frequencies = sorted({own.frequency for own in found.specimens})
+    keys = [(own.support, own.frequency) for own in found.specimens]
     for noise in noises:
         whole = trials(case, found, noise)
         for support in supports:
-            own = {f: whole.of(_chosen(found, support, f)) for f in frequencies}
+            own = {f: whole.of([key == (support, f) for key in keys]) for f in frequencies}
             best = max(frequencies, key=lambda f: (int(own[f].hit.sum()), -f))
             recommended[support, noise] = best
             for f, judged in own.items():
@@ -599,13 +598,6 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
                 lines.append(Line(support, f, judged, curve, scores))
     order = {key: recommended[key] for key in sorted(recommended, key=lambda k: (k[0], -k[1]))}
     return PodStudy(case, tuple(lines), order)
-
-
-def _chosen(found: Population, support: str, frequency: float) -> BoolArray:
-    """Return whether each specimen has a given support and frequency, shape (n,)."""
-    return np.array(
-        [(own.support, own.frequency) == (support, frequency) for own in found.specimens]
-    )
 
 
 def _row(line: Line, L: float) -> tuple[str, ...]:

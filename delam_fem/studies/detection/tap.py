@@ -19,9 +19,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.model import discretise
@@ -158,6 +158,10 @@ class Taps(Finding):
             "intact_index": self.intact_softness.tolist(),
             "limits": self.limits.tolist(),
         }
+        draw = partial(
+            beside_intact, self.case, self.x, self.softness, self.intact_softness, self.limits,
+            title=f"{self.case.name}, taps on {self.lamina}", ylabel="added softness k_c / k_d [-]",
+        )  # fmt: skip
         caption = "Index of each tap, k_c / k_d, and what noise alone exceeds in 1 of 100 beams."
         return Report(
             name="tap",
@@ -165,7 +169,7 @@ class Taps(Finding):
             case=self.case,
             title=f"Taps on {self.case.name}",
             sentences=[verdict],
-            pictures={"figures/tap": (lambda: tap_figure(self), caption)},
+            pictures={"figures/tap": (draw, caption)},
         )
 
 
@@ -239,14 +243,6 @@ def tap(case: Case, options: Tap, place: Place | None = None) -> Taps:
         index(one_more, sound),
         limit,
     )
-
-
-def tap_figure(found: Taps) -> Figure:
-    """Draw the index of each tap, that of the intact structure, and its limit."""
-    figure = beside_intact(found.case, found.x, found.softness, found.intact_softness, found.limits)
-    figure.axes[0].set_ylabel("added softness k_c / k_d [-]")
-    figure.axes[0].set_title(f"{found.case.name}, taps on {found.lamina}", loc="left")
-    return figure
 
 
 STUDY = Study(Tap, tap, takes_impactors=True)

@@ -101,12 +101,6 @@ class Followed(Finding):
         return figure
 
 
-def natural_frequency(case: Case, mode: int = 1) -> float:
-    """Return a natural frequency of a structure, rigid motions not counted [Hz]."""
-    o = assemble(case, needs_dolfinx=False).operators
-    return float(elastic(o.stiffness, o.mass, mode, case.n_rigid)[0][-1])
-
-
 def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
     """Identify keys over time with options of a user."""
     data, n = read_measured(given.measured), given.simulations
@@ -124,7 +118,8 @@ def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
     simulated = np.empty(n)
     for j in range(n):
         changed = case.with_overrides({key: float(column[j]) for key, column in columns.items()})
-        simulated[j] = natural_frequency(changed, given.mode)
+        o = assemble(changed, needs_dolfinx=False).operators
+        simulated[j] = elastic(o.stiffness, o.mass, given.mode, changed.n_rigid)[0][-1]
         if place.progress is not None:
             place.progress(j + 1, n)
     columns, many = _prior(case, unknowns, doubts, DRAWS, given.seed + 1)

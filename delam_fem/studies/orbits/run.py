@@ -368,8 +368,7 @@ def orbit(
             map_, start = settled_map(
                 own, parameter, settle, start_of(case) if start is None else start
             )
-        first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
-        at_end = settled(map_, parameter, first, RESETTLE)
+        at_end = settled(map_, parameter, start, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
         kicks = perturbations or usual(case)
         coarse = coarse_orbit(map_, parameter, guess, periods, kicks, multiple)

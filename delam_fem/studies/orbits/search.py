@@ -281,13 +281,15 @@ class Exact:
     errors: FloatArray
 
 
-def settled(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) -> FloatArray:
-    """Return the state after some periods.
+def settled(
+    map_: PeriodMap, parameter: float, start: FloatArray | None, periods: int
+) -> FloatArray:
+    """Return the state after some periods from a state; None: from rest.
 
     Raises:
         ArithmeticError: the motion diverges.
     """
-    states = start[None]
+    states = np.zeros((1, len(map_.slow.basis))) if start is None else start[None]
     for _ in range(periods):
         states = map_.after(states, parameter)
     if not np.isfinite(states).all():
@@ -312,8 +314,7 @@ def settled_map(
     Raises:
         ArithmeticError: the motion diverges.
     """
-    first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
-    return map_.opened(settled(map_, parameter, first, periods), parameter)
+    return map_.opened(settled(map_, parameter, start, periods), parameter)
 
 
 def mean_of_motion(

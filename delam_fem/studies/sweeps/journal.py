@@ -60,8 +60,8 @@ class Kept:
         track: number of its track, -1 if the points are independent.
         indices: of the points, in the order in which they were computed, shape (n,).
         others: outcome and error of points that were not completed, by their place in `indices`.
-        rows: numbers of the completed points in order, shape (n - len(others), size). They lie in
-            the mapped file.
+        rows: numbers of the points, NaN for those that were not completed, shape (n, size). They
+            lie in the mapped file.
         state: from which the track goes on; None: from its initial conditions.
         seconds: computing time [s].
     """
@@ -132,12 +132,13 @@ def packed(done: Done) -> bytes:
     """Return a finished chunk as a record.
 
     Its payload is the length of a JSON text (8 bytes), this text with spaces up to a multiple of 8
-    bytes, and the arrays whose types and shapes the text has: indices, rows of completed points,
-    and the parts of the state if there is one.
+    bytes, and the arrays whose types and shapes the text has: indices, rows, and the parts of the
+    state if there is one.
     """
     points, state = done.points, done.state
-    rows = [point.row for point in points if point.row is not None]
-    arrays: list[Any] = [np.array([p.index for p in points], dtype=np.int64), np.array(rows)]
+    none = np.full(max((p.row.size for p in points if p.row is not None), default=0), np.nan)
+    rows = np.array([none if p.row is None else p.row for p in points])
+    arrays: list[Any] = [np.array([p.index for p in points], dtype=np.int64), rows]
     if state is not None:
         internal = [] if state.internal is None else [state.internal]
         arrays += [state.motion, np.array(state.losses), *internal, state.resting]
@@ -313,9 +314,7 @@ class Joined(ExitStack):
             return False
         if place in chunk.others:
             return True
-        mine = chunk.rows[_rows_before(chunk, np.array([place]))]
-        theirs = kept.rows[_rows_before(kept, np.array([at]))]
-        return bool(mine.tobytes() == theirs.tobytes())
+        return bool(chunk.rows[place].tobytes() == kept.rows[at].tobytes())
 
     def counts(self) -> dict[str, int]:
         """Return the number of points by outcome."""
@@ -341,7 +340,7 @@ class Joined(ExitStack):
             chunk = self._chunks[owner[own[0]]]
             good = own[outcomes[own] == 0] if chunk.others else own
             if good.size:
-                rows[good] = chunk.rows[_rows_before(chunk, place[good])]
+                rows[good] = chunk.rows[place[good]]
             if chunk.others:
                 bad = own[outcomes[own] > 0]
                 errors |= {int(numbers[k]): chunk.others[int(place[k])][1] for k in bad}
@@ -368,13 +367,6 @@ class Joined(ExitStack):
             if first + chunk.indices.size > end:
                 end, state = first + chunk.indices.size, chunk.state
         return end, state
-
-
-def _rows_before(chunk: Kept, places: IntArray) -> IntArray:
-    """Return the rows of completed points at places of a chunk, whose other points have none."""
-    if not chunk.others:
-        return places
-    return places - np.searchsorted(np.array(sorted(chunk.others)), places)
 
 
 PATIENCE = 5.0

@@ -32,7 +32,7 @@ import math
 import pickle
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache, partial
 from types import MappingProxyType
@@ -71,91 +71,98 @@ ENERGIES = tuple(name for name in LEDGER if name != "residual")
 _STORED = ("kinetic", "strain", "spring")
 _LAST = "of the tip at the end of the last periods"
 
-_SUMMARY = (
-    *(MEASURES[name] for name in ("tip_min", "tip_max", "tip_amplitude", "periodicity")),
-    Variable("settled", (), "1", "1 settled, 0 not settled, -1 irregular; NaN without a period"),
-    MEASURES["transient"],
-    Variable("periods_computed", (), "1", "periods that the run of the point took"),
-    MEASURES["strobe_scatter"],
-    Variable("is_decided", (), "1", "whether the periodicity has a margin to the threshold"),
-    *(
-        MEASURES[name]
-        for name in (
-            "tip_contacts_per_period", "impacts_per_period", "distortion_factor", "thd",
-            "minimum_tip_gap", "energy_residual",
+RECORDED: Mapping[str, tuple[Variable, ...]] = {
+    "summary": (
+        *(MEASURES[name] for name in ("tip_min", "tip_max", "tip_amplitude", "periodicity")),
+        Variable(
+            "settled", (), "1", "1 settled, 0 not settled, -1 irregular; NaN without a period"
+        ),
+        MEASURES["transient"],
+        Variable("periods_computed", (), "1", "periods that the run of the point took"),
+        MEASURES["strobe_scatter"],
+        Variable("is_decided", (), "1", "whether the periodicity has a margin to the threshold"),
+        *(
+            MEASURES[name]
+            for name in (
+                "tip_contacts_per_period",
+                "impacts_per_period",
+                "distortion_factor",
+                "thd",
+                "minimum_tip_gap",
+                "energy_residual",
+            )
+        ),
+    ),
+    "strobes": (
+        Variable("strobe_displacement", ("lamina", "strobe"), "m", f"displacement {_LAST}"),
+        Variable("strobe_velocity", ("lamina", "strobe"), "m/s", f"velocity {_LAST}"),
+    ),
+    "harmonics": (
+        Variable(
+            "harmonic_amplitude",
+            ("lamina", "harmonic"),
+            "m",
+            "amplitude of the harmonics of the tip displacement",
+        ),
+        Variable(
+            "harmonic_phase",
+            ("lamina", "harmonic"),
+            "rad",
+            "phase φ of the harmonics A sin(k ω t + φ), where the base moves as sin ω t",
+        ),
+    ),
+    "node_distortion": (
+        Variable(
+            "node_distortion_factor", ("lamina", "node"), "1", "distortion factor d at the nodes"
+        ),
+        Variable("node_thd", ("lamina", "node"), "1", "total harmonic distortion at the nodes"),
+    ),
+    "energies": tuple(
+        Variable(
+            f"energy_{name}",
+            (),
+            "J",
+            f"{name.replace('_', ' ')} energy "
+            f"{'at the end of periods' if name in _STORED else 'per period'}, mean over the window",
         )
+        for name in ENERGIES
     ),
-)  # fmt: skip
-_STROBES = (
-    Variable("strobe_displacement", ("lamina", "strobe"), "m", f"displacement {_LAST}"),
-    Variable("strobe_velocity", ("lamina", "strobe"), "m/s", f"velocity {_LAST}"),
-)
-_HARMONICS = (
-    Variable(
-        "harmonic_amplitude",
-        ("lamina", "harmonic"),
-        "m",
-        "amplitude of the harmonics of the tip displacement",
+    "scan": (
+        Variable("scan_real", ("order", "scan_point"), "m/s", "velocity shape, real part"),
+        Variable("scan_imag", ("order", "scan_point"), "m/s", "velocity shape, imaginary part"),
+        Variable("scan_rms", (), "m/s", "root mean square of the velocity over times and points"),
+        Variable(
+            "scan_between", ("scan_point",), "m/s", "mean velocity amplitude between harmonics"
+        ),
     ),
-    Variable(
-        "harmonic_phase",
-        ("lamina", "harmonic"),
-        "rad",
-        "phase φ of the harmonics A sin(k ω t + φ), where the base moves as sin ω t",
+    "lyapunov": (
+        Variable("lyapunov_exponent", (), "1/s", "largest Lyapunov exponent"),
+        Variable(
+            "lyapunov_error",
+            (),
+            "1/s",
+            "its standard error, and what twice the distance of motions changes",
+        ),
     ),
-)
-_NODES = (
-    Variable("node_distortion_factor", ("lamina", "node"), "1", "distortion factor d at the nodes"),
-    Variable("node_thd", ("lamina", "node"), "1", "total harmonic distortion at the nodes"),
-)
-_ENERGIES = tuple(
-    Variable(
-        f"energy_{name}",
-        (),
-        "J",
-        f"{name.replace('_', ' ')} energy "
-        f"{'at the end of periods' if name in _STORED else 'per period'}, mean over the window",
-    )
-    for name in ENERGIES
-)
-_SCAN = (
-    Variable("scan_real", ("order", "scan_point"), "m/s", "velocity shape, real part"),
-    Variable("scan_imag", ("order", "scan_point"), "m/s", "velocity shape, imaginary part"),
-    Variable("scan_rms", (), "m/s", "root mean square of the velocity over times and points"),
-    Variable("scan_between", ("scan_point",), "m/s", "mean velocity amplitude between harmonics"),
-)
-_LYAPUNOV = (
-    Variable("lyapunov_exponent", (), "1/s", "largest Lyapunov exponent"),
-    Variable(
-        "lyapunov_error",
-        (),
-        "1/s",
-        "its standard error, and what twice the distance of motions changes",
-    ),
-)
-_OF_POINTS = (
-    Variable("outcome", (), "", "how the run of the point ended"),
-    Variable("error", (), "", "why a point was not completed"),
-)
-_COORDINATES = (
-    Variable("direction", ("direction",), "", "order of the points"),
-    Variable("lamina", ("lamina",), "", "lamina"),
-    Variable("strobe", ("strobe",), "1", "period, counted from the end"),
-    Variable("harmonic", ("harmonic",), "1", "number of the harmonic"),
-    Variable("x", ("node",), "m", "position along the laminae"),
-    Variable("order", ("order",), "1", "multiple of the excitation's frequency"),
-    Variable("scan_x", ("scan_point",), "m", "position of the points of a scan"),
-)
+}
+"""Variables of a sweep by the key of `Record` that asks for them, in the order of a row."""
 VARIABLES: Mapping[str, Variable] = MappingProxyType(
     {
         row.name: row
-        for group in (
-            _SUMMARY, _STROBES, _HARMONICS, _NODES, _ENERGIES, _SCAN, _LYAPUNOV, _OF_POINTS,
-            _COORDINATES,
+        for row in (
+            *(row for group in RECORDED.values() for row in group),
+            Variable("outcome", (), "", "how the run of the point ended"),
+            Variable("error", (), "", "why a point was not completed"),
+            Variable("direction", ("direction",), "", "order of the points"),
+            Variable("lamina", ("lamina",), "", "lamina"),
+            Variable("strobe", ("strobe",), "1", "period, counted from the end"),
+            Variable("harmonic", ("harmonic",), "1", "number of the harmonic"),
+            Variable("x", ("node",), "m", "position along the laminae"),
+            Variable("order", ("order",), "1", "multiple of the excitation's frequency"),
+            Variable("scan_x", ("scan_point",), "m", "position of the points of a scan"),
         )
-        for row in group
     }
-)  # fmt: skip
+)
 """All variables of sweeps by name; words have no unit."""
 
 
@@ -212,17 +219,9 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
         "order": len(ORDERS),
         "scan_point": 0 if record.scan is None else scanned(record.scan, layout).size,
     }
-    signals = [row for own in layout.sensors for row in of_sensor(own, record.harmonics)]
-    groups: tuple[tuple[bool | int, Sequence[Variable]], ...] = (
-        (record.summary, _SUMMARY),
-        (record.strobes, _STROBES),
-        (record.harmonics, _HARMONICS),
-        (record.node_distortion, _NODES),
-        (record.energies, _ENERGIES),
-        (record.scan is not None, _SCAN),
-        (record.lyapunov, _LYAPUNOV),
-        (record.summary, signals),
-    )
+    rows = [row for key, group in RECORDED.items() if getattr(record, key) for row in group]
+    for own in layout.sensors if record.summary else ():
+        rows += of_sensor(own, record.harmonics)
     return tuple(
         Quantity(
             row.name,
@@ -232,8 +231,6 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
             tuple(sizes[dim] for dim in row.dims),
             record.scan,
         )
-        for is_wanted, rows in groups
-        if is_wanted
         for row in rows
     )
 
@@ -645,7 +642,11 @@ class PointRunner:
         if key not in self._known:
             while len(self._known) >= KEPT_STRUCTURES:
                 del self._known[next(iter(self._known))]
-            structure = _assemble(case, self.sweep.file.operators)
+            # in closed form the matrices are the same to round-off, without dolfinx
+            needs_dolfinx = self.sweep.file.operators != "closed-form"
+            if needs_dolfinx or case.model.is_continuum:
+                initialise_petsc_alone()
+            structure = discretise.assemble(case, needs_dolfinx=needs_dolfinx)
             self._known[key] = Discretised(structure, decay_of(case, structure))
         return self._known[key]
 
@@ -739,11 +740,3 @@ def compute(packed: bytes, chunk: Chunk) -> Done:
 @lru_cache(maxsize=_KEPT_SWEEPS)
 def _runner(packed: bytes) -> PointRunner:
     return PointRunner(pickle.loads(packed))
-
-
-def _assemble(case: Case, operators: str) -> Structure:
-    """Assemble a case; in closed form without dolfinx, whose matrices are the same to round-off."""
-    needs_dolfinx = operators != "closed-form"
-    if needs_dolfinx or case.model.is_continuum:
-        initialise_petsc_alone()
-    return discretise.assemble(case, needs_dolfinx=needs_dolfinx)
