@@ -59,6 +59,7 @@ from delam_fem.results.pages.html import (
     embedded,
 )
 from delam_fem.studies.linear import linear_amplitudes
+from delam_fem.studies.study import number
 from delam_fem.studies.sweeps.grid import INITIAL, Sweep
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import write_text
@@ -690,19 +691,19 @@ def points(data: xr.Dataset, directory: Path) -> Iterator[Point]:
         for group in (names, [name for name in SHOWN if name in data])
     )
     is_moving = is_unsettled(data).to_numpy().ravel()
-    for number, outcome in enumerate(grid.to_numpy().ravel()):
-        own = {name: column[number] for name, column in coordinates.items()}
+    for index, outcome in enumerate(grid.to_numpy().ravel()):
+        own = {name: column[index] for name, column in coordinates.items()}
         keys = {str(data[name].attrs["key"]): own[name] for name in axes}
-        folder = f"points/{number}"
+        folder = f"points/{index}"
         there = (directory / folder / "report.html").is_file()
         yield Point(
-            number,
+            index,
             {name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in own.items()},
             _command(keys, directory, folder),
             f"{folder}/report.html" if there else "",
             str(outcome) or "missing",
-            bool(is_moving[number]),
-            {name: float(column[number]) for name, column in numbers.items()},
+            bool(is_moving[index]),
+            {name: float(column[index]) for name, column in numbers.items()},
         )
 
 
@@ -781,7 +782,7 @@ def _table(found: list[Point]) -> Table:
             str(point.number),
             *point.values.values(),
             point.outcome,
-            *(f"{n:.4g}" if np.isfinite(n) else "–" for n in point.numbers.values()),
+            *map(number, point.numbers.values()),
             Link("report", point.report) if point.report else Code(point.command),
         )
         for point in found

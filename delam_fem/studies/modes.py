@@ -32,7 +32,7 @@ from delam_fem.results.figures.style import (
     side_by_side,
 )
 from delam_fem.studies import options
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.study import Finding, Place, Report, Study, Table, number
 from delam_fem.system.errors import CaseError
 
 Kind = Literal["free", "closed"]
@@ -85,7 +85,6 @@ class StructureModes(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        there = self.partners >= 0
         other = "closed" if self.kind == "free" else "free"
         numbers: dict[str, object] = {
             "lamina": self.names,
@@ -95,8 +94,8 @@ class StructureModes(Finding):
             "x_m": self.x,
             "opening": self.openings,
             "opening_of": self.places,
-            f"{other}_frequency_hz": np.where(there, self.partner_frequencies, np.nan),
-            "bilinear_frequency_hz": np.where(there, self.bilinear_frequencies, np.nan),
+            f"{other}_frequency_hz": self.partner_frequencies,
+            "bilinear_frequency_hz": self.bilinear_frequencies,
         }
         heading = (
             "mode",
@@ -110,8 +109,8 @@ class StructureModes(Finding):
                 str(k + 1),
                 f"{frequency:.6g}",
                 *(f"{opening:.3f}" for opening in self.openings[k]),
-                "–" if self.partners[k] < 0 else f"{self.partner_frequencies[k]:.6g}",
-                "–" if self.partners[k] < 0 else f"{self.bilinear_frequencies[k]:.6g}",
+                number(self.partner_frequencies[k], ".6g"),
+                number(self.bilinear_frequencies[k], ".6g"),
             )
             for k, frequency in enumerate(self.frequencies)
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -43,6 +44,11 @@ class Table:
         lines = [self.heading, ["---"] * len(self.heading), *self.rows]
         body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
         return f"**{self.title}**\n\n{body}\n"
+
+
+def number(value: float, form: str = ".4g") -> str:
+    """Return a number of a table as text; a dash if it is not finite."""
+    return format(value, form) if math.isfinite(value) else "–"
 
 
 Picture: TypeAlias = "tuple[Callable[[], Figure], str]"

@@ -29,7 +29,7 @@ from delam_fem.results.figures.style import (
     WIDTH,
     label_x,
 )
-from delam_fem.studies.convergence.analysis import Table, number
+from delam_fem.studies.study import Table, number
 
 STEPS = (1000, 4000, 16000)
 LIMIT_STEPS = 256_000

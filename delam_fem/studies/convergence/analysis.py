@@ -48,7 +48,7 @@ from delam_fem.studies.convergence.rung import (
     may_be_judged,
 )
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
-from delam_fem.studies.study import Finding, Report, Table
+from delam_fem.studies.study import Finding, Report, Table, number
 from delam_fem.system.errors import CaseError
 
 NOISE = 2.0
@@ -398,11 +398,6 @@ def cost(found: Convergence, rung: Rung) -> str:
     """Return the processor time of a step as text [µs]."""
     result = found.results.get(rung.key)
     return NOTHING if result is None else number(result.microseconds_per_step, ".2f")
-
-
-def number(value: float, form: str) -> str:
-    """Return a number as text; a dash if it is not finite."""
-    return format(value, form) if math.isfinite(value) else NOTHING
 
 
 GOAL = 0.01

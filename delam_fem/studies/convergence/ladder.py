@@ -29,36 +29,22 @@ from delam_fem.numerics.harmonics import overdamped_from
 from delam_fem.system.errors import CaseError
 
 
-@dataclass(frozen=True)
-class ShortWave:
-    """The longest overdamped bending wave of a lamina.
-
-    Attributes:
-        name: name of the lamina.
-        frequency: frequency that it would have undamped [Hz].
-        length: wavelength [m].
-        thickness: thickness of the lamina [m].
-    """
-
-    name: str
-    frequency: float
-    length: float
-    thickness: float
-
-
-def short_waves(case: Case) -> tuple[ShortWave, ...]:
-    """Return the longest overdamped wave of each lamina, from bottom to top.
+def short_waves(case: Case) -> list[tuple[float, float]]:
+    """Return the longest overdamped bending wave of each lamina, from bottom to top.
 
     A wave of a beam has the length λ = 2π (EI/ρA)^(1/4) / ω^(1/2). With mass damping alone no mode
     is overdamped by its shortness, and the length is 0.
+
+    Returns:
+        Its length [m], and the frequency that it would have undamped [Hz].
     """
     found = []
     for i, lamina in enumerate(case.lamina):
         omega = overdamped_from(*case.rayleigh(i))
         stiffness = lamina.flexural_rigidity / lamina.mass_per_length
         length = 2.0 * math.pi * stiffness**0.25 / math.sqrt(omega) if omega > 0.0 else math.inf
-        found.append(ShortWave(lamina.name, omega / (2.0 * math.pi), length, lamina.thickness))
-    return tuple(found)
+        found.append((length, omega / (2.0 * math.pi)))
+    return found
 
 
 def refinement_warnings(case: Case, points: Iterable[int]) -> list[str]:
@@ -72,15 +58,14 @@ def refinement_warnings(case: Case, points: Iterable[int]) -> list[str]:
     """
     if case.is_axial:  # both lengths are those of bending
         return []
-    numbers = sorted(set(points))
-    waves = short_waves(case)
-    longest = max(waves, key=lambda wave: wave.length)
-    thickest = max(waves, key=lambda wave: wave.thickness)
+    numbers, waves = sorted(set(points)), zip(short_waves(case), case.lamina, strict=True)
+    (length, frequency), lamina = max(waves, key=lambda wave: wave[0][0])
+    thickest = max(case.lamina, key=lambda own: own.thickness)
     texts = []
-    if creeping := [n for n in numbers if 2.0 * case.length / n < longest.length]:
+    if creeping := [n for n in numbers if 2.0 * case.length / n < length]:
         texts.append(
-            f"{_meshes(case, creeping)} hold waves shorter than {_mm(longest.length)} mm, and "
-            f"those are overdamped ({longest.name}: modes above {longest.frequency:.3g} Hz, "
+            f"{_meshes(case, creeping)} hold waves shorter than {_mm(length)} mm, and "
+            f"those are overdamped ({lamina.name}: modes above {frequency:.3g} Hz, "
             f"{case.damping.rayleigh} damping): what such a mesh adds does not wave, it creeps"
         )
     if thin := [n for n in numbers if case.length / n < thickest.thickness]:

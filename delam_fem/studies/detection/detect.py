@@ -63,7 +63,7 @@ from delam_fem.studies.detection.indices import (
 )
 from delam_fem.studies.linear import settling_periods, steady_motion
 from delam_fem.studies.options import Detect, Measured, Scan
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.study import Finding, Place, Report, Study, Table, number
 from delam_fem.system.errors import CaseError
 
 SAMPLES = 50
@@ -366,9 +366,9 @@ class Detection(Finding):
             (
                 name,
                 "yes" if found.is_detected else "no",
-                _shown(found.start),
-                _shown(found.end),
-                _shown(self.contrast(name), ".1f"),
+                number(found.start),
+                number(found.end),
+                number(self.contrast(name), ".1f"),
                 "yes" if self.intact_marks[name].is_detected else "no",
             )
             for name, found in self.marks.items()
@@ -496,11 +496,6 @@ def _number(value: float) -> float:
     return float(f"{value:.10g}")
 
 
-def _shown(value: float, form: str = ".4g") -> str:
-    """Return a number as text, or a dash in place of NaN."""
-    return format(value, form) if np.isfinite(value) else "–"
-
-
 _TITLES = {
     "curvature": "2f-curvature  |V₂″|",
     "V2": "|V₂|",
@@ -588,8 +583,8 @@ def shapes_figure(found: Detection) -> Figure:
 
 def _spans(axes: Axes, found: Detection) -> None:
     """Shade the delaminations of the case."""
-    for number, (start, end) in enumerate(found.spans):
-        axes.axvspan(start, end, color=GAP_COLOUR, label=None if number else "delamination")
+    for k, (start, end) in enumerate(found.spans):
+        axes.axvspan(start, end, color=GAP_COLOUR, label=None if k else "delamination")
 
 
 def _index(axes: Axes, own: Mark) -> None:

@@ -71,26 +71,6 @@ NOT_NOISE, NOTHING_LEFT = 1.05, 1e-4
 
 
 @dataclass(frozen=True)
-class Amplitudes:
-    """Amplitudes of a point of a lamina in a swept sine, one for each cycle of the base.
-
-    Attributes:
-        frequency: frequency of the base, shape (k,) [Hz].
-        amplitude: amplitude of the absolute displacement over that of the base, shape (k,) [-].
-        fitted: the same of the fit (R1), shape (k,) [-]; NaN beyond the band that was fitted.
-    """
-
-    frequency: FloatArray
-    amplitude: FloatArray
-    fitted: FloatArray
-
-    @property
-    def peak(self) -> float:
-        """Frequency with the largest amplitude, which is biased in a sweep [Hz]."""
-        return float(self.frequency[np.argmax(self.amplitude)])
-
-
-@dataclass(frozen=True)
 class Resonance:
     """Natural frequency and damping of a mode; two of their standard errors contain 95 %.
 
@@ -103,7 +83,9 @@ class Resonance:
         late, late_error: time by which the record begins after the sweep, and its error [s].
         clock, clock_error: seconds of the sweep in one of the record, and its error [-].
         remarks: sentences on how the record differs from its description.
-        amplitudes: amplitudes of the cycles, for a figure.
+        cycles: of each cycle of the base, for a figure: its frequency [Hz], the amplitude of the
+            absolute displacement over that of the base, and the same of the fit (R1), NaN beyond
+            the band that was fitted [-], shape (3, k).
     """
 
     frequency: float
@@ -118,7 +100,7 @@ class Resonance:
     clock: float
     clock_error: float
     remarks: tuple[str, ...]
-    amplitudes: Amplitudes = field(repr=False)
+    cycles: FloatArray = field(repr=False)
 
     def bending_stiffness(self, lamina: Lamina) -> tuple[float, float]:
         """Return EI of a uniform cantilever with this frequency, and its standard error [N m2].
@@ -255,8 +237,8 @@ def fit(time: FloatArray, displacement: FloatArray, motion: SweptMotion) -> Reso
     whole = np.zeros_like(time)
     whole[own] = model
     fitted[first : last + 1] = abs(cycles.amplitudes(whole))[first : last + 1] / motion.amplitude
-    figure = Amplitudes(cycles.frequency, abs(a) / motion.amplitude, fitted)
-    return _judged(band, found.x, covariance, found.fun, weights, figure)
+    seen = np.array([cycles.frequency, abs(a) / motion.amplitude, fitted])
+    return _judged(band, found.x, covariance, found.fun, weights, peak, seen)
 
 
 def _even(
@@ -347,7 +329,7 @@ def _noise(values: FloatArray) -> float:
 
 def _judged(
     band: _Band, p: FloatArray, covariance: FloatArray, residual: FloatArray, weights: FloatArray,
-    amplitudes: Amplitudes,
+    peak: float, cycles: FloatArray,
 ) -> Resonance:  # fmt: skip
     """Return the resonance with its errors, and remarks on its record."""
     t, error = band.time, np.sqrt(np.diag(covariance))
@@ -378,8 +360,8 @@ def _judged(
             )
     return Resonance(
         float(p[0]), float(error[0]), float(p[1]), float(error[1]), float(weights[1] / weights[0]),
-        amplitudes.peak, rms / top, late, late_error, clock, clock_error, tuple(remarks),
-        amplitudes,
+        peak, rms / top, late, late_error, clock, clock_error, tuple(remarks),
+        cycles,
     )  # fmt: skip
 
 
@@ -390,9 +372,9 @@ def resonance_figure(found: Resonance) -> Figure:
     """Draw measured amplitudes, the fit, the peak and the natural frequency."""
     figure = Figure(figsize=(7.0, 4.0))
     panel = figure.subplots()
-    shown = found.amplitudes
-    panel.plot(shown.frequency, shown.amplitude, ".", color=BLUE, ms=2.5, label="measured")
-    panel.plot(shown.frequency, shown.fitted, color=VERMILLION, label="fit")
+    frequency, amplitude, fitted = found.cycles
+    panel.plot(frequency, amplitude, ".", color=BLUE, ms=2.5, label="measured")
+    panel.plot(frequency, fitted, color=VERMILLION, label="fit")
     panel.axvline(found.peak, color=BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
     panel.axvline(found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz")
     panel.set_xlabel("frequency of the base  [Hz]")

@@ -74,54 +74,6 @@ class Kept:
     seconds: float
 
 
-class MappedPart:
-    """A part file that is mapped into memory and read.
-
-    Attributes:
-        path: path of the file.
-        about: content of its first record; None if not even that is whole.
-        chunks: its whole chunks, in order.
-        lost: bytes between whole records; the torn end of a killed process is not counted [bytes].
-    """
-
-    def __init__(self, path: Path) -> None:
-        """Read all records.
-
-        Raises:
-            CaseError: the file is of another version.
-            OSError: the file cannot be read.
-        """
-        self.path = path
-        self.about: dict[str, Any] | None = None
-        self.chunks: list[Kept] = []
-        self.lost = 0
-        self._map: mmap.mmap | None = None
-        with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size == 0:
-                return
-            self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        after = 0
-        for start, stop in _payloads(self._map):
-            self.lost += start - _FRAME.size - after
-            after = stop
-            if start == _FRAME.size:
-                self.about = json.loads(self._map[start:stop])
-                if self.about.get("format") != FORMAT:
-                    raise CaseError(f"{path}: is of another version; delete it, or use that one")
-            elif self.about is None:
-                self.lost += stop - start  # their sweep is not known
-            else:
-                self.chunks.append(_unpacked(self._map, start))
-
-    def close(self) -> None:
-        """Forget the chunks and unmap the file."""
-        self.chunks = []
-        if self._map is not None:
-            with suppress(BufferError):  # while an error is handled, its frames hold some rows
-                self._map.close()
-            self._map = None
-
-
 def framed(payload: bytes) -> bytes:
     """Return a payload as a record."""
     head = _FRAME.pack(MARK, len(payload), zlib.crc32(payload), 0)[:-4]
@@ -154,7 +106,7 @@ def packed(done: Done) -> bytes:
     return framed(head + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
 
 
-def _payloads(data: mmap.mmap) -> Iterator[tuple[int, int]]:
+def payloads(data: mmap.mmap | bytes) -> Iterator[tuple[int, int]]:
     """Yield start and stop of the payload of each whole record in a part file."""
     place, size = data.find(MARK), len(data)
     while 0 <= place <= size - _FRAME.size:
@@ -170,7 +122,13 @@ def _payloads(data: mmap.mmap) -> Iterator[tuple[int, int]]:
         place = data.find(MARK, start + length if is_whole else place + 1)
 
 
-def _unpacked(data: mmap.mmap, start: int) -> Kept:
+def _unmap(data: mmap.mmap) -> None:
+    """Unmap a file whose rows nobody holds."""
+    with suppress(BufferError):  # while an error is handled, its frames hold some rows
+        data.close()
+
+
+def unpacked(data: mmap.mmap | bytes, start: int) -> Kept:
     """Return the chunk in the payload at `start` of a part file; see `packed`."""
     (length,) = struct.unpack_from("<Q", data, start)
     place, arrays, state = start + 8 + length, [], None
@@ -258,30 +216,40 @@ class Joined(ExitStack):
         self.callback(self._by_track.clear)
 
     def _read(self, path: Path, identity: str, versions: str) -> None:
-        part = MappedPart(path)
-        self.callback(part.close)
-        self._chunks += part.chunks
-        for chunk in part.chunks:
-            self._by_track[chunk.track].append(chunk)
-        shard = named(path.name)
-        if shard is not None:
+        """Map a part file and take in its whole records."""
+        if (shard := named(path.name)) is not None:
             self.shards.add(shard)
-        if part.lost:
-            _log.warning(
-                "%s: %d damaged bytes; the points in them are computed anew", path, part.lost
-            )
-        if part.about is None:
-            return  # its process was killed before it had written anything
-        if not _is_same(str(part.about.get("identity")), identity):
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size == 0:
+                return  # its process was killed before it had written anything
+            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self.callback(_unmap, data)
+        about: dict[str, Any] = {}
+        after = lost = 0  # bytes between whole records; a torn end is not counted
+        for start, stop in payloads(data):
+            lost += start - _FRAME.size - after
+            after = stop
+            if start == _FRAME.size:
+                about = json.loads(data[start:stop])
+                if about.get("format") != FORMAT:
+                    raise CaseError(f"{path}: is of another version; delete it, or use that one")
+            elif about:
+                self._chunks.append(unpacked(data, start))
+                self._by_track[self._chunks[-1].track].append(self._chunks[-1])
+            else:
+                lost += stop - start  # their sweep is not known
+        if lost:
+            _log.warning("%s: %d damaged bytes; the points in them are computed anew", path, lost)
+        if not about:
+            return
+        if not _is_same(str(about.get("identity")), identity):
             raise CaseError(
                 f"resume: {path} belongs to another sweep; run it with the settings of the "
                 "interrupted one, or choose another folder with -o DIR"
             )
-        self.machines.add((str(part.about.get("host")), str(part.about.get("processor"))))
-        if part.about.get("versions") != versions:
-            _log.warning(
-                "%s was begun with %s; its points are kept", path, part.about.get("versions")
-            )
+        self.machines.add((str(about.get("host")), str(about.get("processor"))))
+        if about.get("versions") != versions:
+            _log.warning("%s was begun with %s; its points are kept", path, about.get("versions"))
 
     def _resolve(self) -> None:
         """Find chunk and place of every point; of two results keep the better, then the first."""

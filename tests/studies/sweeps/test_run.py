@@ -23,10 +23,12 @@ from delam_fem.model.beams import closed_form
 from delam_fem.studies.executors import Serial
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
-from delam_fem.studies.sweeps.journal import Journal, MappedPart, framed
+from delam_fem.studies.sweeps.journal import MARK, Journal, framed, payloads, unpacked
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.system.errors import CaseError
 
+FRAME = len(framed(b""))
+"""Bytes of a record before its content."""
 SMALL = {
     "mesh.elements": 3,
     "time.steps_per_period": 40,
@@ -200,11 +202,10 @@ def test_a_sweep_goes_on_if_its_case_lacks_a_default(
     assert identity != made.identity
     interrupted(made, tmp_path)
     part = next((tmp_path / "sweep.journal").glob("*.points"))
-    about = MappedPart(part)
-    assert about.about is not None and about.about["identity"] == made.identity
-    first = framed(json.dumps(about.about).encode())
-    changed = framed(json.dumps({**about.about, "identity": identity}).encode())
-    about.close()
+    about = json.loads(part.read_bytes()[FRAME:].split(MARK)[0])
+    assert about["identity"] == made.identity
+    first = framed(json.dumps(about).encode())
+    changed = framed(json.dumps({**about, "identity": identity}).encode())
     assert part.read_bytes().startswith(first)
     part.write_bytes(changed + part.read_bytes()[len(first) :])
     seen: list[int] = []
@@ -298,8 +299,9 @@ def command(*arguments: object) -> list[str]:
 
 def count_in_journal(path: Path) -> int:
     """Return the points in a journal that another process may be writing."""
-    parts = [MappedPart(part) for part in path.glob("*.points")]
-    return sum(chunk.indices.size for part in parts for chunk in part.chunks)
+    parts = [part.read_bytes() for part in path.glob("*.points")]
+    chunks = (unpacked(part, start) for part in parts for start, _ in list(payloads(part))[1:])
+    return sum(chunk.indices.size for chunk in chunks)
 
 
 def started(file: Path, directory: Path) -> subprocess.Popen[bytes]:
