@@ -22,7 +22,7 @@ from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH, styled
+from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH
 from delam_fem.studies.modes import modes_of, structure_modes
 from delam_fem.studies.study import Finding, Report, Table
 from delam_fem.system.errors import CaseError
@@ -328,32 +328,31 @@ class ModelComparison(Finding):
     def figure(self) -> Figure:
         """Return a row for each frequency: tip histories of all models, impulses along laminae."""
         n = len(self.models[0].motions)
-        with styled():
-            figure = Figure(figsize=(WIDTH, 2.6 * n + 0.6), layout="constrained")
-            rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
-            for k, (histories, along) in enumerate(rows):
-                for own, colour in zip(self.models, COLOURS * len(self.models), strict=False):
-                    motion = own.motions[k]
-                    turns = motion.time * motion.frequency
-                    shown = turns <= SHOWN_PERIODS
-                    for number, tip in enumerate(motion.tips):
-                        label = own.name if number == 0 else None
-                        style = ("-", "--", ":", "-.")[number % 4]
-                        histories.plot(
-                            turns[shown], 1e3 * tip[shown], style, color=colour, lw=1.0, label=label
-                        )
-                    along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
-                    if motion.strike * motion.frequency <= SHOWN_PERIODS:
-                        histories.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
-                frequency = self.models[0].motions[k].frequency
-                histories.set(ylabel="tip [mm]", title=f"{frequency:g} Hz; thin line: first strike")
-                along.set(ylabel="impulse [mN s/m per period]", title="second half of the run")
-            rows[-1][0].set_xlabel("periods")
-            rows[-1][1].set_xlabel("x [m]")
-            handles, labels = rows[0][0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-            names = ", ".join(f"{lamina.name}" for lamina in self.case.lamina)
-            figure.suptitle(f"{self.case.name}: {names} (full, dashed, …) by model")
+        figure = Figure(figsize=(WIDTH, 2.6 * n + 0.6), layout="constrained")
+        rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
+        for k, (histories, along) in enumerate(rows):
+            for own, colour in zip(self.models, COLOURS * len(self.models), strict=False):
+                motion = own.motions[k]
+                turns = motion.time * motion.frequency
+                shown = turns <= SHOWN_PERIODS
+                for number, tip in enumerate(motion.tips):
+                    label = own.name if number == 0 else None
+                    style = ("-", "--", ":", "-.")[number % 4]
+                    histories.plot(
+                        turns[shown], 1e3 * tip[shown], style, color=colour, lw=1.0, label=label
+                    )
+                along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
+                if motion.strike * motion.frequency <= SHOWN_PERIODS:
+                    histories.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
+            frequency = self.models[0].motions[k].frequency
+            histories.set(ylabel="tip [mm]", title=f"{frequency:g} Hz; thin line: first strike")
+            along.set(ylabel="impulse [mN s/m per period]", title="second half of the run")
+        rows[-1][0].set_xlabel("periods")
+        rows[-1][1].set_xlabel("x [m]")
+        handles, labels = rows[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        names = ", ".join(f"{lamina.name}" for lamina in self.case.lamina)
+        figure.suptitle(f"{self.case.name}: {names} (full, dashed, …) by model")
         return figure
 
 

@@ -37,9 +37,9 @@ from delam_fem.numerics.beams import ComplexArray, cantilever_roots
 from delam_fem.numerics.harmonics import driven, pole
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION
-from delam_fem.studies import options
 from delam_fem.studies.identification.identify import tips_of
 from delam_fem.studies.linear import first_frequencies
+from delam_fem.studies.options import Resonance as Options
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.point import probe_motion
 from delam_fem.system.errors import CaseError
@@ -441,23 +441,14 @@ class Found(Finding):
         )
 
 
-def identified(
-    case: Case,
-    measured: Path | None = None,
-    *,
-    noise: float = 0.0,
-    seed: int = 1,
-    kept: Path | None = None,
-) -> Found:
+def identified(case: Case, options: Options, place: Place | None = None) -> Found:
     """Identify the resonances of all laminae.
 
     Args:
         case: a case whose base moves as a swept sine of given amplitude.
-        measured: file with the tips, whose times count from the start of the sweep; None: the case
+        options: file with the tips, whose times count from the start of the sweep, or how the case
             is simulated without contact.
-        noise: standard deviation of a sample of the simulated tips [m].
-        seed: seed of the noise.
-        kept: folder for a checkpoint, from which the run goes on; None: none is kept.
+        place: folder for a checkpoint, from which the run goes on; None: none is kept.
 
     Raises:
         CaseError: the excitation is no such sweep, or the file has not the tips of all laminae.
@@ -469,14 +460,15 @@ def identified(
             f'"{given.kind}"'
         )
     ratios: list[float] = []
-    if measured is None:
-        time, tips, ratios = _simulated(case, kept)
+    if options.measured is None:
+        time, tips, ratios = _simulated(case, None if place is None else place.kept)
     else:
-        time, tips = tips_of(case, measured)
-    tips = tips + noise * np.random.default_rng(seed).standard_normal(tips.shape)
+        time, tips = tips_of(case, options.measured)
+    noise = np.random.default_rng(options.seed).standard_normal(tips.shape)
+    tips = tips + options.noise * noise
     motion = swept_motion(given, given.amplitude)
     found = (fit(time, tip, motion) for tip in tips)
-    if measured is None:
+    if options.measured is None:
         pairs = zip(found, ratios, strict=True)
         found = (_exact(one, case.time_step, ratio) for one, ratio in pairs)
     return Found(case, tuple(found))
@@ -523,9 +515,4 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
     return np.arange(1, tips.shape[1] + 1) * free.time_step, tips, ratios
 
 
-def _resonance(case: Case, given: options.Resonance, place: Place) -> Found:
-    """Identify resonances with options of a user."""
-    return identified(case, given.measured, noise=given.noise, seed=given.seed, kept=place.kept)
-
-
-STUDY = Study(options.Resonance, _resonance)
+STUDY = Study(Options, identified)

@@ -6,6 +6,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.studies.identification.resonance import HEADING, identified
+from delam_fem.studies.options import Resonance
 from delam_fem.system.errors import CaseError
 
 SWEEP = {
@@ -25,7 +26,7 @@ SWEEP = {
 def test_a_simulated_sweep_gives_the_rig_back(tmp_path: Path, noise: float) -> None:
     """Steps change the frequencies by 2e-4, elements by 3e-5: both are taken out."""
     case = preset("paper", SWEEP)
-    found = identified(case, noise=noise)
+    found = identified(case, Resonance(noise=noise))
     for lamina, one in zip(case.lamina, found.resonances, strict=True):
         exact = float(lamina.angular_frequencies(1)[0]) / (2.0 * np.pi)
         assert one.peak - exact > 0.02  # the bias of a sweep that rises
@@ -41,4 +42,4 @@ def test_a_simulated_sweep_gives_the_rig_back(tmp_path: Path, noise: float) -> N
 
 def test_a_harmonic_case_is_refused() -> None:
     with pytest.raises(CaseError, match='expected "sweep" with an amplitude'):
-        identified(preset("paper"))
+        identified(preset("paper"), Resonance())
