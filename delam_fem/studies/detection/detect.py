@@ -257,8 +257,6 @@ def intact(case: Case) -> Case:
     return Case.checked(data, f"case {case.name} without delaminations")
 
 
-MAIN = "curvature"
-"""The index that calls and locates, unless another is asked for."""
 INTACT_SEED = 1_000_003
 """Added to the seed, so that the intact beam has noise of its own."""
 
@@ -405,9 +403,8 @@ HEADING = ("index", "detected", "start [m]", "end [m]", "contrast", "intact call
 
 def detect(
     case: Case,
-    scan: Scan | None = None,
+    options: Detect | None = None,
     *,
-    index: str = MAIN,
     measured: Measurement | None = None,
     repetitions: int = 200,
     kept: Path | None = None,
@@ -416,19 +413,17 @@ def detect(
 
     Args:
         case: the case, with [[delamination]] and a harmonic excitation.
-        scan: how it is measured; None: with the defaults of `Scan`.
-        index: name of the index that calls and locates.
+        options: how it is measured, and the index that calls and locates; None: the defaults.
         measured: a measured field in place of a simulated one. The intact structure is still
             simulated, with the noise that the field shows between its harmonics.
         repetitions: number of repetitions of the noise, for the bounds.
         kept: folder for checkpoints, from which the runs go on; None: none are kept.
 
     Raises:
-        CaseError: the case, the scan, the index or the record is not valid.
+        CaseError: the case, the scan or the record is not valid.
     """
-    scan = scan or Scan()
-    if index not in INDICES:
-        raise CaseError(f"index: expected one of {', '.join(INDICES)}, given {index!r}")
+    options = options or Detect()
+    scan, index = options.part(Scan), options.index
     if case.is_apart:
         raise CaseError("detect: expected a case with [[delamination]], given laminae apart")
     whole, surface = intact(case), surface_of(case, scan.lamina)
@@ -605,9 +600,10 @@ def _index(axes: Axes, own: Mark) -> None:
 
 def _detect(case: Case, options: Detect, place: Place) -> Detection:
     """Detect with options of a user."""
-    scan = options.part(Scan)
-    field = read_scan(options.measured, options, case, scan) if options.measured else None
-    return detect(case, scan, index=options.index, measured=field, kept=place.kept)
+    measured = None
+    if options.measured:
+        measured = read_scan(options.measured, options, case, options.part(Scan))
+    return detect(case, options, measured=measured, kept=place.kept)
 
 
 STUDY = Study(Detect, _detect)

@@ -58,6 +58,7 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics, quality
 from delam_fem.results.quality import OPEN, decay_of, enough_of, is_lost
 from delam_fem.results.scan import ORDERS, scan_field, scan_positions, shapes_of, surface_of
+from delam_fem.results.scan import amplitudes as complex_amplitudes
 from delam_fem.results.schema import MEASURES, SENSOR, Variable
 from delam_fem.simulation.loop import Engine, State, initial_state, one_period, set_initial
 from delam_fem.simulation.recorder import LEDGER, Recorder
@@ -310,10 +311,8 @@ def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
         amplitudes = harmonic_amplitudes(whole, whole.size // N)
     else:
         most = max(int(0.4 * value.size / max(n, 1)), 1)  # below the filter's stop band
-        phase = 2.0 * np.pi / case.period * np.outer(signal.time, np.arange(most + 1))
-        columns = np.hstack([np.cos(phase), np.sin(phase[:, 1:])])
-        fitted = np.linalg.lstsq(columns, value, rcond=None)[0]
-        amplitudes = np.hypot(fitted[1 : most + 1], fitted[most + 1 :])
+        frequencies = (np.arange(1, most + 1) / case.period).tolist()
+        amplitudes = np.abs(complex_amplitudes(value[:, None], signal.time, frequencies)[:, 0])
     return {
         f"{name}_min": value.min(),
         f"{name}_max": value.max(),

@@ -11,7 +11,7 @@ from delam_fem.case.files import preset
 from delam_fem.results.scan import shapes_of
 from delam_fem.studies.detection.detect import detect, intact, per_sample, per_shape, simulated
 from delam_fem.studies.detection.indices import mark
-from delam_fem.studies.options import Scan
+from delam_fem.studies.options import Detect, Scan
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import json_ready
 
@@ -38,7 +38,7 @@ def test_thd_points_to_the_wrong_places_near_resonance() -> None:
 
 
 def test_a_shifted_grid_marks_its_nearest_points() -> None:
-    found = detect(embedded(80.0), Scan(first=0.005))
+    found = detect(embedded(80.0), Detect(first=0.005))
     assert (found.mark.start, found.mark.end) == pytest.approx((0.125, 0.275))
 
 
@@ -89,7 +89,7 @@ def test_a_measured_field_is_judged_like_a_simulated_one() -> None:
     case, scan = embedded(80.0), Scan()
     simulated_one = simulated(case, scan)
     noise = simulated_one.noise_of(scan)
-    found = detect(case, scan, measured=simulated_one.noisy(noise, 9), repetitions=50)
+    found = detect(case, measured=simulated_one.noisy(noise, 9), repetitions=50)
     assert found.is_measured
     assert (found.mark.start, found.mark.end) == pytest.approx((0.12, 0.28))
     assert found.sample_noise == pytest.approx(noise, rel=0.6)
@@ -103,4 +103,4 @@ def test_the_noise_of_samples_and_of_shapes() -> None:
 
 def test_an_unknown_index_is_refused() -> None:
     with pytest.raises(CaseError, match=r"index: expected one of curvature, V2"):
-        detect(embedded(80.0), index="V9")
+        detect(embedded(80.0), Detect(index="V9"))
