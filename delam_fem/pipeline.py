@@ -200,11 +200,8 @@ def _run_case(
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> Result:
     """Compute a case; see `run`."""
-    if not isinstance(case, Case | str | Path):
-        raise CaseError(
-            "run: expected a case, the name of a preset, a case file, operators or a structure, "
-            f"given {case!r}"
-        )
+    expected = "a case, the name of a preset, a case file, operators or a structure"
+    require(isinstance(case, Case | str | Path), "run", expected, case)
     case, other = _changed(find_case(case), law, scheme, drive, until)
     if other is not None and directory is not None:
         raise CaseError(

@@ -825,7 +825,7 @@ class Case(Section):
         given = self.excitation
         if not isinstance(given, TableExcitation):
             return self
-        length = read_series(given.file, given.acts_on).length
+        length = float(read_series(given.file, given.acts_on)[0][-1])
         duration = self.time.duration
         if duration is None:
             time = self.time.model_copy(update={"duration": length})

@@ -8,7 +8,6 @@ need not know the kinds.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
@@ -32,27 +31,9 @@ _UNITS = {"base": ("m", "m/s2"), "force": ("N",)}
 """SI units of the values by what they act on."""
 
 
-@dataclass(frozen=True)
-class Series:
-    """A course of values in time, as a table gives it.
-
-    Attributes:
-        time: times from 0, increasing, shape (rows,) [s].
-        value: values, shape (rows,).
-        unit: unit of the values: "m", "m/s2" or "N".
-    """
-
-    time: FloatArray
-    value: FloatArray
-    unit: str
-
-    @property
-    def length(self) -> float:
-        """Last time [s]."""
-        return float(self.time[-1])
-
-
-def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
+def read_series(
+    path: Path, acts_on: str, least_rows: int = 6
+) -> tuple[FloatArray, FloatArray, str]:
     """Read the course of an excitation from a table, and check it.
 
     Comments (#) are skipped. A heading gives units in brackets: `time [ms], force [kN]`. Without
@@ -62,6 +43,10 @@ def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
         path: table with the columns time and value; see `tables.read_columns`.
         acts_on: "base" or "force".
         least_rows: smallest number of rows.
+
+    Returns:
+        Times from 0, increasing, shape (rows,) [s]; values, shape (rows,); their unit, "m", "m/s2"
+        or "N".
 
     Raises:
         CaseError: the file is missing; a heading has another unit; a row is not a pair of finite
@@ -81,7 +66,7 @@ def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
             f"{name}, line {table.lines[k + 1]}: expected times to increase, given {time[k + 1]} "
             f"after {time[k]}"
         )
-    return Series(time, value, units[1])
+    return time, value, units[1]
 
 
 Target = Literal["base", "force"]

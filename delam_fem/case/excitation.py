@@ -19,7 +19,6 @@ from delam_fem.case.drive import (
     ForceExcitation,
     HammerExcitation,
     HarmonicExcitation,
-    Series,
     SweepExcitation,
     TableExcitation,
     read_series,
@@ -176,12 +175,12 @@ class Tabulated:
     ends: bool
 
     @classmethod
-    def of(cls, series: Series) -> Tabulated:
+    def of(cls, time: FloatArray, value: FloatArray, unit: str) -> Tabulated:
         """Return the drive of a table of forces [N], displacements [m] or accelerations [m/s2]."""
-        time, value, length = series.time, series.value, series.length
-        if series.unit == "N":
+        length = float(time[-1])
+        if unit == "N":
             return cls(PchipInterpolator(time, value), length, ends=True)
-        if series.unit == "m":
+        if unit == "m":
             return cls(make_interp_spline(time, value - value[0], k=5), length, ends=False)
         velocity = make_interp_spline(time, value, k=3).antiderivative()
         drift = velocity.integrate(0.0, length) / length
@@ -218,7 +217,7 @@ def drive(case: Case) -> Drive:
     if isinstance(given, HarmonicExcitation | SweepExcitation):
         return base_motion(case)
     if isinstance(given, TableExcitation):
-        return Tabulated.of(read_series(given.file, given.acts_on))
+        return Tabulated.of(*read_series(given.file, given.acts_on))
     if isinstance(given, HammerExcitation):
         return HalfSine(given.amplitude, given.duration, given.start)
     if given.frequency is not None:

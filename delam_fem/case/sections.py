@@ -17,7 +17,6 @@ Numbers are SI and float64. A whole number is accepted for a float; no other con
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, Self
@@ -55,30 +54,16 @@ from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.numerics.harmonics import Kind
 from delam_fem.numerics.types import FloatArray
 
-
-@dataclass(frozen=True)
-class Material:
-    """Young's modulus and density of a named material.
-
-    Attributes:
-        young_modulus: E [Pa].
-        density: rho [kg/m3].
-    """
-
-    young_modulus: float
-    density: float
-
-
-MATERIALS: Mapping[str, Material] = MappingProxyType(
+MATERIALS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "aluminium": Material(70e9, 2700.0),
-        "steel": Material(210e9, 7850.0),
-        "titanium": Material(113.8e9, 4430.0),
-        "carbon-epoxy": Material(181e9, 1600.0),
-        "glass-epoxy": Material(38.6e9, 1800.0),
+        "aluminium": {"young_modulus": 70e9, "density": 2700.0},
+        "steel": {"young_modulus": 210e9, "density": 7850.0},
+        "titanium": {"young_modulus": 113.8e9, "density": 4430.0},
+        "carbon-epoxy": {"young_modulus": 181e9, "density": 1600.0},
+        "glass-epoxy": {"young_modulus": 38.6e9, "density": 1800.0},
     }
 )
-"""Materials by the names that `lamina.….material` takes."""
+"""Young's modulus E [Pa] and density rho [kg/m3] by the names that `lamina.….material` takes."""
 
 
 class Lamina(Section):
@@ -212,9 +197,9 @@ def _take_material(given: dict[object, object]) -> None:
     row = MATERIALS.get(name) if isinstance(name, str) else None
     if row is None:
         raise inconsistent("material", f"expected one of {', '.join(MATERIALS)}, given {name!r}")
-    for key in ("density", "young_modulus"):
+    for key, value in row.items():
         if key != "density" or "mass_per_length" not in given:
-            given.setdefault(key, getattr(row, key))
+            given.setdefault(key, value)
 
 
 def _take_section(given: dict[object, object]) -> None:

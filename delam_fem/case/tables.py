@@ -83,28 +83,24 @@ def read_columns(path: Path, label: str, names: Sequence[str] | None = None) -> 
             a finite number in each column; or decimal points and commas are mixed.
     """
     rows, comments = _split(path, label, names)
-    lines: list[int] = []
-    found: list[list[float]] = []
     heading: tuple[int, tuple[str, ...]] | None = None
-    for row, (number, cells) in enumerate(rows):
-        if row == 0 and not any(is_number(cell) for cell in cells):
-            heading = number, tuple(cells)
-            continue
-        n = len(names) if names is not None else len(found[0]) if found else len(cells)
+    if rows and not any(map(is_number, rows[0][1])):
+        (first, headings), *rows = rows
+        heading = first, tuple(headings)
+    n, found = len(names if names is not None else rows[0][1] if rows else ()), []
+    for number, cells in rows:
         place, given = f"{label}, line {number}", _described(cells, n)
-        if len(cells) != n or not all(is_number(cell) for cell in cells):
+        if len(cells) != n or not all(map(is_number, cells)):
             raise CaseError(f"{place}: expected {_what(n, names)}, given {given}")
         found.append([float(cell) for cell in cells])
         if not np.isfinite(found[-1]).all():
             raise CaseError(f"{place}: expected finite numbers, given {given}")
-        lines.append(number)
-    n = len(names) if names is not None else len(found[0]) if found else 0
+    lines = tuple(number for number, _ in rows)
     if heading is None:
         heading = _commented_heading(comments, lines, n)
-    values = np.array(found, dtype=np.float64).reshape(len(found), n).T
     if heading is None or len(heading[1]) != n:
-        return Columns(tuple(lines), values)
-    return Columns(tuple(lines), values, heading[1], heading[0])
+        heading = 0, ()
+    return Columns(lines, np.array(found).reshape(len(found), n).T, heading[1], heading[0])
 
 
 def rows_of(path: Path, label: str) -> Iterator[tuple[int, list[str]]]:

@@ -406,8 +406,7 @@ def _leave_material(data: Data, key: str) -> None:
         return
     entry = _entry(entries, part, key)
     row = MATERIALS.get(str(entry.get("material")))
-    if row is not None:
-        entry.setdefault("density", row.density)
-        entry.setdefault("young_modulus", row.young_modulus)
+    for number, value in () if row is None else row.items():
+        entry.setdefault(number, value)
     for other in _MATERIAL_KEYS[last]:
         entry.pop(other, None)

@@ -92,21 +92,6 @@ def _space(mesh: Any, element: Any) -> Any:
     return _compiled(mesh.comm, what, partial(make, mesh, element))
 
 
-def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) -> Any:
-    """Build a mesh of intervals that need not be connected.
-
-    Args:
-        comm: communicator of the mesh.
-        x: node coordinates, shape (n_nodes,), or (n_nodes, 2) in a plane [m]; only those of rank 0
-            are used.
-        cells: node pairs, shape (n_cells, 2); only those of rank 0 are used.
-
-    Returns:
-        The mesh, distributed over `comm`; both ends of an interface facet may be on any rank.
-    """
-    return create_mesh(comm, "interval", x, cells)
-
-
 def create_mesh(
     comm: MPI.Intracomm, cell: str, x: FloatArray, cells: IntArray, ranks: IntArray | None = None
 ) -> Any:
@@ -120,7 +105,7 @@ def create_mesh(
         ranks: the rank that owns each cell, shape (n_cells,); None: a graph partitioner decides.
 
     Returns:
-        The mesh, distributed over `comm`.
+        The mesh, distributed over `comm`; both ends of a facet may be on any rank.
     """
     points = np.ascontiguousarray(x, dtype=np.float64).reshape(len(x), -1)
     cells = np.ascontiguousarray(cells, dtype=np.int64)

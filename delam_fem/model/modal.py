@@ -49,6 +49,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from delam_fem.model.layout import Layout, Reading, Structure
 from delam_fem.model.linear import DENSE_DOFS, lowest, normalised
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.operators import matrix as petsc_matrix
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 Solve = Callable[[FloatArray], FloatArray]
@@ -226,9 +227,7 @@ def _by_petsc(A: sp.csc_matrix) -> Solve | None:
         from petsc4py import PETSc
     except ImportError:
         return None
-    csr = sp.csr_matrix(A)
-    index = csr.indptr.astype(PETSc.IntType), csr.indices.astype(PETSc.IntType)
-    matrix = PETSc.Mat().createAIJ(csr.shape, csr=(*index, csr.data), comm=comm)
+    matrix = petsc_matrix(sp.csr_matrix(A), comm)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
     solver = PETSc.KSP().create(comm)
     solver.setOperators(matrix)

@@ -36,7 +36,7 @@ from scipy.sparse.linalg import splu
 from delam_fem.model.linear import lowest, normalised
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 NOT_RAYLEIGH = 1e-6
 """Largest entry of C - α M - β K relative to that of C, above which C is not of Rayleigh's form."""
@@ -130,18 +130,6 @@ class Reduced:
         return np.asarray(v @ self.shapes.T + drive_rate[:, None] * self.drive)
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """One part: its modes, R Hᵀ, and K⁻¹ k_b of a base or R k_b of a force."""
-
-    squares: FloatArray
-    damping: FloatArray
-    creep: float
-    shapes: FloatArray
-    at_gaps: FloatArray
-    at_drive: FloatArray
-
-
 def reduce(operators: Operators, modes: int) -> Reduced:
     """Return the reduced problem of operators.
 
@@ -156,18 +144,16 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         CaseError: damping is not of Rayleigh's form, a part can move as a rigid body, or the
             omitted modes have no flexibility at some pairs.
     """
-    if modes < 1:
-        raise CaseError(f"model.modes: expected at least 1, given {modes}")
-    o = operators
-    pieces = [_piece(o, dofs, matrices, modes) for dofs, *matrices in o.bodies()]
-    count = len(pieces)
-    H, k_b = o.gap_matrix, o.base.stiffness
-    W = np.stack([H @ piece.at_gaps for piece in pieces])
+    require(modes >= 1, "model.modes", "at least 1", modes)
+    o, H, k_b = operators, operators.gap_matrix, operators.base.stiffness
+    each = [_piece(o, dofs, matrices, modes) for dofs, *matrices in o.bodies()]
+    of_part, damping, creep, Phi, at_gaps, at_drive = zip(*each, strict=True)
+    W = np.stack([H @ own for own in at_gaps])
     W = 0.5 * (W + W.transpose(0, 2, 1))
-    shapes = np.concatenate([piece.shapes for piece in pieces], axis=1)
-    squares, G = np.concatenate([piece.squares for piece in pieces]), H @ shapes
-    _require_flexible(W.sum(axis=0), (G**2 / squares).sum(axis=1), squares.size // count)
-    iota = -sum((piece.at_drive for piece in pieces), np.zeros_like(k_b))
+    shapes, squares = np.concatenate(Phi, axis=1), np.concatenate(of_part)
+    G = H @ shapes
+    _require_flexible(W.sum(axis=0), (G**2 / squares).sum(axis=1), squares.size // len(each))
+    iota = -sum(at_drive, np.zeros_like(k_b))
     columns = np.stack([o.base.mass, o.base.damping, k_b])
     moved = columns + np.stack([A @ iota for A in (o.mass, o.damping, o.stiffness)])
     if o.base.is_force:
@@ -178,9 +164,9 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         base_mass = float(iota @ (moved[0] + o.base.mass) + o.base.corner[0])
     return Reduced(
         squares=squares,
-        damping=np.concatenate([piece.damping for piece in pieces]),
-        part=np.repeat(np.arange(count), [piece.squares.size for piece in pieces]),
-        creep=np.array([piece.creep for piece in pieces]),
+        damping=np.concatenate(damping),
+        part=np.repeat(np.arange(len(each)), [own.size for own in of_part]),
+        creep=np.array(creep),
         gap_modes=np.ascontiguousarray(G),
         compliance=W,
         gap0=o.gap0,
@@ -189,13 +175,19 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         base_mass=base_mass,
         probes=o.probes,
         shapes=shapes,
-        residual=np.stack([piece.at_gaps for piece in pieces]),
+        residual=np.stack(at_gaps),
         drive=iota,
     )
 
 
-def _piece(o: Operators, dofs: IntArray, matrices: Sequence[sp.csc_matrix], modes: int) -> _Piece:
-    """Return the modes of the part that has some dofs, and the flexibility of its omitted modes."""
+def _piece(
+    o: Operators, dofs: IntArray, matrices: Sequence[sp.csc_matrix], modes: int
+) -> tuple[FloatArray, FloatArray, float, FloatArray, FloatArray, FloatArray]:
+    """Return the modes of the part that has some dofs, and the flexibility of its omitted modes.
+
+    Returns:
+        ω² and c of R1, β; Φ in all dofs; R Hᵀ; K⁻¹ k_b of a base, or R k_b of a force.
+    """
     M, C, K = matrices
     if modes >= dofs.size:
         modes = _rank(M)
@@ -218,7 +210,7 @@ def _piece(o: Operators, dofs: IntArray, matrices: Sequence[sp.csc_matrix], mode
         residual[dofs, -1] = whole[:, -1]
     shapes = np.zeros((o.n_dofs, squares.size))
     shapes[dofs] = vectors
-    return _Piece(squares, alpha + beta * squares, beta, shapes, residual[:, :-1], residual[:, -1])
+    return squares, alpha + beta * squares, beta, shapes, residual[:, :-1], residual[:, -1]
 
 
 def _rank(M: sp.csc_matrix) -> int:

@@ -32,7 +32,7 @@ from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.sensors import StrainRows
 from delam_fem.model.stops import striking_rows, with_start
 from delam_fem.numerics.types import FloatArray
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 from delam_fem.system.files import read_arrays, write_arrays
 
 FORMAT = 2
@@ -364,8 +364,7 @@ def reduced_case(
         raise CaseError('model.kind: expected a model that is not reduced yet, given "modes"')
     require_bending(case, "reduce")
     require_mass(case, "reduce", "the case computes its motion in modes already")
-    if modes < 1:
-        raise CaseError(f"modes: expected at least 1, given {modes}")
+    require(modes >= 1, "modes", "at least 1", modes)
     require_coupled(case)
     slowest = min(float(own.angular_frequencies(1)[0]) for own in case.lamina)
     begin = time.perf_counter()

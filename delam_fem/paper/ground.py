@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.sections import Lamina
-from delam_fem.model.beams.closed_form import Beam
+from delam_fem.model.beams.closed_form import beam
 from delam_fem.model.layout import CURVATURE, Part, columns_of, place_of, selection
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics import harmonics
@@ -116,8 +116,10 @@ def on_ground(
     """
     if n < 2:
         raise ValueError(f"lamina over ground: expected at least 2 elements, given {n}")
-    beam = Beam.of(lamina.flexural_rigidity, lamina.mass_per_length, np.full(n, lamina.length / n))
-    M, K = (matrix[N_CLAMP:, N_CLAMP:].tocsr() for matrix in (beam.mass, beam.stiffness))
+    *matrices, lumped = beam(
+        lamina.flexural_rigidity, lamina.mass_per_length, np.full(n, lamina.length / n)
+    )
+    M, K = (matrix[N_CLAMP:, N_CLAMP:].tocsr() for matrix in matrices)
     first, second = lamina.angular_frequencies(2).tolist()
     alpha, beta = harmonics.coefficients(lamina.damping_ratio, first, second)
     pairs = np.arange(n) if touching == "everywhere" else np.array([n - 1])
@@ -133,7 +135,7 @@ def on_ground(
         mass=M,
         damping=sp.csr_matrix(alpha * M + beta * K),
         stiffness=K,
-        lumped_mass=beam.lumped_mass[N_CLAMP:],
+        lumped_mass=lumped[N_CLAMP:],
         base=BaseCoupling.none(2 * n),
         gap_matrix=selection(2 * pairs, 2 * n),
         gap0=-lying(lamina, n, gravity)[2 * pairs],

@@ -28,10 +28,6 @@ SEAL_SIZE = hashlib.sha256().digest_size
 _log = logging.getLogger(__name__)
 
 
-class DamagedError(ValueError):
-    """Report that a sealed file is not what was written."""
-
-
 def sealed(content: bytes) -> bytes:
     """Return the content of a file with its checksum in front."""
     return hashlib.sha256(content).digest() + content
@@ -41,11 +37,11 @@ def opened(text: bytes) -> bytes:
     """Return the content of a sealed file.
 
     Raises:
-        DamagedError: the file is empty, truncated or changed.
+        ValueError: the file is empty, truncated or changed.
     """
     seal, content = text[:SEAL_SIZE], text[SEAL_SIZE:]
     if hashlib.sha256(content).digest() != seal:
-        raise DamagedError("the checksum does not fit")
+        raise ValueError("the checksum does not fit")
     return content
 
 

@@ -24,7 +24,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.serialize import dumps
 
-from delam_fem.system.caches import DamagedError, opened, sealed, temporary_folder
+from delam_fem.system.caches import opened, sealed, temporary_folder
 
 _log = logging.getLogger(__name__)
 
@@ -200,7 +200,7 @@ class _SealedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
             return pickle.loads(opened(path.read_bytes()))
         except FileNotFoundError:
             return None
-        except (DamagedError, OSError, ImportError, AttributeError) as error:
+        except (ValueError, OSError, ImportError, AttributeError) as error:
             _log.debug("%s: compiled anew (%s)", path, error)
             return None
 

@@ -37,7 +37,7 @@ def test_defaults(section: type[Section]) -> None:
 
 def test_materials() -> None:
     """E [GPa] and density [kg/m³] as tabulated."""
-    assert {name: (m.young_modulus / 1e9, m.density) for name, m in MATERIALS.items()} == {
+    assert {name: (m["young_modulus"] / 1e9, m["density"]) for name, m in MATERIALS.items()} == {
         "aluminium": (70.0, 2700.0),
         "steel": (210.0, 7850.0),
         "titanium": (113.8, 4430.0),

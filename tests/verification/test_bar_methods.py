@@ -203,7 +203,7 @@ def from_form(bar: Bar, n: int, degree: int) -> Operators:
     """Return the bar with its forms assembled by dolfinx; the dof at the wall comes first."""
     points = np.linspace(0.0, bar.length, n + 1)
     cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
-    mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, points, cells)
+    mesh = _dolfinx.create_mesh(MPI.COMM_SELF, "interval", points, cells)
     space = _dolfinx.space(mesh, "Lagrange", degree)
     u, w = ufl.TrialFunction(space), ufl.TestFunction(space)
     matrices = []

@@ -6,8 +6,6 @@ the weak forms in `forms.py` to round-off. `reference/matrices.py` checks both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -46,13 +44,15 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     if not case.is_apart:
         return _stack(case, network(case, x))
     h, at_middles = np.diff(x), case.is_at_middles
-    beams = [
-        Beam.of(own.flexural_rigidity, own.mass_per_length, h, at_middles=at_middles)
-        for own in case.lamina
-    ]
-    M, K = (sp.block_diag([getattr(own, of) for own in beams]) for of in ("mass", "stiffness"))
-    lumped = np.concatenate([beam.lumped_mass for beam in beams])
-    return side_by_side(case, clamped_parts(case, x), (M, K), lumped)
+    M, K, lumped = zip(
+        *(
+            beam(own.flexural_rigidity, own.mass_per_length, h, at_middles=at_middles)
+            for own in case.lamina
+        ),
+        strict=True,
+    )
+    matrices = sp.block_diag(M), sp.block_diag(K)
+    return side_by_side(case, clamped_parts(case, x), matrices, np.concatenate(lumped))
 
 
 def _stack(case: Case, stack: Network) -> Structure:
@@ -64,7 +64,7 @@ def _stack(case: Case, stack: Network) -> Structure:
         nodes = segment.nodes
         h = np.diff(stack.x[nodes])
         EI, rhoA, EA = stack.section(group)
-        beam = Beam.of(
+        M, K, masses = beam(
             EI, rhoA, h, at_middles=case.is_at_middles, is_tied=stack.ties(segment, case)
         )
         # from the unknowns to (w, w') along the nodes, and to the elongation of the group
@@ -73,9 +73,9 @@ def _stack(case: Case, stack: Network) -> Structure:
             [stack.axial_row(node, group) for node in (segment.first, segment.last)]
         )
         stretch = ends[1] - ends[0]
-        mass = mass + to.T @ beam.mass @ to
-        stiffness = stiffness + to.T @ beam.stiffness @ to + EA / h.sum() * stretch.T @ stretch
-        lumped += to.T @ beam.lumped_mass  # each column of `to` picks a single dof
+        mass = mass + to.T @ M @ to
+        stiffness = stiffness + to.T @ K @ to + EA / h.sum() * stretch.T @ stretch
+        lumped += to.T @ masses  # each column of `to` picks a single dof
     return structure(case, stack, mass, stiffness, lumped)
 
 
@@ -191,37 +191,29 @@ def middle_masses(masses: FloatArray, h: FloatArray, *, is_tied: bool = False) -
     return result
 
 
-@dataclass(frozen=True)
-class Beam:
-    """The matrices of one lamina, the dofs at the clamp included; N = 2 n_nodes dofs."""
+def beam(
+    EI: float, rhoA: float, h: FloatArray, *, at_middles: bool = False, is_tied: bool = False
+) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray]:
+    """Return M, K and the diagonal of the lumped mass of a uniform beam, held dofs included.
 
-    mass: sp.csr_matrix  # (N, N)
-    stiffness: sp.csr_matrix  # (N, N)
-    lumped_mass: FloatArray  # (N,)
+    The mass is consistent, or at the middles of the elements; see `middle_masses`.
 
-    @classmethod
-    def of(
-        cls,
-        EI: float,
-        rhoA: float,
-        h: FloatArray,
-        *,
-        at_middles: bool = False,
-        is_tied: bool = False,
-    ) -> Beam:
-        """Assemble a uniform beam of stiffness EI [N m2], mass ρA [kg/m] and elements h [m].
-
-        Its mass is consistent, or at the middles of the elements; see `middle_masses`.
-        """
-        ends = element_lumped_mass(rhoA, h)
-        lumped = np.zeros(2 * h.size + 2)
-        lumped[:-2] += ends[:, :2].ravel()
-        lumped[2:] += ends[:, 2:].ravel()
-        mass = element_mass(rhoA, h)
-        if at_middles:  # N N^T with N = (1/2, h/8, 1/2, -h/8), the interpolants at the middle
-            N = np.outer([0.5, 0.125, 0.5, -0.125], [0.5, 0.125, 0.5, -0.125])
-            mass = _scaled(N, middle_masses(rhoA * h, h, is_tied=is_tied), h)
-        return cls(sum_elements(mass), sum_elements(element_stiffness(EI, h)), lumped)
+    Args:
+        EI: bending stiffness [N m2].
+        rhoA: mass per length [kg/m].
+        h: lengths of the elements, shape (n,) [m]; there are N = 2 (n + 1) dofs.
+        at_middles: whether the mass is at the middles of the elements.
+        is_tied: whether both ends are held or bonded.
+    """
+    ends = element_lumped_mass(rhoA, h)
+    lumped = np.zeros(2 * h.size + 2)
+    lumped[:-2] += ends[:, :2].ravel()
+    lumped[2:] += ends[:, 2:].ravel()
+    mass = element_mass(rhoA, h)
+    if at_middles:  # N N^T with N = (1/2, h/8, 1/2, -h/8), the interpolants at the middle
+        N = np.outer([0.5, 0.125, 0.5, -0.125], [0.5, 0.125, 0.5, -0.125])
+        mass = _scaled(N, middle_masses(rhoA * h, h, is_tied=is_tied), h)
+    return sum_elements(mass), sum_elements(element_stiffness(EI, h)), lumped
 
 
 def sum_elements(elements: FloatArray) -> sp.csr_matrix:

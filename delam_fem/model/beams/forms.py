@@ -68,20 +68,12 @@ class Hermite:
     """A mixed P1 × P1 space and the Hermite interpolant of its functions.
 
     Attributes:
-        comm: communicator of the mesh.
         mesh: dolfinx mesh of intervals.
         space: the space P1 × P1, or P1 × P1 × P1 with an axial field.
-        node_of_vertex: input node of each geometry node of this rank.
-        cell_of_cell: input cell of each cell of this rank, ghosts included.
-        n_fields: number of P1 fields of the space.
     """
 
-    comm: MPI.Intracomm
     mesh: Any
     space: Any
-    node_of_vertex: IntArray
-    cell_of_cell: IntArray
-    n_fields: int = 2
 
     @classmethod
     def on_line(
@@ -95,16 +87,8 @@ class Hermite:
             cells: node pairs in any order and direction, shape (n_cells, 2).
             has_axial: whether there is a third P1 field, the axial displacement.
         """
-        n_fields = 3 if has_axial else 2
-        mesh = _dolfinx.create_interval_mesh(comm, x, cells)
-        return cls(
-            comm,
-            mesh,
-            _dolfinx.mixed_space(mesh, n_fields),
-            np.asarray(mesh.geometry.input_global_indices, dtype=np.int64),
-            np.asarray(mesh.topology.original_cell_index, dtype=np.int64),
-            n_fields,
-        )
+        mesh = _dolfinx.create_mesh(comm, "interval", x, cells)
+        return cls(mesh, _dolfinx.mixed_space(mesh, 3 if has_axial else 2))
 
     def _ends(self, field: Any) -> tuple[Any, Any, Any, Any]:
         """Return X, J and the values of a P1 field at the start and the end of its cell, in UFL."""
@@ -136,20 +120,21 @@ class Hermite:
             values: a function (input cells of shape (k,), x of shape (k,)) -> values, shape (k,).
         """
         space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", COEFFICIENT_DEGREE)
-        points = space.tabulate_dof_coordinates()[:, 0]
+        points, given = space.tabulate_dof_coordinates()[:, 0], self.mesh.topology
         cells = np.empty(len(points), dtype=np.int64)
-        cells[_dolfinx.cell_dofs(space)] = self.cell_of_cell[:, None]
+        cells[_dolfinx.cell_dofs(space)] = np.asarray(given.original_cell_index)[:, None]
         return _dolfinx.function(space, values(cells, points))
 
     def _global_to_input(self) -> IntArray:
-        """Return the input dof (n_fields node + component) of each global dof, on every rank."""
-        index_map, rows = self.space.dofmap.index_map, []
-        nodes = self.node_of_vertex[_dolfinx.cell_nodes(self.mesh)]
-        for component in range(self.n_fields):
+        """Return the input dof (fields × node + component) of each global dof, on every rank."""
+        index_map, n, rows = self.space.dofmap.index_map, self.space.num_sub_spaces, []
+        input_nodes = np.asarray(self.mesh.geometry.input_global_indices, dtype=np.int64)
+        nodes = input_nodes[_dolfinx.cell_nodes(self.mesh)]
+        for component in range(n):
             local = _dolfinx.cell_dofs(self.space.sub(component))[: len(nodes)]
             dofs = index_map.local_to_global(local.ravel().astype(np.int32))
-            rows.append(np.column_stack([dofs, (self.n_fields * nodes + component).ravel()]))
-        table = np.vstack(self.comm.allgather(np.vstack(rows)))
+            rows.append(np.column_stack([dofs, (n * nodes + component).ravel()]))
+        table = np.vstack(self.mesh.comm.allgather(np.vstack(rows)))
         result = np.empty(index_map.size_global, dtype=np.int64)
         result[table[:, 0]] = table[:, 1]
         return result
@@ -162,7 +147,7 @@ class Hermite:
         n = matrix.getSize()[0]
         matrix.destroy()
         rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)) + first
-        pieces = self.comm.allgather((rows, columns, values))
+        pieces = self.mesh.comm.allgather((rows, columns, values))
         order = self._global_to_input()
         i, j, v = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
         gathered = sp.coo_matrix((v, (order[i], order[j])), shape=(n, n)).tocsr()

@@ -38,7 +38,7 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
     if not _dolfinx.has_adios2 or not frames.any():
         return None
     history = history.isel(frame=frames)
-    mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, *lines_at_rest(history))
+    mesh = _dolfinx.create_mesh(MPI.COMM_SELF, "interval", *lines_at_rest(history))
     fields = {name: np.hstack(list(history[name].to_numpy())) for name in FIELDS}
     states = by_interface(history["contact_state"])
     fields["contact_state"] = np.hstack(list(diagnostics.of_laminae(states).astype(np.float64)))

@@ -32,7 +32,7 @@ def test_lines_share_no_node(frames: xr.Dataset) -> None:
     assert cells.min() == 0 and cells.max() == 2 * n - 1
     assert (n - 1, n) not in set(map(tuple, cells.tolist()))
     shuffled = np.random.default_rng(1).permutation(cells)[:, ::-1]
-    mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, points, shuffled)
+    mesh = _dolfinx.create_mesh(MPI.COMM_SELF, "interval", points, shuffled)
     linear = _dolfinx.space(mesh, "Lagrange", 1)
     found = linear.tabulate_dof_coordinates()[:, :2]
     np.testing.assert_allclose(found, points[_dolfinx.input_nodes(linear)], rtol=0.0, atol=1e-15)
@@ -50,7 +50,7 @@ def test_three_laminae_are_three_lines() -> None:
         own = points[i * n : (i + 1) * n]
         np.testing.assert_array_equal(own[:, 0], x)
         np.testing.assert_allclose(own[:, 1], end * (x / x[4]) ** 2, rtol=1e-14)
-    mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, points, cells)
+    mesh = _dolfinx.create_mesh(MPI.COMM_SELF, "interval", points, cells)
     linear = _dolfinx.space(mesh, "Lagrange", 1)
     nodes = _dolfinx.input_nodes(linear)
     found = linear.tabulate_dof_coordinates()[:, :2]
