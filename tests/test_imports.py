@@ -187,7 +187,7 @@ def test_structures_come_through_one_door() -> None:
     passing = {m: taken for m in outside if (taken := own(nodes(m)) & ASSEMBLING)}
     assert passing == {"paper.ground": {"model.beams.closed_form"}}
     assert {n for n in imported(nodes("paper.ground")) if "closed_form" in n} == {
-        "delam_fem.model.beams.closed_form.Beam"  # matrices of a strip that is no case
+        "delam_fem.model.beams.closed_form.beam"  # matrices of a strip that is no case
     }
 
 
