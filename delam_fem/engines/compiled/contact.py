@@ -66,28 +66,14 @@ def _spread_springs(system, memory, values, sign):  # type: ignore[no-untyped-de
 
 
 @njit
-def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
-    """Write k U + c U̇ of the spring pairs at the end of the step to `out`."""
+def _spring_loads(system, law, memory, by_rate, field, out):  # type: ignore[no-untyped-def]
+    """Write k U + `by_rate` H x of the spring pairs to `out`; `field` numbers the field x of X."""
     X = memory.X
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
         out[j] = law.stiffness * _spring_gap(system, X, k)
-        if law.damping != 0.0:
-            out[j] += law.damping * _spring_rate(system, X, k, system.size)
-
-
-@njit
-def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
-    """Write k U + c U̇ of the spring pairs in the middle of the step to `out`.
-
-    U(θ) = U⁺ - (1-θ) Δt θ H z and U̇ = θ H z, θ = 1/2.
-    """
-    X, scheme = memory.X, system.scheme
-    by_rate = law.damping * scheme.theta - law.stiffness * scheme.p * (1.0 - scheme.theta)
-    for j in range(memory.counts[N_SPRINGS]):
-        k = memory.pairs[j]
-        out[j] = law.stiffness * _spring_gap(system, X, k)
-        out[j] += by_rate * _spring_rate(system, X, k, lk.P * system.size)
+        if by_rate != 0.0:
+            out[j] += by_rate * _spring_rate(system, X, k, field * system.size)
 
 
 @njit
@@ -111,11 +97,12 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     X, n, pairs = memory.X, memory.counts[N_SPRINGS], memory.pairs
     residual, forces, direction = memory.residual, memory.forces, memory.direction
     image = memory.image
-    softness = law.stiffness * system.scheme.q + law.damping * system.scheme.p
-    if system.is_chained:
-        _mean_spring_loads(system, law, memory, residual)
-    else:
-        _spring_loads(system, law, memory, residual)
+    scheme, by_rate, field = system.scheme, law.damping, lk.V
+    softness = law.stiffness * scheme.q + law.damping * scheme.p
+    if system.is_chained:  # in the middle of the step, U(θ) = U⁺ - (1-θ) Δt θ H z, U̇ = θ H z
+        by_rate = law.damping * scheme.theta - law.stiffness * scheme.p * (1.0 - scheme.theta)
+        field = lk.P
+    _spring_loads(system, law, memory, by_rate, field, residual)
     square = 0.0
     for j in range(n):
         square += residual[j] * residual[j]
@@ -197,7 +184,7 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
             load += system.base[j * size + i] * base[2 - j]
         X[R * size + i] = -load
     if memory.counts[N_SPRINGS]:
-        _spring_loads(system, law, memory, memory.residual)
+        _spring_loads(system, law, memory, law.damping, lk.V, memory.residual)
         for j in range(memory.counts[N_SPRINGS]):
             k = memory.pairs[j]
             spread_one(system, X, k, -system.roots[k] * memory.residual[j])

@@ -181,25 +181,14 @@ def _slopes(cell: IntArray, weight: FloatArray, gap0: FloatArray, n: int) -> Flo
 
 
 @njit(forceinline=True)
-def lowest_control(X, size, control, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest control value (P2) at the displacements u + ahead v."""
-    least, time = splat(np.inf), splat(ahead)
-    for i in range(0, size, 8):
-        # 16 numbers of `control` belong to a row: G, S, -t', t at rest of its node in each chain
-        u = fma(time, load(X, size + i), load(X, i))
-        phi = fma(time, load(X, size + i + 4), load(X, i + 4))
-        gap = swap_halves(u) - u + load(control, 2 * i)
-        slope = swap_halves(phi) - phi + load(control, 2 * i + 4)
-        least = smaller(fma(load(control, 2 * i + 8), slope, gap), least)
-        least = smaller(fma(load(control, 2 * i + 12), slope, gap), least)
-    return least_lane(least)
+def lowest_control(X, size, control, ahead, is_closing):  # type: ignore[no-untyped-def]
+    """Return the smallest C + ahead Ċ of all control values C (P2) at u and v.
 
-
-@njit(forceinline=True)
-def lowest_approach(X, size, control, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest C + min(ahead Ċ, 0) of all control values C (P2) at u and v."""
+    If `is_closing`, min(ahead Ċ, 0) takes the place of ahead Ċ.
+    """
     least, time, zero = splat(np.inf), splat(ahead), splat(0.0)
     for i in range(0, size, 8):
+        # 16 numbers of `control` belong to a row: G, S, -t', t at rest of its node in each chain
         u, phi, v, omega = (
             load(X, i), load(X, i + 4), load(X, size + i), load(X, size + i + 4)
         )  # fmt: skip
@@ -207,7 +196,9 @@ def lowest_approach(X, size, control, ahead):  # type: ignore[no-untyped-def]
         slope = swap_halves(phi) - phi + load(control, 2 * i + 4)
         rate, turn = time * (swap_halves(v) - v), time * (swap_halves(omega) - omega)
         for j in range(2 * i + 8, 2 * i + 16, 4):
-            shift = smaller(fma(load(control, j), turn, rate), zero)
+            shift = fma(load(control, j), turn, rate)
+            if is_closing:
+                shift = smaller(shift, zero)
             least = smaller(fma(load(control, j), slope, gap) + shift, least)
     return least_lane(least)
 
@@ -264,30 +255,16 @@ def measure_cells(points, size, X, ahead, is_closing, gap, rate):  # type: ignor
 
 
 @njit(forceinline=True)
-def see_cells(system, memory, ahead, touch):  # type: ignore[no-untyped-def]
-    """Return the smallest gap at u + ahead v, or a smaller number above `touch`.
+def see_cells(system, X, ahead, is_closing, touch, gap, rate):  # type: ignore[no-untyped-def]
+    """Return the smallest gap of `measure_cells`, or a smaller number above `touch`.
 
     `touch` is 0 or less. Unless the result is larger, write the gaps and the gap rates of all
-    pairs; see `measure_cells`.
+    pairs.
     """
-    X, size = memory.X, system.size
-    least = lowest_control(X, size, system.points.control, ahead)
+    least = lowest_control(X, system.size, system.points.control, ahead, is_closing)
     if least > touch:
         return least
-    return measure_cells(system.points, size, X, ahead, False, memory.gap, memory.rate)
-
-
-@njit(forceinline=True)
-def see_cells_approach(system, memory, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest U + min(ahead U̇, 0), or a smaller number above 0; see `see_cells`.
-
-    The values go to `present_gap` and `present_rate`: `gap` and `rate` are those of the law.
-    """
-    X, size, gap, rate = memory.X, system.size, memory.present_gap, memory.present_rate
-    least = lowest_approach(X, size, system.points.control, ahead)
-    if least > 0.0:
-        return least
-    return measure_cells(system.points, size, X, ahead, True, gap, rate)
+    return measure_cells(system.points, system.size, X, ahead, is_closing, gap, rate)
 
 
 MOST_DOFS = 320

@@ -162,7 +162,7 @@ class Memory(NamedTuple):
         is_known: whether a column of W is known, for each size of steps, shape (3 n_pairs,).
         gap, rate: gaps and gap rates of all pairs at the examined instant, each shape (n_pairs,).
         present_gap, present_rate: gaps and gap rates of the state, in modes, or of
-            `modes.see_cells_approach`, each of shape (n_pairs,).
+            `steps._mark_points`, each of shape (n_pairs,).
         hit: a list of the pairs that are hit now, shape (n_pairs,).
         impulse, rate_pre, rate_post: values of the hit pairs, each of shape (n_pairs,).
         change: W p of the hit pairs, shape (n_pairs,) [m/s].

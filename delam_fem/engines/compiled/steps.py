@@ -107,7 +107,7 @@ def look_ahead(system, law, memory, is_clear):  # type: ignore[no-untyped-def]
     if system.is_modal:
         return modes.measure(system, memory, ahead)
     if system.is_within:
-        return modes.see_cells(system, memory, ahead, 0.0)
+        return modes.see_cells(system, memory.X, ahead, False, 0.0, memory.gap, memory.rate)
     smallest = smallest_gap(system, memory.X, ahead)
     if smallest <= 0.0 or system.is_touching:
         measure(system, memory.X, ahead, memory.gap, memory.rate)
@@ -207,7 +207,7 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
         return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
     if system.is_within:
         touch = -np.inf if law.kind == NONE else 0.0
-        return flow, modes.see_cells(system, memory, 0.0, touch)
+        return flow, modes.see_cells(system, X, 0.0, False, touch, memory.gap, memory.rate)
     return flow, smallest
 
 
@@ -318,10 +318,10 @@ def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-d
 def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
     """Return and mark the same as `_mark_near` for pairs inside the elements."""
     X, found = memory.X, False
-    n_springs = memory.counts[N_SPRINGS]
-    if modes.see_cells_approach(system, memory, ahead) <= 0.0:
+    n_springs, seen = memory.counts[N_SPRINGS], memory.present_gap  # the law has `gap`
+    if modes.see_cells(system, X, ahead, True, 0.0, seen, memory.present_rate) <= 0.0:
         for k in range(system.n_pairs):
-            if memory.present_gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
+            if seen[k] <= 0.0 and not (n_springs and memory.resting[k]):
                 found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
                 if level == COARSE:
                     memory.near[k] = 1

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -16,6 +17,7 @@ import scipy.sparse as sp
 from petsc4py import PETSc
 
 from delam_fem.engines.petsc import linear_algebra
+from delam_fem.engines.petsc.linear_algebra import new_vector
 from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread, whole
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.recorder import N_BASE, Energies
@@ -63,8 +65,8 @@ class Dynamics:
         parts = memory, memory[: 2 * n], memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n]
         self._all, self._motion, self.u, self.v, self.a = map(linear_algebra.vector_in, parts)
         self._drive = linear_algebra.vector_in(memory[3 * n :])
-        self._residual, self._load, self._response, self._point = (self._vector() for _ in range(4))
-        self._rayleigh = o.rayleigh and [self._vector(values) for values in o.rayleigh]
+        self._residual, self._load, self._response, self._point = (new_vector(n) for _ in range(4))
+        self._rayleigh = o.rayleigh and [new_vector(n, values) for values in o.rayleigh]
         base = np.column_stack([o.base.stiffness, o.base.damping, o.base.mass])
         self._base_columns = matrix(base, MPI.COMM_SELF)
         self._stacks: list[PETSc.Mat] = []
@@ -83,13 +85,6 @@ class Dynamics:
         self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
         self.is_resting = False
         self.spring_stiffness = 0.0
-
-    def _vector(self, values: FloatArray | None = None) -> PETSc.Vec:
-        """Return a new vector of the own dofs, 0 or with given values, shape (n_own,)."""
-        result = PETSc.Vec().createSeq(self.operators.n_own)
-        if values is not None:
-            result.array[:] = values
-        return result
 
     def _factor(
         self, of_damping: float, of_stiffness: float, prefix: str, scale: float
@@ -266,14 +261,18 @@ class Dynamics:
         """Return H v, shape (n_pairs,) [m/s]."""
         return self._rate_values
 
-    def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
-        """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
+    def _compliance(self, factor: linear_algebra.Factor) -> linear_algebra.LazyCompliance:
+        """Return H B⁻¹ Hᵀ of a factorised matrix B."""
+        return linear_algebra.LazyCompliance(self.operators.n_pairs, partial(self._column, factor))
+
+    def _column(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
+        """Return H B⁻¹ Hᵀ e of the unit vector e of a pair, shape (n_pairs,)."""
         self._impulse.values[:] = 0.0
         self._impulse.values[pair] = 1.0
         self._H.multTranspose(self._impulse.total, self._load)
         factor.solve(self._load, self._response)
         self._H.mult(self._response, self._rate.own)
-        return self._rate.gather().copy()
+        return factor.scale * self._rate.gather()
 
     # -- for recorders ------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ solves copy the shares into distributed vectors and back. The copies cost little
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -50,6 +51,13 @@ class Product(Protocol):
 def vector_in(memory: FloatArray) -> PETSc.Vec:
     """Return a sequential vector in the memory of an array, which it keeps alive."""
     return PETSc.Vec().createWithArray(memory, comm=PETSc.COMM_SELF)
+
+
+def new_vector(n: int, values: FloatArray | float = 0.0) -> PETSc.Vec:
+    """Return a new sequential vector of n numbers."""
+    result = PETSc.Vec().createSeq(n)
+    result.array[:] = values
+    return result
 
 
 def block(whole: PETSc.Mat, is_uncoupled: bool) -> PETSc.Mat:
@@ -378,27 +386,17 @@ ROOM = 100_000
 """Number of entries up to which blocks of pairs are kept: contact returns to the same pairs."""
 
 
-class Responding(Protocol):
-    """An object that computes the response of all gaps to a load on one pair; see dynamics.py."""
-
-    operators: DistributedOperators
-
-    def response(self, factor: Factor, pair: int) -> FloatArray:
-        """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
-
-
 class LazyCompliance:
     """H B^-1 H^T of a factorised matrix B; each column is computed when it is first needed."""
 
-    def __init__(self, dynamics: Responding, factor: Factor) -> None:
+    def __init__(self, n: int, column: Callable[[int], FloatArray]) -> None:
         """Prepare the computation of columns; compute none yet.
 
         Args:
-            dynamics: object that owns H and computes responses.
-            factor: factor of B.
+            n: number of pairs.
+            column: function that computes the column of a pair, shape (n,).
         """
-        n = dynamics.operators.n_pairs
-        self._dynamics, self._factor = dynamics, factor
+        self._column = column
         self._columns = np.empty((0, n))  # one below the other, in the order of their computation
         self._place = np.full(n, -1)
         self._n_known = 0
@@ -414,8 +412,7 @@ class LazyCompliance:
             more = np.empty((max(room, 2 * self._n_known) - self._n_known, self._place.size))
             self._columns = np.concatenate([self._columns[: self._n_known], more])
         for k in missing.tolist():
-            response = self._dynamics.response(self._factor, k)
-            self._columns[self._n_known] = self._factor.scale * response
+            self._columns[self._n_known] = self._column(k)
             self._place[k] = self._n_known
             self._n_known += 1
 

@@ -31,7 +31,7 @@ from petsc4py import PETSc
 from delam_fem.contact.laws import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import Dynamics
-from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance
+from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance, new_vector
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.mpi import MPI
@@ -103,14 +103,14 @@ class Newmark(Dynamics):
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._now = self._sizes[-1]
         self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
-        self._velocities, self._kept_a = self._vector(), self._vector()
+        self._velocities, self._kept_a = new_vector(o.n_own), new_vector(o.n_own)
         self._kept_motion, self._kept_losses = self._motion.duplicate(), (0.0, 0.0)
         self._kept_damped = self.damped.copy()
         self._coupled = coupled_impulses
-        inverse = np.zeros(o.n_own) if coupled_impulses else 1.0 / o.require_lumped_mass()
-        self._inverse_lumped = self._vector(inverse)
+        inverse = 0.0 if coupled_impulses else 1.0 / o.require_lumped_mass()
+        self._inverse_lumped = new_vector(o.n_own, inverse)
         self.compliance: Compliance = (
-            LazyCompliance(self, self._M_factor) if coupled_impulses else LumpedCompliance(o)
+            self._compliance(self._M_factor) if coupled_impulses else LumpedCompliance(o)
         )
         self._pairs = np.flatnonzero(self.resting)
         self._roots = None if o.pair_weights is None else np.sqrt(o.pair_weights)
@@ -124,7 +124,7 @@ class Newmark(Dynamics):
         softness = self.spring_stiffness * to_u + self._spring_damping * to_v
         keep_u, keep_v = (0.5 - beta) * dt**2, (1.0 - gamma) * dt
         stack = self._stack(*(dt, -1.0) if self._is_average else (0.0, 0.0))
-        S = LazyCompliance(self, factor)
+        S = self._compliance(factor)
         return _Size(dt, to_u, to_v, keep_u, keep_v, softness, factor, stack, S)
 
     def use(self, level: int) -> None:

@@ -38,6 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from petsc4py import PETSc
@@ -46,44 +47,13 @@ from delam_fem.contact.laws import Decision
 from delam_fem.contact.rules import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import BaseState, Dynamics
-from delam_fem.engines.petsc.linear_algebra import LazyCompliance, Product
+from delam_fem.engines.petsc.linear_algebra import LazyCompliance, Product, new_vector
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
-
-@dataclass
-class Weights:
-    """The factors of R2 for a matrix s B, with which s B Δ = b gives C Δ.
-
-    Attributes:
-        of_load: β / (s (c β + k)).
-        of_inertia: α - β (1 + c α) / (c β + k).
-    """
-
-    of_load: PETSc.Vec
-    of_inertia: PETSc.Vec
-
-    @classmethod
-    def of(
-        cls, rayleigh: tuple[FloatArray, FloatArray], c: float, k: float, scale: float
-    ) -> Weights:
-        """Return the factors for B = M + c C + k K.
-
-        Args:
-            rayleigh: α and β at the own dofs, each of shape (n_own,).
-            c: factor of C in B.
-            k: factor of K in B.
-            scale: s.
-        """
-        alpha, beta = rayleigh
-        share = beta / (c * beta + k)
-        return cls(_vector(share / scale), _vector(alpha - share * (1.0 + c * alpha)))
-
-    def destroy(self) -> None:
-        """Free the vectors."""
-        self.of_load.destroy()
-        self.of_inertia.destroy()
+Weights: TypeAlias = tuple[PETSc.Vec, PETSc.Vec]
+"""Factors of R2; see `RayleighDamping.weights`."""
 
 
 class RayleighDamping:
@@ -98,11 +68,23 @@ class RayleighDamping:
             rayleigh: α and β at the own dofs, each of shape (n_own,) [1/s, s].
         """
         self._M, self._K, self.rayleigh = M, K, rayleigh
-        self._alpha, self._beta = (_vector(values) for values in rayleigh)
+        n = rayleigh[0].size
+        self._alpha, self._beta = (new_vector(n, values) for values in rayleigh)
         self._momentum, self._kept_momentum, self._work, self._point = (
-            _vector(0.0 * rayleigh[0]) for _ in range(4)
+            new_vector(n) for _ in range(4)
         )
         self._square = self._square_start = self._cross = self._kept_square = 0.0
+
+    def weights(self, c: float, k: float, scale: float) -> Weights:
+        """Return the factors of R2 for a matrix s B, with which s B Δ = b gives C Δ.
+
+        Returns:
+            Those of the load, β / (s (c β + k)), and of the inertia, α - β (1 + c α) / (c β + k).
+        """
+        alpha, beta = self.rayleigh
+        share = beta / (c * beta + k)
+        n, of_inertia = share.size, alpha - share * (1.0 + c * alpha)
+        return new_vector(n, share / scale), new_vector(n, of_inertia)
 
     def renew(self, v: PETSc.Vec) -> None:
         """Compute M v and s = vᵀ C v anew (collective)."""
@@ -154,8 +136,9 @@ class RayleighDamping:
         inertia, damped = self._point, self._work
         self._M.mult(change, inertia)
         self._momentum.axpy(factor, inertia)
-        damped.pointwiseMult(weights.of_load, load)
-        inertia.pointwiseMult(weights.of_inertia, inertia)
+        of_load, of_inertia = weights
+        damped.pointwiseMult(of_load, load)
+        inertia.pointwiseMult(of_inertia, inertia)
         damped.axpy(1.0, inertia)
         self._square += 2.0 * factor * damped.dot(v) + factor**2 * damped.dot(change)
         self._cross += factor * damped.dot(start)
@@ -172,13 +155,6 @@ class RayleighDamping:
             *(self._work, self._point),
         ):
             vector.destroy()
-
-
-def _vector(values: FloatArray) -> PETSc.Vec:
-    """Return a new vector of the own dofs."""
-    result = PETSc.Vec().createSeq(values.size)
-    result.array[:] = values
-    return result
 
 
 ROOM = 1_000_000
@@ -261,11 +237,11 @@ class MoreauJean(Dynamics):
 
     def _size(self, time_step: float) -> _Size:
         """Return a size of steps with its factor, whose scale makes the residual give v⁺ - v."""
-        reach, scale, rayleigh = self._theta * time_step, -1.0 / time_step, self.operators.rayleigh
+        reach, scale, damping = self._theta * time_step, -1.0 / time_step, self._damping
         factor = self._factor(reach, reach**2, "moreau_", scale)
-        weights = None if rayleigh is None else Weights.of(rayleigh, reach, reach**2, scale)
-        stack = None if self._damping is not None else self._stack(reach, 0.0)
-        return _Size(time_step, factor, stack, LazyCompliance(self, factor), weights)
+        weights = None if damping is None else damping.weights(reach, reach**2, scale)
+        stack = None if damping is not None else self._stack(reach, 0.0)
+        return _Size(time_step, factor, stack, self._compliance(factor), weights)
 
     def begin(self, base_states: FloatArray) -> Sequence[BaseState]:
         """Begin a period; see `Dynamics`."""
@@ -423,8 +399,8 @@ class MoreauJean(Dynamics):
             for response in size.responses.values():
                 for vector in response:
                     vector.destroy()
-            if size.weights is not None:
-                size.weights.destroy()
+            for weight in size.weights or ():
+                weight.destroy()
         if self._damping is not None:
             self._damping.destroy()
         for thing in (self._motion_start, self._start, self._predicted, self._rate_start):

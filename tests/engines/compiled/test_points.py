@@ -36,8 +36,8 @@ system_at, memory_at = view_at(System), view_at(Memory)
 def lowest(system, state, ahead):  # type: ignore[no-untyped-def]
     s, m = system_at(system), memory_at(state)
     return (
-        modes.lowest_control(m.X, s.size, s.points.control, ahead),
-        modes.lowest_approach(m.X, s.size, s.points.control, ahead),
+        modes.lowest_control(m.X, s.size, s.points.control, ahead, False),
+        modes.lowest_control(m.X, s.size, s.points.control, ahead, True),
     )
 
 
