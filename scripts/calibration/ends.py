@@ -21,7 +21,7 @@ from delam_fem.studies.detection.indices import CONFIDENCE, mark, repeated
 from delam_fem.studies.detection.infer import prior_of
 from delam_fem.studies.detection.population import Specimen, population
 
-NOISE_DB, REPETITIONS = 40.0, 60
+NOISE_DB, REPETITIONS, TRUTHS = 40.0, 60, 250
 NOISY = "noise differs from point to point (log-normal, σ 0.7)"
 
 
@@ -29,17 +29,19 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
     case, found = df.preset("embedded"), []
     whole, surface = intact(case), surface_of(case, None)
-    *others, _ = rigs(case, 250)  # the last has the noise of `infer`
-    every = rigs(case, 250) | {OWN: {}, NOISY: {}}
+    *others, _ = rigs(case, TRUTHS)  # the last has the noise of `infer`
+    every = rigs(case, TRUTHS) | {OWN: {}, NOISY: {}}
     for number, rig in enumerate((*others, NOISY)):
-        n = (250 if rig == OWN else 40) if is_long else 6 * (rig in (OWN, SHAKER))
+        n = TRUTHS if is_long else 6 * (rig in (OWN, SHAKER))
         if not n:
             continue
-        rng = np.random.default_rng([9, number])
+        rng = np.random.default_rng([9, number] if rig == OWN else [19, number])
         specimens = [
             Specimen(middle - 0.5 * length, middle + 0.5 * length, depth, "clamped", frequency)
             for (middle, length, depth), frequency in zip(
-                uniform(prior_of(case), n, 200 + number), rng.uniform(60.0, 400.0, n), strict=True
+                uniform(prior_of(case), n, (200 if rig == OWN else 300) + number),
+                rng.uniform(60.0, 400.0, n),
+                strict=True,
             )
         ]
         own = {key: values[:n] for key, values in every[rig].items()}
