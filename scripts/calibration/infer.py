@@ -27,7 +27,7 @@ from delam_fem.studies.options import Infer
 
 NOISE_DB, LOUD_DB, N_LINES = 40.0, 30.5, 14
 """Noise of most scans, that of the noisy ones (3 %) [dB], lines from which it is estimated."""
-LEVEL = 0.9
+LEVEL, TRUTHS = 0.9, 200
 MESH = "40 elements, not 20"
 NOISY = "noise 3 %, differs from point to point (log-normal, σ 0.7)"
 SHAKER = "shaker with 1 % of second harmonic"
@@ -35,8 +35,7 @@ SHAKER = "shaker with 1 % of second harmonic"
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    few = {OWN: 4, SHAKER: 4}
-    size, truths = (1000, {OWN: 200, MESH: 40}) if is_long else (100, few)
+    size = 1000 if is_long else 100
     case = df.preset("embedded")
     prior = infer.prior_of(case)
     parameters = uniform(prior, size, 7)
@@ -44,14 +43,14 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     known = known_of(case, table, parameters, prior)
     wide = np.subtract(*np.quantile(infer.edges(uniform(prior, 9999, 1)), [0.95, 0.05], axis=0))
     found = []
-    for number, (rig, keys) in enumerate(rigs(case, 200).items()):
-        n = truths.get(rig, 80 if is_long else 0)
+    for number, (rig, keys) in enumerate(rigs(case, TRUTHS).items()):
+        n = TRUTHS if is_long else 4 * (rig in (OWN, SHAKER))
         if not n:
             continue
-        given = uniform(prior, n, 100 + number)
+        given = uniform(prior, n, (100 if rig == OWN else 400) + number)
         also = {key: values[:n] for key, values in keys.items()}
         runs = computed(case, given, folder / f"rig-{number}", also)
-        rng = np.random.default_rng([6, number])
+        rng = np.random.default_rng([6 if rig == OWN else 16, number])
         whole = np.flatnonzero(np.isfinite(runs.rms.reshape(2, n)).all(axis=0)).tolist()
         noise, lines, judge = NOISE_DB, np.inf, known
         if rig == NOISY:  # the table has the noise that the first of the scans shows
