@@ -36,7 +36,7 @@ def test_an_interface_without_a_pair_at_the_probes_is_never_hit_there() -> None:
     recorded = three_laminae()
     layout, o = recorded.structure.layout, recorded.structure.operators
     lower, upper = layout.interfaces
-    inner = replace(upper, points=upper.points[:2])
+    inner = replace(upper, places=upper.places[:2])
     fewer = replace(
         o, gap0=o.gap0[:7], gap_matrix=o.gap_matrix[:7], pair_weights=None
     )  # five pairs below, two above
