@@ -29,7 +29,7 @@ from calibration.row import Row
 import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray
-from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, StrobeMap
+from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, ProblemMap, StrobeMap
 from delam_fem.studies.orbits.newton import USUAL
 from delam_fem.studies.orbits.run import LEFT, Orbit
 from delam_fem.studies.orbits.search import (
@@ -118,7 +118,7 @@ def verdict_and_truth(case: Case, periods: int) -> tuple[str, bool]:
     parameter = 1.0 / case.period
     family = CaseFamily(case, FREQUENCY)
     map_, start = settled_map(family.map(), parameter, SETTLE)
-    assert isinstance(map_, StrobeMap)
+    assert isinstance(map_, ProblemMap)
     at_end = settled(map_, parameter, start, RESETTLE)
     guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
     coarse = coarse_orbit(map_, parameter, guess, periods, USUAL, multiple)
@@ -131,7 +131,7 @@ def verdict_and_truth(case: Case, periods: int) -> tuple[str, bool]:
     return found.stability, stays(finer, parameter, state, periods)
 
 
-def stays(map_: StrobeMap, parameter: float, orbit: FloatArray, periods: int) -> bool:
+def stays(map_: ProblemMap, parameter: float, orbit: FloatArray, periods: int) -> bool:
     """Return whether a motion that begins beside an orbit stays there."""
     y = map_.slow.of(orbit)
     aside = np.random.default_rng(7).standard_normal(y.size)
