@@ -390,9 +390,9 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         if kind in _NOT_PERIODIC and isinstance(output, dict):  # the window is the whole run
             data["output"] = {k: v for k, v in output.items() if k not in _OF_PERIODS}
     for key, value in overrides.items():
-        if key == "contact.law" and isinstance(value, str) and "@" in value:
-            value, _, scheme = value.partition("@")  # a law with its scheme
-            set_key(data, "time.scheme", scheme)
+        table = data.get("time")
+        if key == "contact.law" and "@" in str(value) and isinstance(table, dict):
+            table.pop("scheme", None)  # the law brings its own
         if key.startswith("lamina."):
             _leave_material(data, key)
         set_key(data, key, value)

@@ -221,19 +221,16 @@ def network(case: Case, x: FloatArray) -> Network:
     axial: dict[tuple[int, int], int] = {}
     n_free = n_axial = 0
     supports = {0: case.support.start, n: case.support.end}
-    inner = {_node(x, own.position): own for own in case.support.held}
+    inner = {node_at(x, own.position): own for own in case.support.held}
     junctions = {0, *(s.last for s in segments)}
     for node in range(n + 1):
-        touching = [s.groups for s in segments if s.first <= node <= s.last]
         kind = supports.get(node, "free")
-        for cluster in joined(touching):
+        for cluster in clusters(segments, node):
             own = [n_free, n_free + 1]
             if kind != "free":
                 is_rigid = kind == "clamped" and case.support.rotational_stiffness is None
                 own = [BASE, FIXED if is_rigid else n_free]
-            elif node in inner and (
-                inner[node].lamina in (None, *(case.lamina[i].name for i in cluster))
-            ):
+            elif node in inner and holds(inner[node], case, cluster):
                 own = [BASE, FIXED if inner[node].kind == "clamped" else n_free]
             dofs[list(cluster), node] = own
             n_free += sum(dof >= 0 for dof in own)
@@ -263,6 +260,16 @@ def never_opens(case: Case) -> str | None:
         "A), as with a mid-plane delamination between equal laminae, and move alike; take another "
         "depth, or a force at a point of one lamina"
     )
+
+
+def clusters(segments: Sequence[Segment], node: int) -> tuple[Group, ...]:
+    """Return the groups of laminae that are bonded at a node, on either side of it."""
+    return joined([own.groups for own in segments if own.first <= node <= own.last])
+
+
+def holds(support: InnerSupport, case: Case, cluster: Group) -> bool:
+    """Return whether a support inside the span holds the laminae of a cluster."""
+    return support.lamina in (None, *(case.lamina[i].name for i in cluster))
 
 
 def joined(groupings: Sequence[Sequence[Group]]) -> tuple[Group, ...]:
@@ -355,7 +362,7 @@ def _segments(case: Case, x: FloatArray) -> tuple[Segment, ...]:
     """Return the segments of a case between its junctions."""
     names = [lamina.name for lamina in case.lamina]
     spans = [
-        (names.index(own.between[1]), _node(x, own.start), _node(x, own.end))
+        (names.index(own.between[1]), node_at(x, own.start), node_at(x, own.end))
         for own in case.delamination
     ]
     junctions = sorted({0, x.size - 1, *(node for _, *edges in spans for node in edges)})
@@ -368,7 +375,7 @@ def _segments(case: Case, x: FloatArray) -> tuple[Segment, ...]:
     return tuple(segments)
 
 
-def _node(x: FloatArray, place: float) -> int:
+def node_at(x: FloatArray, place: float) -> int:
     """Return the node nearest to a place."""
     return int(np.argmin(np.abs(x - place)))
 
@@ -692,7 +699,7 @@ def layout_of(
     held = ((0, case.support.start), (x.size - 1, case.support.end))
     supports = [Support(i, node, kind) for i in numbers for node, kind in held if kind != "free"]
     supports += [
-        Support(i, _node(x, own.position), own.kind)
+        Support(i, node_at(x, own.position), own.kind)
         for own in case.support.held
         for i in numbers
         if own.lamina in (None, parts[i].name)
@@ -735,7 +742,7 @@ def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
 def _nearest(x: FloatArray, place: float, case: Case) -> int:
     """Return the inner node nearest to a place that no support holds."""
     distance = np.abs(x[1:-1] - place)
-    distance[[_node(x, own.position) - 1 for own in case.support.held]] += case.length
+    distance[[node_at(x, own.position) - 1 for own in case.support.held]] += case.length
     return 1 + int(np.argmin(distance))
 
 

@@ -51,7 +51,8 @@ from scipy.sparse.csgraph import connected_components
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import InnerSupport
 from delam_fem.model import _dolfinx, operators
-from delam_fem.model.mesh import NODE_TOLERANCE
+from delam_fem.model.beams.network import clusters, holds, network, node_at
+from delam_fem.model.mesh import NODE_TOLERANCE, edges
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import TENSOR, SolidMesh, jacobians_of
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -131,28 +132,23 @@ def _inside(case: Case, solid: Solid, support: InnerSupport) -> Iterator[Held]:
     own = solid.first_node + np.flatnonzero(is_there)
     pieces = solid.comm.allgather((own, lowest[is_there], highest[is_there]))
     nodes, low, high = (np.concatenate(values) for values in zip(*pieces, strict=True))
-    held = [i for i, one in enumerate(case.lamina) if support.lamina in (None, one.name)]
-    groups: list[list[int]] = []
-    for i in held:
-        if not np.any(high == i):
+    at = edges(case)
+    for cluster in clusters(network(case, at).segments, node_at(at, support.position)):
+        if not holds(support, case, cluster):
+            continue
+        chosen = nodes[(high >= cluster[0]) & (low <= cluster[-1])]
+        if not chosen.size:
             raise CaseError(
                 f"support.position: expected nodes of the mesh at {support.position:g} m in lamina "
-                f"{case.lamina[i].name}; refine it there, or give a spring"
+                f"{case.lamina[cluster[0]].name}; refine it there, or give a spring"
             )
-        if groups and np.any((low < i) & (high >= i)):
-            groups[-1].append(i)
-        else:
-            groups.append([i])
-    for group in groups:
-        chosen = nodes[(high >= group[0]) & (low <= group[-1])]
-        across = solid.dim * chosen + Y
         none = np.full(chosen.size, -1, dtype=np.int64)
-        flat = np.full(chosen.size, group[0] if len(group) == 1 else SHARED, dtype=np.int64)
-        yield Held(across, np.ones(chosen.size), np.zeros(chosen.size), none, flat)
+        lamina = np.full(chosen.size, cluster[0] if len(cluster) == 1 else SHARED, dtype=np.int64)
+        across, along = solid.dim * chosen + Y, solid.dim * chosen + X
+        yield Held(across, np.ones(chosen.size), np.zeros(chosen.size), none, lamina)
         if support.kind == "clamped":
-            along = solid.dim * chosen + X
             first = np.full(chosen.size, along[0])
-            yield Held(along, np.zeros(chosen.size), np.ones(chosen.size), first, flat)
+            yield Held(along, np.zeros(chosen.size), np.ones(chosen.size), first, lamina)
 
 
 def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> float:
