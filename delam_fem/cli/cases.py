@@ -17,7 +17,6 @@ from delam_fem.cli.console import (
     Quiet,
     case_of,
     overrides_in,
-    reported,
     require_one,
     say_files,
     table,
@@ -72,36 +71,35 @@ def new_command(
     ] = False,
 ) -> None:
     """Write a commented case file with every key: its unit, its default, its meaning."""
-    with reported():
-        from delam_fem.case.definition import Case
-        from delam_fem.case.files import PRESETS, preset_text
-        from delam_fem.case.keys import case_schema, case_text
-        from delam_fem.system.files import write_text
+    from delam_fem.case.definition import Case
+    from delam_fem.case.files import PRESETS, preset_text
+    from delam_fem.case.keys import case_schema, case_text
+    from delam_fem.system.files import write_text
 
-        way = require_one(**{"kind": kind, "from": source, "list": presets, "schema": schema})
-        file = name or "beam"
-        path = Path(file if file.endswith(SUFFIX) else file + SUFFIX)
-        if way in ("list", "schema"):
-            if name is not None:
-                raise CaseError(f"new {name}: no NAME goes with --{way}; leave it out")
-            schema_text = json.dumps(case_schema(), indent=1, ensure_ascii=False)
-            lines = "\n".join(PRESETS) if presets else schema_text
-            typer.echo(lines if output is None else write_text(output, lines + "\n"))
-            return
-        text = case_text(kind or "apart", path.stem) if source is None else preset_text(source)
-        if source is not None and name is not None:
-            text = text.replace(f'name = "{source}"', f"name = {json.dumps(path.stem)}", 1)
-        Case.from_toml(text)  # refuses a name that is none
-        if source is not None and (name or output) is None:
-            typer.echo(text, nl=False)
-            return
-        path = output or path
-        if path.exists():
-            raise CaseError(f"new {path}: exists; give another NAME, or remove the file")
-        if not path.parent.is_dir():
-            raise CaseError(f"new {path}: expected an existing folder, given {path.parent}")
-        write_text(path, text)
-        typer.echo(path)
+    way = require_one(**{"kind": kind, "from": source, "list": presets, "schema": schema})
+    file = name or "beam"
+    path = Path(file if file.endswith(SUFFIX) else file + SUFFIX)
+    if way in ("list", "schema"):
+        if name is not None:
+            raise CaseError(f"new {name}: no NAME goes with --{way}; leave it out")
+        schema_text = json.dumps(case_schema(), indent=1, ensure_ascii=False)
+        lines = "\n".join(PRESETS) if presets else schema_text
+        typer.echo(lines if output is None else write_text(output, lines + "\n"))
+        return
+    text = case_text(kind or "apart", path.stem) if source is None else preset_text(source)
+    if source is not None and name is not None:
+        text = text.replace(f'name = "{source}"', f"name = {json.dumps(path.stem)}", 1)
+    Case.from_toml(text)  # refuses a name that is none
+    if source is not None and (name or output) is None:
+        typer.echo(text, nl=False)
+        return
+    path = output or path
+    if path.exists():
+        raise CaseError(f"new {path}: exists; give another NAME, or remove the file")
+    if not path.parent.is_dir():
+        raise CaseError(f"new {path}: expected an existing folder, given {path.parent}")
+    write_text(path, text)
+    typer.echo(path)
 
 
 def check_command(
@@ -115,16 +113,15 @@ def check_command(
     ] = "petsc",
 ) -> None:
     """Check cases and sweeps as a run would before its first step, and show what they are."""
-    with reported():
-        failed = 0
-        for name in names:
-            try:
-                _show(name, overrides, engine)
-            except CaseError as error:
-                tell(f"delam-fem: {error}")
-                failed += 1
-        if failed:
-            raise typer.Exit(BAD_INPUT)
+    failed = 0
+    for name in names:
+        try:
+            _show(name, overrides, engine)
+        except CaseError as error:
+            tell(f"delam-fem: {error}")
+            failed += 1
+    if failed:
+        raise typer.Exit(BAD_INPUT)
 
 
 def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
@@ -266,18 +263,17 @@ def reduce_command(
     quiet: Quiet = False,
 ) -> None:
     """Reduce a model to modes and residual flexibility, for every other command."""
-    with reported(quiet):
-        from delam_fem.model.reduction import reduced_case
-        from delam_fem.system.files import claimed
+    from delam_fem.model.reduction import reduced_case
+    from delam_fem.system.files import claimed
 
-        case = case_of(case_name, overrides)
-        folder = output or Path("runs") / f"{case.name}-reduction"
-        with claimed(folder, inputs=case.files.values(), may_hold_results=overwrite) as directory:
-            found = reduced_case(case, modes, coordinates=coordinates)
-            paths = found.save(directory)
-        if not quiet:
-            _show_operators(found, paths[0])
-            say_files(paths)
+    case = case_of(case_name, overrides)
+    folder = output or Path("runs") / f"{case.name}-reduction"
+    with claimed(folder, inputs=case.files.values(), may_hold_results=overwrite) as directory:
+        found = reduced_case(case, modes, coordinates=coordinates)
+        paths = found.save(directory)
+    if not quiet:
+        _show_operators(found, paths[0])
+        say_files(paths)
 
 
 def _show_operators(found: Reduction, path: Path) -> None:
@@ -319,7 +315,6 @@ def operators_command(
     quiet: Quiet = False,
 ) -> None:
     """Write M, C, K, H, g0 and the vectors of the base for other programs (NumPy or MATLAB)."""
-    with reported(quiet):
-        from delam_fem.results.export import operators
+    from delam_fem.results.export import operators
 
-        say_files([operators(case_of(case_name, overrides), output)], quiet)
+    say_files([operators(case_of(case_name, overrides), output)], quiet)

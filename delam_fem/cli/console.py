@@ -22,8 +22,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, TypeAlias, get_type_hints
 
@@ -242,34 +240,15 @@ LogFile = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What a user wants to see.
-
-    Attributes:
-        verbose: whether to show messages of the level DEBUG.
-        log_file: file that gets all messages; None: none.
-    """
-
-    verbose: bool = False
-    log_file: Path | None = None
-
-
-_wanted: ContextVar[Wanted | None] = ContextVar("_wanted", default=None)
-
-
 def with_messages(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command with the options `-v` and `--log` besides its own."""
+    """Return a command within `reported`, with the options `-v` and `--log` besides its own."""
     hints, own = get_type_hints(command, include_extras=True), inspect.signature(command).parameters
     parameters = {name: (hints[name], parameter.default) for name, parameter in own.items()}
 
     @functools.wraps(command)
     def called(*args: Any, verbose: bool, log_file: Path | None, **options: Any) -> None:
-        token = _wanted.set(Wanted(verbose, log_file))
-        try:
+        with reported(options.get("quiet", False), verbose, log_file):
             command(*args, **options)
-        finally:
-            _wanted.reset(token)
 
     del called.__wrapped__  # typer reads the parameters of the function below all wrappers
     take(called, parameters | {"verbose": (Verbose, False), "log_file": (LogFile, None)})
@@ -288,24 +267,18 @@ def take(command: Callable[..., None], parameters: Mapping[str, tuple[Any, Any]]
 
 
 @contextmanager
-def shown(*, quiet: bool, is_first: bool) -> Iterator[None]:
-    """Show messages on stderr, and add them to the file that the user wants.
-
-    Args:
-        quiet: whether only warnings are shown.
-        is_first: whether this is the first process of mpirun, which alone writes the file.
+def shown(level: int, log_file: Path | None) -> Iterator[None]:
+    """Show messages of at least a level on stderr, and add all of them to a file.
 
     Raises:
         Exit: the file cannot be written.
     """
-    wanted, log = _wanted.get() or Wanted(), logging.getLogger(PACKAGE)
-    level = logging.DEBUG if wanted.verbose else logging.WARNING if quiet else logging.INFO
-    handlers: list[logging.Handler] = [_Screen(level)]
-    if wanted.log_file is not None and is_first:
+    log, handlers = logging.getLogger(PACKAGE), list[logging.Handler]([_Screen(level)])
+    if log_file is not None:
         try:
-            handlers.append(logging.FileHandler(wanted.log_file, "a", encoding="utf-8"))
+            handlers.append(logging.FileHandler(log_file, "a", encoding="utf-8"))
         except OSError as error:
-            fail(f"--log {wanted.log_file}: cannot be written ({error.strerror})", BAD_INPUT)
+            fail(f"--log {log_file}: cannot be written ({error.strerror})", BAD_INPUT)
         handlers[-1].setFormatter(logging.Formatter(FORMAT))
     before = log.level, log.propagate
     log.propagate = False  # FFCx gives the root logger a handler
@@ -441,14 +414,20 @@ LONGEST = 1000
 
 
 @contextmanager
-def reported(quiet: bool = False) -> Iterator[None]:
+def reported(quiet: bool, verbose: bool, log_file: Path | None) -> Iterator[None]:
     """Show the log of the package, and turn errors into a message and an exit status.
 
     Ctrl-C, SIGTERM and a closed terminal end the command; output that nobody reads does not.
+
+    Args:
+        quiet: whether only warnings are shown.
+        verbose: whether messages of the level DEBUG are shown.
+        log_file: file that gets all messages of the first process of mpirun; None: none.
     """
     from delam_fem.simulation.checkpoint import interruptible
 
-    with lasting_streams(), shown(quiet=quiet, is_first=_rank() == 0):
+    level = logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO
+    with lasting_streams(), shown(level, None if _rank() else log_file):
         try:
             with interruptible():
                 yield

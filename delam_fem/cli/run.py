@@ -29,7 +29,6 @@ from delam_fem.cli.console import (
     fail,
     let_the_first_speak,
     progress,
-    reported,
     say_files,
     summary_rows,
     table,
@@ -73,15 +72,14 @@ def film_command(
     quiet: Quiet = False,
 ) -> None:
     """Write a film of the laminae, with the pairs that touch lit."""
-    with reported(quiet):
-        from delam_fem.results.fields.animation import animate
+    from delam_fem.results.fields.animation import animate
 
-        with progress(error_console(quiet)) as report:
-            written = animate(
-                run, output, periods=periods, rate=rate, stretch=stretch, solid=solid,
-                progress=report,
-            )  # fmt: skip
-        say_files(written, quiet)
+    with progress(error_console(quiet)) as report:
+        written = animate(
+            run, output, periods=periods, rate=rate, stretch=stretch, solid=solid,
+            progress=report,
+        )  # fmt: skip
+    say_files(written, quiet)
 
 
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
@@ -137,48 +135,47 @@ def run_command(
     quiet: Quiet = False,
 ) -> None:
     """Compute a case and write the results to DIR (default: runs/NAME)."""
-    with reported(quiet):
-        from delam_fem.engines.cost import require_affordable, run_cost
-        from delam_fem.results.folder import is_complete
-        from delam_fem.simulation.checkpoint import path_in
-        from delam_fem.system.files import claimed
-        from delam_fem.system.mpi import MPI
+    from delam_fem.engines.cost import require_affordable, run_cost
+    from delam_fem.results.folder import is_complete
+    from delam_fem.simulation.checkpoint import path_in
+    from delam_fem.system.files import claimed
+    from delam_fem.system.mpi import MPI
 
-        case, file = case_of(case_name, overrides), Path(case_name)
-        folder = output or Path("runs") / case.name
-        chosen = engine or engine_in(folder, resume=resume, extend=extend is not None)
-        cost = run_cost(case, chosen)
-        require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
-        if dry_run:
-            show_case(case, chosen)
-        comm = MPI.COMM_WORLD
-        # the case may have come from a file; case.toml may be an output
-        own = [file] if file.is_file() and file.name != "case.toml" else []
-        is_first = comm.rank == 0  # mpirun may have started several processes
-        if not is_first:
-            logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
-        with ended_together(comm):
-            claim = claimed(
-                folder,
-                inputs=[*case.files.values(), *own],
-                may_hold_results=resume or overwrite or bool(extend),
-            )
-            with claim if is_first else nullcontext():
-                if dry_run:
-                    return
-                if resume and not path_in(folder).exists() and is_complete(folder, case):
-                    outcome = "completed"
-                    _log.info("%s has the complete result: nothing is left to do", folder)
-                else:
-                    wished = {"extend": extend, "checkpoint_seconds": seconds}
-                    options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
-                    options |= {"engine": chosen, "resume": resume, "overwrite": overwrite}
-                    outcome = _computed(
-                        case, folder, comm, quiet or not is_first, figures=figures, **options
-                    )
-                _wait_for_all(comm)
-        if outcome != "completed":
-            fail(f"{outcome}; the results so far are in {folder}{HINT[outcome]}", STATUS[outcome])
+    case, file = case_of(case_name, overrides), Path(case_name)
+    folder = output or Path("runs") / case.name
+    chosen = engine or engine_in(folder, resume=resume, extend=extend is not None)
+    cost = run_cost(case, chosen)
+    require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
+    if dry_run:
+        show_case(case, chosen)
+    comm = MPI.COMM_WORLD
+    # the case may have come from a file; case.toml may be an output
+    own = [file] if file.is_file() and file.name != "case.toml" else []
+    is_first = comm.rank == 0  # mpirun may have started several processes
+    if not is_first:
+        logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
+    with ended_together(comm):
+        claim = claimed(
+            folder,
+            inputs=[*case.files.values(), *own],
+            may_hold_results=resume or overwrite or bool(extend),
+        )
+        with claim if is_first else nullcontext():
+            if dry_run:
+                return
+            if resume and not path_in(folder).exists() and is_complete(folder, case):
+                outcome = "completed"
+                _log.info("%s has the complete result: nothing is left to do", folder)
+            else:
+                wished = {"extend": extend, "checkpoint_seconds": seconds}
+                options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
+                options |= {"engine": chosen, "resume": resume, "overwrite": overwrite}
+                outcome = _computed(
+                    case, folder, comm, quiet or not is_first, figures=figures, **options
+                )
+            _wait_for_all(comm)
+    if outcome != "completed":
+        fail(f"{outcome}; the results so far are in {folder}{HINT[outcome]}", STATUS[outcome])
 
 
 def engine_in(directory: Path, *, resume: bool, extend: bool) -> EngineName:
@@ -262,21 +259,20 @@ def page_command(
     quiet: Quiet = False,
 ) -> None:
     """Make figures, fields and page of a run or a sweep from its numbers, without computing."""
-    with reported(quiet):
-        from delam_fem.results.folder import load_numbers, save_views
-        from delam_fem.studies.diagrams import write_page
-        from delam_fem.studies.sweeps.dataset import RESULT, open_result
-        from delam_fem.system.files import claimed
+    from delam_fem.results.folder import load_numbers, save_views
+    from delam_fem.studies.diagrams import write_page
+    from delam_fem.studies.sweeps.dataset import RESULT, open_result
+    from delam_fem.system.files import claimed
 
-        if not directory.is_dir():
-            raise CaseError(
-                f"show page {directory}: no such folder; expected the folder of a run or a sweep"
-            )
-        with claimed(directory, may_hold_results=True):
-            if (directory / RESULT).is_file():
-                with open_result(directory / RESULT, is_loaded=True) as data:
-                    paths = [write_page(data, directory)]
-            else:
-                case, history, summary = load_numbers(directory)
-                paths = save_views(history, summary, case, directory)
-        say_files(paths, quiet)
+    if not directory.is_dir():
+        raise CaseError(
+            f"show page {directory}: no such folder; expected the folder of a run or a sweep"
+        )
+    with claimed(directory, may_hold_results=True):
+        if (directory / RESULT).is_file():
+            with open_result(directory / RESULT, is_loaded=True) as data:
+                paths = [write_page(data, directory)]
+        else:
+            case, history, summary = load_numbers(directory)
+            paths = save_views(history, summary, case, directory)
+    say_files(paths, quiet)

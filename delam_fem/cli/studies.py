@@ -29,7 +29,6 @@ from delam_fem.cli.console import (
     error_console,
     fail,
     progress,
-    reported,
     say_files,
     table,
     take,
@@ -95,36 +94,35 @@ def study_command(name: str) -> Callable[..., None]:
         case_name: str, output: Path | None, overrides: list[str] | None, *, quiet: bool,
         **given: Any,
     ) -> None:  # fmt: skip
-        with reported(quiet):
-            from delam_fem.engines.cost import require_affordable
-            from delam_fem.model.beams.network import never_opens
+        from delam_fem.engines.cost import require_affordable
+        from delam_fem.model.beams.network import never_opens
 
-            case = case_of(case_name, overrides)
-            study = import_module(f"delam_fem.{home}").STUDY
-            common = {key: given.pop(key) for key in kind.common}
-            own = kind(**{key: value for key, value in given.items() if value is not None})
-            folder = output or Path("runs") / f"{case.name}-{suffix or name.split()[-1]}"
-            study.require_no_blows(case)
-            is_dry, is_confirmed = common.pop("dry_run", False), common.pop("yes", False)
-            if study.cost is not None:
-                what, cost = study.cost(case, own, common["workers"])
-                require_affordable(cost, what, is_confirmed=is_confirmed, folder=folder)
-                if is_dry:
-                    table(f"{what}, case {case.name}", ("", ""), [("needs", str(cost))])
-                    return
-            with progress(error_console(quiet or "workers" not in common)) as report:
-                found, written = study.saved(case, own, folder, **common, progress=report)
-            said = found.report
-            for text in filter(None, [never_opens(case), *said.remarks]):
-                tell(f"warning: {text}")
-            if not quiet:
-                for each in said.tables:
-                    table(each.title, each.heading, each.rows)
-                for text in said.sentences:
-                    typer.echo(text)
-                say_files(written)
-            if said.left:
-                fail(f"interrupted {said.left}; --resume goes on", INTERRUPTED)
+        case = case_of(case_name, overrides)
+        study = import_module(f"delam_fem.{home}").STUDY
+        common = {key: given.pop(key) for key in kind.common}
+        own = kind(**{key: value for key, value in given.items() if value is not None})
+        folder = output or Path("runs") / f"{case.name}-{suffix or name.split()[-1]}"
+        study.require_no_blows(case)
+        is_dry, is_confirmed = common.pop("dry_run", False), common.pop("yes", False)
+        if study.cost is not None:
+            what, cost = study.cost(case, own, common["workers"])
+            require_affordable(cost, what, is_confirmed=is_confirmed, folder=folder)
+            if is_dry:
+                table(f"{what}, case {case.name}", ("", ""), [("needs", str(cost))])
+                return
+        with progress(error_console(quiet or "workers" not in common)) as report:
+            found, written = study.saved(case, own, folder, **common, progress=report)
+        said = found.report
+        for text in filter(None, [never_opens(case), *said.remarks]):
+            tell(f"warning: {text}")
+        if not quiet:
+            for each in said.tables:
+                table(each.title, each.heading, each.rows)
+            for text in said.sentences:
+                typer.echo(text)
+            say_files(written)
+        if said.left:
+            fail(f"interrupted {said.left}; --resume goes on", INTERRUPTED)
 
     parameters = {
         "case_name": (CaseArgument, inspect.Parameter.empty),
@@ -202,9 +200,8 @@ def read_command(
     quiet: Quiet = False,
 ) -> None:
     """Read measurements into one dataset in SI, DIR/measured.nc, and show what was found."""
-    with reported(quiet):
-        data = _read(files, channels, units, rate)
-        _keep(data, files, output, overwrite=overwrite, quiet=quiet)
+    data = _read(files, channels, units, rate)
+    _keep(data, files, output, overwrite=overwrite, quiet=quiet)
 
 
 def response_command(
@@ -243,26 +240,25 @@ def response_command(
     quiet: Quiet = False,
 ) -> None:
     """Read measurements, and add frequency responses, poles, or a free vibration over time."""
-    with reported(quiet):
-        if not (excitation or pole_range or free):
-            raise CaseError(
-                "measure response: expected --excitation NAME, --poles LOW HIGH or both, or --free "
-                "CHANNEL LOW HIGH; `measure read` only reads"
-            )
-        from delam_fem.results.measured.responses import with_free_vibrations, with_responses
+    if not (excitation or pole_range or free):
+        raise CaseError(
+            "measure response: expected --excitation NAME, --poles LOW HIGH or both, or --free "
+            "CHANNEL LOW HIGH; `measure read` only reads"
+        )
+    from delam_fem.results.measured.responses import with_free_vibrations, with_responses
 
-        data = _read(files, channels, units, rate)
-        tables: list[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = []
-        if excitation is not None:
-            data = with_responses(data, excitation, segment=segment, estimator=estimator)
-        if free is not None:
-            data = with_free_vibrations(data, *free, segment=segment)
-        if pole_range is not None:
-            tables.append(("poles", ("frequency [Hz]", "damping [%]"), _poles(data, *pole_range)))
-        if free is not None:
-            heading = ("time [s]", "frequency [Hz]", "damping [%]", "amplitude")
-            tables.append((f"free vibration of {free[0]}", heading, _free_rows(data)))
-        _keep(data, files, output, tables, overwrite=overwrite, quiet=quiet)
+    data = _read(files, channels, units, rate)
+    tables: list[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = []
+    if excitation is not None:
+        data = with_responses(data, excitation, segment=segment, estimator=estimator)
+    if free is not None:
+        data = with_free_vibrations(data, *free, segment=segment)
+    if pole_range is not None:
+        tables.append(("poles", ("frequency [Hz]", "damping [%]"), _poles(data, *pole_range)))
+    if free is not None:
+        heading = ("time [s]", "frequency [Hz]", "damping [%]", "amplitude")
+        tables.append((f"free vibration of {free[0]}", heading, _free_rows(data)))
+    _keep(data, files, output, tables, overwrite=overwrite, quiet=quiet)
 
 
 def _read(
@@ -346,26 +342,25 @@ def overlay_command(
     quiet: Quiet = False,
 ) -> None:
     """Lay a measurement over a run: align it, and show how it differs."""
-    with reported(quiet):
-        from delam_fem.results.measured.reading import assigned
-        from delam_fem.results.overlay.whole import overlay
-        from delam_fem.system.files import claimed
+    from delam_fem.results.measured.reading import assigned
+    from delam_fem.results.overlay.whole import overlay
+    from delam_fem.system.files import claimed
 
-        runs, files = ([p for p in paths if p.is_dir() == is_run] for is_run in (True, False))
-        if len(runs) != 1 or not files:
-            given = ", ".join(map(str, paths))
-            raise CaseError(f"overlay: expected files and the folder of one run, given {given}")
-        run = runs[0]
-        found = overlay(run, *files, channels=assigned(channels), units=units, rate=rate)
-        folder = output or run / "overlay"
-        with claimed(folder, inputs=files, may_hold_results=True) as directory:
-            paths = found.save(directory)
-        if not quiet:
-            heading = ("channel", "gain", "phase [°]", "noise", "misfit", "d measured", "d run")
-            table(f"{files[0].name} over {run}", heading, list(found.rows()))
-            for line in found.sentences():
-                typer.echo(line)
-            say_files(paths)
+    runs, files = ([p for p in paths if p.is_dir() == is_run] for is_run in (True, False))
+    if len(runs) != 1 or not files:
+        given = ", ".join(map(str, paths))
+        raise CaseError(f"overlay: expected files and the folder of one run, given {given}")
+    run = runs[0]
+    found = overlay(run, *files, channels=assigned(channels), units=units, rate=rate)
+    folder = output or run / "overlay"
+    with claimed(folder, inputs=files, may_hold_results=True) as directory:
+        paths = found.save(directory)
+    if not quiet:
+        heading = ("channel", "gain", "phase [°]", "noise", "misfit", "d measured", "d run")
+        table(f"{files[0].name} over {run}", heading, list(found.rows()))
+        for line in found.sentences():
+            typer.echo(line)
+        say_files(paths)
 
 
 def export_command(
@@ -381,15 +376,14 @@ def export_command(
     quiet: Quiet = False,
 ) -> None:
     """Write the result of a run for other programs: histories, strobes, events, fields."""
-    with reported(quiet):
-        from delam_fem.results.export import FORMATS
-        from delam_fem.results.folder import load_result
+    from delam_fem.results.export import FORMATS
+    from delam_fem.results.folder import load_result
 
-        result = load_result(run)
-        written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
-        if not quiet:
-            typer.echo(FORMATS[to])
-            say_files(written)
+    result = load_result(run)
+    written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
+    if not quiet:
+        typer.echo(FORMATS[to])
+        say_files(written)
 
 
 def paper_command(
@@ -412,33 +406,32 @@ def paper_command(
     quiet: Quiet = False,
 ) -> None:
     """Reproduce the paper: figures, numbers, and its claims beside the computed results."""
-    with reported(quiet):
-        from delam_fem.paper.lab import FAST, FULL, laboratory
-        from delam_fem.paper.reproduce import (
-            FIGURES,
-            chosen,
-            claims_of,
-            entries,
-            file_stem,
-            reproduce,
-            tally,
-            write_page,
-        )
-        from delam_fem.system.files import claimed
+    from delam_fem.paper.lab import FAST, FULL, laboratory
+    from delam_fem.paper.reproduce import (
+        FIGURES,
+        chosen,
+        claims_of,
+        entries,
+        file_stem,
+        reproduce,
+        tally,
+        write_page,
+    )
+    from delam_fem.system.files import claimed
 
-        names = chosen(figures or [])
-        try:
-            with (
-                claimed(output, may_hold_results=True),
-                laboratory(FAST if fast else FULL, workers=workers, engine=engine) as lab,
-            ):
-                paths = reproduce(lab, output, names)
-        except (RuntimeError, ArithmeticError) as error:
-            fail(str(error), FAILED)
-        found = entries(output, [file_stem(name) for name in FIGURES])
-        paths.append(write_page(output, found))
-        if not quiet:
-            claims = claims_of(figure for figure in found if figure["name"] in names)
-            rows = [(c.figure, c.text, c.measured, c.verdict) for c in claims]
-            table(tally(claims), ("figure", "the paper says", "what came out", "verdict"), rows)
-            say_files(paths)
+    names = chosen(figures or [])
+    try:
+        with (
+            claimed(output, may_hold_results=True),
+            laboratory(FAST if fast else FULL, workers=workers, engine=engine) as lab,
+        ):
+            paths = reproduce(lab, output, names)
+    except (RuntimeError, ArithmeticError) as error:
+        fail(str(error), FAILED)
+    found = entries(output, [file_stem(name) for name in FIGURES])
+    paths.append(write_page(output, found))
+    if not quiet:
+        claims = claims_of(figure for figure in found if figure["name"] in names)
+        rows = [(c.figure, c.text, c.measured, c.verdict) for c in claims]
+        table(tally(claims), ("figure", "the paper says", "what came out", "verdict"), rows)
+        say_files(paths)

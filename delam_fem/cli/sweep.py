@@ -26,7 +26,6 @@ from delam_fem.cli.console import (
     fail,
     overrides_in,
     progress,
-    reported,
     require_one,
     say_files,
     summary_rows,
@@ -193,37 +192,36 @@ def sweep_command(
     quiet: Quiet = False,
 ) -> None:
     """Compute a case at many points and write all results to DIR/sweep.nc."""
-    with reported(quiet):
-        way = require_one(shard=shard, merge=merge, slurm=slurm)
-        require_fitting(way, {"overwrite": overwrite, "dry_run": dry_run}, partial, hours)
-        if way is None:
-            check = functools.partial(_shown_only, workers, executor, yes) if dry_run else None
-            data, directory = _computed(
-                sweep_file, output, overrides, resume=resume, overwrite=overwrite,
-                workers=workers, executor=executor, yes=yes, quiet=quiet, check=check,
+    way = require_one(shard=shard, merge=merge, slurm=slurm)
+    require_fitting(way, {"overwrite": overwrite, "dry_run": dry_run}, partial, hours)
+    if way is None:
+        check = functools.partial(_shown_only, workers, executor, yes) if dry_run else None
+        data, directory = _computed(
+            sweep_file, output, overrides, resume=resume, overwrite=overwrite,
+            workers=workers, executor=executor, yes=yes, quiet=quiet, check=check,
+        )  # fmt: skip
+    else:
+        sweep, directory, inputs = _opened(sweep_file, output, overrides)
+        if slurm is not None:
+            print_script(sweep, sweep_file, directory, overrides, slurm, hours)
+            return
+        if shard is not None:
+            compute_shard(
+                sweep, directory, shard, inputs, resume=resume, workers=workers,
+                executor=executor, is_confirmed=yes, quiet=quiet,
             )  # fmt: skip
-        else:
-            sweep, directory, inputs = _opened(sweep_file, output, overrides)
-            if slurm is not None:
-                print_script(sweep, sweep_file, directory, overrides, slurm, hours)
-                return
-            if shard is not None:
-                compute_shard(
-                    sweep, directory, shard, inputs, resume=resume, workers=workers,
-                    executor=executor, is_confirmed=yes, quiet=quiet,
-                )  # fmt: skip
-                return
-            data = merge_shards(sweep, directory, inputs, is_partial=partial)
-        from delam_fem.studies.diagrams import is_unsettled, write_page
+            return
+        data = merge_shards(sweep, directory, inputs, is_partial=partial)
+    from delam_fem.studies.diagrams import is_unsettled, write_page
 
-        if moving := int(is_unsettled(data).sum()):
-            tell(
-                f"warning: {moving} of {data.attrs['n_completed']} completed points have not "
-                'settled; try more time.periods, or time.periods = "settled"'
-            )
-        page = write_page(data, directory)
-        data.close()
-        say_files([directory / "sweep.nc", page], quiet)
+    if moving := int(is_unsettled(data).sum()):
+        tell(
+            f"warning: {moving} of {data.attrs['n_completed']} completed points have not "
+            'settled; try more time.periods, or time.periods = "settled"'
+        )
+    page = write_page(data, directory)
+    data.close()
+    say_files([directory / "sweep.nc", page], quiet)
 
 
 def _shown_only(
@@ -263,28 +261,27 @@ def diagram_command(
     quiet: Quiet = False,
 ) -> None:
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
-    with reported(quiet):
-        from delam_fem.studies.diagrams import require_drawable, save_diagram, write_page
+    from delam_fem.studies.diagrams import require_drawable, save_diagram, write_page
 
-        if source.suffix == ".toml":
-            data, directory = _computed(
-                source, output, overrides, resume=resume, overwrite=overwrite, workers=workers,
-                executor=executor, yes=yes, quiet=quiet, again=False,
-                check=functools.partial(require_drawable, kind),
-            )  # fmt: skip
-        else:
-            data, directory = _read(source, output)
-            if left := data.attrs["n_missing"]:
-                n_points = data.attrs["n_points"]
-                tell(
-                    f"warning: the sweep is not finished: the diagram shows {n_points - left} of "
-                    f"{n_points} points; {_go_on(directory)} computes the others"
-                )
-        paths = [save_diagram(kind, data, directory / f"{kind}.png")]
-        if (directory / "sweep.nc").is_file():
-            paths.append(write_page(data, directory))
-        data.close()
-        say_files(paths, quiet)
+    if source.suffix == ".toml":
+        data, directory = _computed(
+            source, output, overrides, resume=resume, overwrite=overwrite, workers=workers,
+            executor=executor, yes=yes, quiet=quiet, again=False,
+            check=functools.partial(require_drawable, kind),
+        )  # fmt: skip
+    else:
+        data, directory = _read(source, output)
+        if left := data.attrs["n_missing"]:
+            n_points = data.attrs["n_points"]
+            tell(
+                f"warning: the sweep is not finished: the diagram shows {n_points - left} of "
+                f"{n_points} points; {_go_on(directory)} computes the others"
+            )
+    paths = [save_diagram(kind, data, directory / f"{kind}.png")]
+    if (directory / "sweep.nc").is_file():
+        paths.append(write_page(data, directory))
+    data.close()
+    say_files(paths, quiet)
 
 
 def _computed(

@@ -123,17 +123,13 @@ def test_a_log_file_that_cannot_be_written_is_told() -> None:
 
 def test_a_message_is_shown_once_and_logged_each_time(capsys: pytest.CaptureFixture[str]) -> None:
     log = logging.getLogger("delam_fem.somewhere")
-    token = messages._wanted.set(messages.Wanted(verbose=True, log_file=Path("x.log")))
-    try:
-        with messages.shown(quiet=False, is_first=True):
-            for _ in range(3):
-                log.warning("soft springs")
-            log.info("note")
-            log.debug("detail")
-            with progress(Console(stderr=True, quiet=True)) as report:
-                report(5, 5)  # a bar shows it
-    finally:
-        messages._wanted.reset(token)
+    with messages.shown(logging.DEBUG, Path("x.log")):
+        for _ in range(3):
+            log.warning("soft springs")
+        log.info("note")
+        log.debug("detail")
+        with progress(Console(stderr=True, quiet=True)) as report:
+            report(5, 5)  # a bar shows it
     assert capsys.readouterr().err.splitlines() == ["warning: soft springs", "note", "detail"]
     text = Path("x.log").read_text(encoding="utf-8")
     assert text.count("WARNING soft springs") == 3 and "DEBUG   point 5 of 5" in text
