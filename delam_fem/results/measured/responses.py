@@ -64,7 +64,7 @@ def pulses(force: FloatArray) -> list[tuple[int, int]]:
         The pulses in order of time; an empty list if the force is not one of blows.
     """
     size = np.abs(force - np.median(force))
-    noise = 1.4826 * float(np.median(size))  # deviation of a normal number by its median
+    noise = float(_scatter(size))
     is_loud = size > max(TRIGGER * size.max(), CLEAR * noise)
     if size.max() <= QUIET * noise or is_loud.mean() > MOST_LOUD:
         return []
@@ -434,11 +434,14 @@ def _at_peak(model: Any, peak: float) -> Pole | None:
     if len(near) < AGREEING * (len(model.pole_freq) - ORDER // 2):
         return None
     table = np.array(near)
-    f, d = np.median(table, axis=0)
-    scatter = 1.4826 * np.median(np.abs(table - [f, d]), axis=0)
-    if scatter[0] > STABLE * f:
-        return None
-    return Pole(float(f), float(d), float(scatter[0]), float(scatter[1]))
+    middle = np.median(table, axis=0)
+    scatter = _scatter(table - middle)
+    return None if scatter[0] > STABLE * middle[0] else Pole(*map(float, [*middle, *scatter]))
+
+
+def _scatter(deviations: FloatArray) -> FloatArray:
+    """Return the standard deviation of normal numbers by the median of their deviations."""
+    return np.asarray(1.4826 * np.median(np.abs(deviations), axis=0))
 
 
 ORDERS = (4, 6, 8)
@@ -546,8 +549,7 @@ def _strongest(
         return (np.nan,) * 5
     table = np.array(found)
     result = np.median(table, axis=0)
-    scatter = 1.4826 * np.median(np.abs(table - result), axis=0)
-    result[[1, 3]] = np.hypot(result[[1, 3]], scatter[[0, 2]])
+    result[[1, 3]] = np.hypot(result[[1, 3]], _scatter(table - result)[[0, 2]])
     return tuple(result.tolist())
 
 

@@ -14,6 +14,7 @@ from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.harmonics import total_harmonic_distortion
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.overlay.alignment import COARSE, Alignment, Course, Pairs, aligned, gains
+from delam_fem.results.scan import amplitudes
 
 MOST = 40
 """Largest number of harmonics of the drive that is fitted."""
@@ -102,15 +103,12 @@ def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int
         int(BELOW_NYQUIST * 0.5 * rate / lowest),
         (n // SAMPLES_PER_UNKNOWN - 1) // 2,
     )
-    phase = 2.0 * np.pi * lowest * np.outer(time, np.arange(1, max(n_orders, 1) + 1))
-    columns = np.hstack([np.ones((n, 1)), np.cos(phase), np.sin(phase)])
-    found = np.linalg.lstsq(columns, values, rcond=None)[0]
-    k = phase.shape[1]
-    rest = values - columns @ found
-    noise = float(np.sqrt((rest**2).sum() / max(n - 1 - 2 * k, 1)))
-    return HarmonicFit(
-        float(found[0]), found[1 : k + 1] - 1j * found[k + 1 :], lowest, multiple, noise, n
-    )
+    orders = np.arange(1, max(n_orders, 1) + 1)
+    found = amplitudes(values[:, None], time, (lowest * orders).tolist())[:, 0]
+    moving = HarmonicFit(0.0, found, lowest, multiple, 0.0, n)
+    rest = values - moving.at(time)
+    noise = float(rest.std() * np.sqrt(n / max(n - 1 - 2 * orders.size, 1)))
+    return replace(moving, mean=float(rest.mean()), noise=noise)
 
 
 def strongest_frequency(time: FloatArray, values: FloatArray, lowest: float) -> float | None:
