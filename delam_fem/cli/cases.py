@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,10 +16,11 @@ from delam_fem.cli.console import (
     Overrides,
     Overwrite,
     Quiet,
+    Rows,
     case_of,
     overrides_in,
     require_one,
-    say_files,
+    say,
     table,
     tell,
 )
@@ -271,13 +273,11 @@ def reduce_command(
     with claimed(folder, inputs=case.files.values(), may_hold_results=overwrite) as directory:
         found = reduced_case(case, modes, coordinates=coordinates)
         paths = found.save(directory)
-    if not quiet:
-        _show_operators(found, paths[0])
-        say_files(paths)
+    say(quiet, paths, tables=_reduced(found, paths[0]))
 
 
-def _show_operators(found: Reduction, path: Path) -> None:
-    """Show what a reduction keeps, how exact it is, and what it costs."""
+def _reduced(found: Reduction, path: Path) -> Iterator[Rows]:
+    """Yield tables of what a reduction keeps, how exact it is, and what it costs."""
     o, reduced, basis = found.full.operators, found.structure.operators, found.basis
     normal = int(basis.is_mode.sum())
     rows = [
@@ -292,9 +292,9 @@ def _show_operators(found: Reduction, path: Path) -> None:
         ("assembly, reduction", f"{found.seconds[0]:.2g} s, {found.seconds[1]:.2g} s"),
         ("size of the file", f"{path.stat().st_size / 1e6:.2g} MB"),
     ]
-    table(f"case {found.case.name}, reduced", ("", "value"), rows)
+    yield f"case {found.case.name}, reduced", ("", "value"), rows
     full, own = found.frequencies
-    table(
+    yield (
         "lowest frequencies",
         ("mode", "full [Hz]", "reduced [Hz]", "relative difference"),
         [
@@ -317,4 +317,4 @@ def operators_command(
     """Write M, C, K, H, g0 and the vectors of the base for other programs (NumPy or MATLAB)."""
     from delam_fem.results.export import operators
 
-    say_files([operators(case_of(case_name, overrides), output)], quiet)
+    say(quiet, [operators(case_of(case_name, overrides), output)])

@@ -20,7 +20,7 @@ import select
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, TypeAlias, get_type_hints
@@ -495,7 +495,11 @@ def error_console(quiet: bool) -> Console:
     return Console(stderr=True, quiet=quiet)
 
 
-def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+Rows: TypeAlias = tuple[str, Sequence[str], Iterable[Sequence[str]]]
+"""Title, heading and rows of a table."""
+
+
+def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table to stdout."""
     table = Table(*heading, title=title, title_justify="left")
     for row in rows:
@@ -522,7 +526,19 @@ def _shown(value: object) -> str:
     return "none" if value is None else str(value)
 
 
-def say_files(paths: Sequence[Path], quiet: bool = False) -> None:
-    """Print the paths of written files, unless nothing shall be said."""
-    for path in () if quiet else paths:
-        typer.echo(path)
+def say(
+    quiet: bool,
+    files: Iterable[Path],
+    *,
+    tables: Iterable[Rows] = (),
+    lines: Iterable[str] = (),
+) -> None:
+    """Print what a command has found: tables, lines of text, and paths of the written files.
+
+    If nothing shall be said, no entry is asked for, so that generators need not compute it.
+    """
+    if not quiet:
+        for each in tables:
+            table(*each)
+        for text in (*lines, *files):
+            typer.echo(text)

@@ -29,9 +29,8 @@ from delam_fem.cli.console import (
     fail,
     let_the_first_speak,
     progress,
-    say_files,
+    say,
     summary_rows,
-    table,
     tell,
 )
 from delam_fem.system.errors import CaseError
@@ -79,7 +78,7 @@ def film_command(
             run, output, periods=periods, rate=rate, stretch=stretch, solid=solid,
             progress=report,
         )  # fmt: skip
-    say_files(written, quiet)
+    say(quiet, written)
 
 
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
@@ -202,9 +201,8 @@ def _computed(
     with progress(error_console(quiet), case.steps_per_period) as report:
         result = run(case, directory=directory, progress=report, comm=comm, **options)
     paths = _saved(result, directory, figures) if comm.rank == 0 else []
-    if not quiet:
-        table(f"case {case.name}", ("", "value"), summary_rows(result.summary))
-        say_files(paths)
+    said = f"case {case.name}", ("", "value"), summary_rows(result.summary)
+    say(quiet, paths, tables=[said])
     return str(result.history.attrs["outcome"])
 
 
@@ -275,4 +273,4 @@ def page_command(
         else:
             case, history, summary = load_numbers(directory)
             paths = save_views(history, summary, case, directory)
-    say_files(paths, quiet)
+    say(quiet, paths)

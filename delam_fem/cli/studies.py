@@ -23,13 +23,14 @@ from delam_fem.cli.console import (
     Overwrite,
     Quiet,
     Resume,
+    Rows,
     Workers,
     Yes,
     case_of,
     error_console,
     fail,
     progress,
-    say_files,
+    say,
     table,
     take,
     tell,
@@ -115,12 +116,8 @@ def study_command(name: str) -> Callable[..., None]:
         said = found.report
         for text in filter(None, [never_opens(case), *said.remarks]):
             tell(f"warning: {text}")
-        if not quiet:
-            for each in said.tables:
-                table(each.title, each.heading, each.rows)
-            for text in said.sentences:
-                typer.echo(text)
-            say_files(written)
+        tables = [(each.title, each.heading, each.rows) for each in said.tables]
+        say(quiet, written, tables=tables, lines=said.sentences)
         if said.left:
             fail(f"interrupted {said.left}; --resume goes on", INTERRUPTED)
 
@@ -248,7 +245,7 @@ def response_command(
     from delam_fem.results.measured.responses import with_free_vibrations, with_responses
 
     data = _read(files, channels, units, rate)
-    tables: list[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = []
+    tables: list[Rows] = []
     if excitation is not None:
         data = with_responses(data, excitation, segment=segment, estimator=estimator)
     if free is not None:
@@ -274,26 +271,21 @@ def _keep(
     data: xr.Dataset,
     files: list[Path],
     output: Path | None,
-    tables: Sequence[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = (),
+    tables: Sequence[Rows] = (),
     *,
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Write and show what was read from files, and further tables: title, heading, rows."""
+    """Write and show what was read from files, and further tables."""
     from delam_fem.results.measured.reading import HEADING, lines, rows, write_all
     from delam_fem.system.files import claimed
 
     folder = output or Path("runs") / f"{files[0].stem}-measured"
     with claimed(folder, inputs=files, may_hold_results=overwrite) as directory:
         paths = write_all(data, directory)
-    if not quiet:
-        names = ", ".join(dict.fromkeys(path.name for path in files))
-        table(f"measured: {names}", HEADING, list(rows(data)))
-        for line in lines(data):
-            typer.echo(line)
-        for each in tables:
-            table(*each)
-        say_files(paths)
+    names = ", ".join(dict.fromkeys(path.name for path in files))
+    say(quiet, (), tables=[(f"measured: {names}", HEADING, rows(data))], lines=lines(data))
+    say(quiet, paths, tables=tables)
 
 
 def _poles(data: xr.Dataset, lower: float, upper: float) -> list[tuple[str, ...]]:
@@ -355,12 +347,9 @@ def overlay_command(
     folder = output or run / "overlay"
     with claimed(folder, inputs=files, may_hold_results=True) as directory:
         paths = found.save(directory)
-    if not quiet:
-        heading = ("channel", "gain", "phase [°]", "noise", "misfit", "d measured", "d run")
-        table(f"{files[0].name} over {run}", heading, list(found.rows()))
-        for line in found.sentences():
-            typer.echo(line)
-        say_files(paths)
+    heading = ("channel", "gain", "phase [°]", "noise", "misfit", "d measured", "d run")
+    said = f"{files[0].name} over {run}", heading, found.rows()
+    say(quiet, paths, tables=[said], lines=found.sentences())
 
 
 def export_command(
@@ -381,9 +370,7 @@ def export_command(
 
     result = load_result(run)
     written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
-    if not quiet:
-        typer.echo(FORMATS[to])
-        say_files(written)
+    say(quiet, written, lines=[FORMATS[to]])
 
 
 def paper_command(
@@ -430,8 +417,7 @@ def paper_command(
         fail(str(error), FAILED)
     found = entries(output, [file_stem(name) for name in FIGURES])
     paths.append(write_page(output, found))
-    if not quiet:
-        claims = claims_of(figure for figure in found if figure["name"] in names)
-        rows = [(c.figure, c.text, c.measured, c.verdict) for c in claims]
-        table(tally(claims), ("figure", "the paper says", "what came out", "verdict"), rows)
-        say_files(paths)
+    claims = claims_of(figure for figure in found if figure["name"] in names)
+    rows = [(c.figure, c.text, c.measured, c.verdict) for c in claims]
+    heading = ("figure", "the paper says", "what came out", "verdict")
+    say(quiet, paths, tables=[(tally(claims), heading, rows)])

@@ -27,9 +27,8 @@ from delam_fem.cli.console import (
     overrides_in,
     progress,
     require_one,
-    say_files,
+    say,
     summary_rows,
-    table,
     tell,
 )
 from delam_fem.system.errors import CaseError
@@ -79,9 +78,8 @@ def compute_shard(
     with claimed(directory, inputs=inputs, is_shared=True):
         with progress(error_console(quiet)) as report:
             found = run_shard(sweep, directory, shard, progress=report, **options)
-    if not quiet:
-        rows = [("points", f"{found.n_done} of {found.n_points}"), *summary_rows(found.about)]
-        table(f"sweep {sweep.file.name}, shard {shard}", ("", "value"), rows)
+    rows = [("points", f"{found.n_done} of {found.n_points}"), *summary_rows(found.about)]
+    say(quiet, (), tables=[(f"sweep {sweep.file.name}, shard {shard}", ("", "value"), rows)])
     if found.n_done < found.n_points:
         left = found.n_points - found.n_done
         fail(
@@ -221,7 +219,7 @@ def sweep_command(
         )
     page = write_page(data, directory)
     data.close()
-    say_files([directory / "sweep.nc", page], quiet)
+    say(quiet, [directory / "sweep.nc", page])
 
 
 def _shown_only(
@@ -281,7 +279,7 @@ def diagram_command(
     if (directory / "sweep.nc").is_file():
         paths.append(write_page(data, directory))
     data.close()
-    say_files(paths, quiet)
+    say(quiet, paths)
 
 
 def _computed(
@@ -319,16 +317,15 @@ def _computed(
                 is_confirmed=yes,
             )  # fmt: skip
     about = data.attrs
-    if not quiet:
-        counted = ("points", "completed", "diverged", "failed", "missing")
-        rows = [(name, str(about[f"n_{name}"])) for name in counted]
-        if "workers" in about:  # a result without sweep.json does not say it
-            rows += [
-                ("workers", str(about["workers"])),
-                ("wall seconds", f"{about['wall_seconds']:.4g}"),
-                ("scheduling overhead", f"{100.0 * about['scheduling_overhead']:.2g} %"),
-            ]
-        table(f"sweep {sweep.file.name}", ("", "value"), rows)
+    counted = ("points", "completed", "diverged", "failed", "missing")
+    rows = [(name, str(about[f"n_{name}"])) for name in counted]
+    if "workers" in about:  # a result without sweep.json does not say it
+        rows += [
+            ("workers", str(about["workers"])),
+            ("wall seconds", f"{about['wall_seconds']:.4g}"),
+            ("scheduling overhead", f"{100.0 * about['scheduling_overhead']:.2g} %"),
+        ]
+    say(quiet, (), tables=[(f"sweep {sweep.file.name}", ("", "value"), rows)])
     if about["outcome"] == "interrupted":
         left = about["n_missing"]
         fail(
