@@ -121,7 +121,6 @@ def save_case(case: Case, directory: str | Path) -> Path:
         OSError: the folder cannot be written, or a file of the case cannot be read.
     """
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     data = tomllib.loads(case.to_toml())
     taken: set[str] = set()
     for key, file in case.files.items():

@@ -327,7 +327,6 @@ class Reduction:
             OSError: a file cannot be written.
         """
         path = (Path(directory) / NAME).absolute()
-        path.parent.mkdir(parents=True, exist_ok=True)
         write(path, self.structure, self.case, self._strains())
         model = Model(kind="modes", file=path)
         return [path, save_case(self.case.model_copy(update={"model": model}), directory)]

@@ -185,7 +185,6 @@ def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Pa
     Raises:
         OSError: the folder cannot be written or the disk is full.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     paths: list[Path] = []
     for name in names:
         begin = time.perf_counter()

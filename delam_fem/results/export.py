@@ -40,7 +40,7 @@ def write_matlab(history: xr.Dataset, path: Path) -> list[Path]:
 
     Args:
         history: dataset of a run; see `schema.VARIABLES`.
-        path: the file, in an existing folder.
+        path: the file.
 
     Returns:
         The file.
@@ -83,7 +83,7 @@ def write_tables(history: xr.Dataset, path: Path) -> list[Path]:
 
     Args:
         history: dataset of a run; see `schema.VARIABLES`.
-        path: NAME.csv, in an existing folder.
+        path: NAME.csv.
 
     Returns:
         The files; empty groups have none.
@@ -151,7 +151,7 @@ def write_universal(history: xr.Dataset, path: Path) -> list[Path]:
 
     Args:
         history: dataset of a run; see `schema.VARIABLES`.
-        path: NAME.uff, in an existing folder.
+        path: NAME.uff.
 
     Returns:
         The files.
@@ -288,7 +288,6 @@ def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[P
     path = Path(path)
     if path.suffix.lower() != f".{to}":
         raise CaseError(f"--output: expected a file that ends in .{to}, given {path}")
-    path.parent.mkdir(parents=True, exist_ok=True)
     tables = {"csv": write_tables, "mat": write_matlab, "uff": write_universal}
     if to in tables:
         return tables[to](history, path)
@@ -334,7 +333,6 @@ def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix not in OPERATOR_FORMATS:
         raise CaseError(f"operators: expected a file that ends in .npz or .mat, given {path.name}")
-    path.parent.mkdir(parents=True, exist_ok=True)
     o, layout = structure.operators, structure.layout
     of_dofs = np.full((3, o.n_dofs), -1.0)
     for number, part in enumerate(layout.parts if layout.reading is None else ()):

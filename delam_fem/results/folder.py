@@ -129,7 +129,7 @@ class Result:
         """Write the groups to one NetCDF file: `xarray.open_dataset(path, group="events")`.
 
         Args:
-            path: the file, which replaces an existing one. Its folder must exist.
+            path: the file, which replaces an existing one.
 
         Raises:
             OSError: the file cannot be written or the disk is full.
@@ -200,7 +200,6 @@ class OperatorsResult(Result):
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write result.nc and summary.json only; several ranks have the same: let one write."""
         directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
         return [
             write_dataset(self.history, directory / RESULT),
             write_json(directory / SUMMARY, self.summary),
@@ -234,7 +233,7 @@ def save_views(
         history: dataset of a run.
         summary: its numbers.
         case: its case.
-        directory: an existing folder.
+        directory: the folder.
 
     Returns:
         The files and folders written.

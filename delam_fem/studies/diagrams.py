@@ -587,9 +587,7 @@ def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
         CaseError: see `diagram`.
         OSError: the file cannot be written.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return save_figure(lambda: diagram(kind, data), path)
+    return save_figure(lambda: diagram(kind, data), Path(path))
 
 
 MOST_POINTS = 2500

@@ -89,7 +89,6 @@ class Report:
     def save(self, directory: Path | str) -> list[Path]:
         """Write the case, the numbers, the pictures and the page; see `Finding.save`."""
         directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
         if self.case is not None and not self.is_sweep:
             save_case(self.case, directory)
         written = [path for name in self.files if (path := directory / name).exists()]
@@ -99,7 +98,6 @@ class Report:
         links = [html.Paragraph(html.Link(path.name, path.name)) for path in written]
         for name, (draw, caption) in self.pictures.items():
             path = directory / f"{name}.png"
-            path.parent.mkdir(exist_ok=True)
             written.append(save_figure(draw, path))
             drawn.append(html.Gallery([html.embedded(path)], caption, caption))
         if self.title:

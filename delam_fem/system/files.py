@@ -41,7 +41,8 @@ def atomic(path: Path) -> Iterator[Path]:
     stays as it was and the temporary file is removed.
 
     Args:
-        path: final path of the file or folder; replaces an existing one. Its parent must exist.
+        path: final path of the file or folder; replaces an existing one. Its parent is made where
+            it does not exist.
 
     Yields:
         The path to write to.
@@ -49,6 +50,7 @@ def atomic(path: Path) -> Iterator[Path]:
     Raises:
         OSError: the block wrote nothing, or the written file cannot be renamed. It names the file.
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{PREFIX}{path.name}")
     _remove(temporary)  # left behind by a process that was killed
     try:
@@ -72,7 +74,7 @@ def atomic_file(path: Path) -> Iterator[DiskFile]:
     Libraries that crash when a write fails may write to it: see `DiskFile`.
 
     Args:
-        path: final path of the file; replaces an existing one. Its folder must exist.
+        path: final path of the file; replaces an existing one.
 
     Raises:
         OSError: the file cannot be written, for example because the disk is full.
@@ -88,7 +90,7 @@ def write_text(path: Path, text: str) -> Path:
     """Write a text as UTF-8 and wait until it is on the disk.
 
     Args:
-        path: path of the file; replaces an existing one. Its folder must exist.
+        path: path of the file; replaces an existing one.
         text: content of the file.
 
     Returns:

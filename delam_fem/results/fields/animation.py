@@ -183,8 +183,6 @@ def animate(
             f'{run}: --solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
             f"with frames, found no fields/{SOLID}"
         )
-    for folder in {path.parent for path in paths}:
-        folder.mkdir(parents=True, exist_ok=True)
     written = write_film(
         history, case, paths, solid=fields if solid else None, periods=periods, rate=rate,
         stretch=stretch, progress=progress,
@@ -371,7 +369,6 @@ def render_solid(path: Path, history: xr.Dataset, case: Case, target: Path) -> P
     series, history = Series.read(path), drawable_frames(history)
     if not np.array_equal(series.times, history["frame"].to_numpy()):
         return None
-    target.parent.mkdir(parents=True, exist_ok=True)
     with pv.vtk_verbosity("error"), atomic(target) as temporary:
         with closing(_still(series, history, case)) as plotter:
             plotter.screenshot(temporary)

@@ -216,7 +216,6 @@ def write_solid(frames: Frames, directory: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     return vtkhdf.write(frames.grid, frames.times, frames.fields, directory / SOLID)
 
 

@@ -493,7 +493,6 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
     if not times.size:
         return []
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     bodies = Ribbons.of(history, case)
     series = vtkhdf.write(bodies.mesh, times, bodies.point_data, directory / "fields.vtkhdf")
     length = case.period if case.is_periodic else np.inf
@@ -533,9 +532,7 @@ def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
     history = drawable_frames(history)
     if not history.sizes["frame"]:
         return None
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return save_figure(partial(draw, history, case), path)
+    return save_figure(partial(draw, history, case), Path(path))
 
 
 def _write_collection(path: Path, times: FloatArray, names: list[str]) -> Path:

@@ -118,7 +118,7 @@ def write(grid: Grid, times: FloatArray, point_data: Callable[[int], Values], pa
         times: times of the frames, shape (n_frames,) [s].
         point_data: function that returns the fields of the points at a frame, with the same names
             and types at all frames.
-        path: the file, in an existing folder.
+        path: the file.
 
     Returns:
         The file.

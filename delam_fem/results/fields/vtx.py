@@ -29,7 +29,7 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
 
     Args:
         history: dataset with the fields of the frames; see `schema.VARIABLES`.
-        directory: an existing folder.
+        directory: the folder.
 
     Returns:
         The folder fields.bp; None if dolfinx has no ADIOS2 or no frame is finite.
@@ -58,7 +58,7 @@ def write_bodies(series: Series, directory: Path) -> Path | None:
 
     Args:
         series: content of solid.vtkhdf.
-        directory: an existing folder.
+        directory: the folder.
 
     Returns:
         The folder solid.bp; None if dolfinx has no ADIOS2.

@@ -512,7 +512,6 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
         OSError: the folder cannot be written or the disk is full.
     """
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     has_period = history.sizes["time"] >= case.steps_per_period
     figures = figures_of(history)
     names = [name for name in figures if has_period or name != "spectra"]

@@ -486,7 +486,7 @@ def write_all(data: xr.Dataset, directory: Path) -> list[Path]:
 
     Args:
         data: a measurement.
-        directory: an existing folder.
+        directory: the folder.
 
     Returns:
         The files.

@@ -417,7 +417,6 @@ class Overlay:
             OSError: a file cannot be written.
         """
         directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
         written = [
             write_json(directory / "overlay.json", self.numbers),
             write_dataset(self.data, directory / "overlay.nc"),

@@ -375,7 +375,6 @@ def write_report(
         OSError: the folder cannot be written or the disk is full.
     """
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     return write_text(directory / "report.html", page(history, summary, case, directory))
 
 

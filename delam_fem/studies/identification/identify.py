@@ -394,7 +394,6 @@ class Experiment:
             KeyboardInterrupt: a sweep was interrupted; its points are kept.
         """
         found, total = [], len(parameters) * len(self.frequencies)
-        directory.mkdir(parents=True, exist_ok=True)
         save_case(self.case, directory)
         columns = dict(also or {})
         for unknown, column in zip(self.unknowns, parameters.T, strict=True):
