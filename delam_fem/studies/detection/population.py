@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from itertools import compress, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -311,51 +311,6 @@ def logistic(a: FloatArray, hit: BoolArray) -> Curve:
     return Curve(np.asarray(found.params), np.asarray(found.cov_params()))
 
 
-@dataclass(frozen=True)
-class Trials:
-    """Hits and misses of a population at one noise level.
-
-    Attributes:
-        noise_db: signal over noise of the sensor [dB].
-        specimens: the structures, shape (n,).
-        start, end: marked ends [m], NaN where nothing is called, shape (n,).
-        hit: whether the marked interval overlaps the delamination, shape (n,).
-        score: largest index over its limit of noise, shape (n,).
-    """
-
-    noise_db: float
-    specimens: tuple[Specimen, ...]
-    start: FloatArray
-    end: FloatArray
-    hit: BoolArray
-    score: FloatArray
-
-    @property
-    def lengths(self) -> FloatArray:
-        """Lengths of the delaminations, shape (n,) [m]."""
-        return np.array([own.length for own in self.specimens])
-
-    @property
-    def error(self) -> float:
-        """Median error of the ends of all hits [m]; NaN without a hit."""
-        pairs = [
-            (abs(start - own.start), abs(end - own.end))
-            for own, start, end, hit in zip(
-                self.specimens, self.start, self.end, self.hit, strict=True
-            )
-            if hit
-        ]
-        return float(np.median(pairs)) if pairs else math.nan
-
-    def of(self, chosen: Sequence[bool]) -> Trials:
-        """Return the trials of the chosen specimens."""
-        kept = tuple(compress(self.specimens, chosen))
-        return Trials(
-            self.noise_db, kept, self.start[chosen], self.end[chosen], self.hit[chosen],
-            self.score[chosen],
-        )  # fmt: skip
-
-
 def grid(case: Case, supports: Sequence[str], frequencies: Sequence[float]) -> list[Specimen]:
     """Return the specimens of the grid: supports, frequencies, lengths, depths, positions."""
     L = case.length
@@ -375,8 +330,15 @@ def _whole(case: Case, support: str, frequency: float) -> Case:
     return intact(case.with_overrides(keys | fast))
 
 
-def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> Trials:
-    """Measure each specimen once with a noisy sensor and judge it as `detect` judges a scan."""
+def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.Dataset:
+    """Measure each specimen once with a noisy sensor and judge it as `detect` judges a scan.
+
+    Returns:
+        Dataset over `specimen`, with the noise in its attributes: `start` and `end` of the
+        delamination, its `depth` and `length`, the `marked_start` and `marked_end`, NaN where
+        nothing is called [m]; `support` and `frequency` [Hz]; `hit`, whether the marked interval
+        overlaps the delamination; `score`, the largest index over its limit of noise.
+    """
     rng, surface = np.random.default_rng(seed), surface_of(case, None)
     drives = {
         key: drive_responses(_whole(case, *key), surface, found.x, key[1], (2.0,))
@@ -393,7 +355,24 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> Tri
         start[k], end[k] = called.start, called.end
         score[k] = float(called.over_limits.max())
         hit[k] = called.is_detected and called.start <= own.end and called.end >= own.start
-    return Trials(noise_db, found.specimens, start, end, hit, score)
+    columns = {
+        "start": [own.start for own in found.specimens],
+        "end": [own.end for own in found.specimens],
+        "depth": [own.thickness for own in found.specimens],
+        "length": [own.length for own in found.specimens],
+        "support": [own.support for own in found.specimens],
+        "frequency": [own.frequency for own in found.specimens],
+        "marked_start": start, "marked_end": end, "hit": hit, "score": score,
+    }  # fmt: skip
+    data = {name: ("specimen", np.asarray(values)) for name, values in columns.items()}
+    return xr.Dataset(data, attrs={"noise_db": noise_db})
+
+
+def end_error(judged: xr.Dataset) -> float:
+    """Return the median error of the ends of all hits of `trials` [m]; NaN without a hit."""
+    hits = judged.isel(specimen=judged["hit"].to_numpy())
+    errors = [abs(hits[f"marked_{end}"] - hits[end]) for end in ("start", "end")]
+    return float(np.median(errors)) if hits.sizes["specimen"] else math.nan
 
 
 def intact_scores(
@@ -442,14 +421,14 @@ class Line:
     Attributes:
         support: support at the end of the structure.
         frequency: frequency of the excitation [Hz].
-        trials: hits and misses at this noise.
+        trials: hits and misses at this noise, see `trials`.
         curve: POD over the length [m].
         intact: scores of intact beams; empty where it was not computed.
     """
 
     support: str
     frequency: float
-    trials: Trials
+    trials: xr.Dataset
     curve: Curve
     intact: FloatArray
 
@@ -483,7 +462,7 @@ class PodStudy(Finding):
         return next(
             line
             for line in self.lines
-            if (line.support, line.trials.noise_db) == (support, noise_db)
+            if (line.support, line.trials.attrs["noise_db"]) == (support, noise_db)
             and line.frequency == self.recommended[support, noise_db]
         )
 
@@ -525,9 +504,9 @@ class PodStudy(Finding):
         L = self.case.length
         a = np.linspace(0.01, 0.45, 200) * L
         for axes, line in panels:
-            own = line.trials
-            lengths = np.unique(own.lengths.round(9))
-            rates = [own.hit[np.isclose(own.lengths, length)].mean() for length in lengths]
+            every, hit = line.trials["length"].to_numpy(), line.trials["hit"].to_numpy()
+            lengths = np.unique(every.round(9))
+            rates = [hit[np.isclose(every, length)].mean() for length in lengths]
             axes.plot(lengths / L, rates, "o", color=lamina_colours(1)[0], label="share of hits")
             axes.plot(a / L, line.curve.pod(a), color="black", label="POD")
             axes.plot(
@@ -545,10 +524,10 @@ class PodStudy(Finding):
         L = self.case.length
         classes = ((0.0, 0.075), (0.075, 0.175), (0.175, 0.5))
         for axes, line in panels:
-            share = line.trials.lengths / L
+            share = line.trials["length"].to_numpy() / L
             for (low, high), colour in zip(classes, lamina_colours(3), strict=True):
                 chosen = (share >= low) & (share < high)
-                false, true = roc(line.trials.score[chosen], line.intact)
+                false, true = roc(line.trials["score"].to_numpy()[chosen], line.intact)
                 text = f"a/L {share[chosen].min():.2g} to {share[chosen].max():.2g}"
                 axes.step(false, true, where="post", color=colour, label=text)
             axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.03), ylabel="rate of detection")
@@ -564,7 +543,8 @@ class PodStudy(Finding):
         for axes in panels[len(lines) :]:
             axes.remove()
         for axes, line in zip(panels, lines, strict=False):
-            words = f"{_WORDS[line.support]}, {line.trials.noise_db:g} dB, {line.frequency:g} Hz"
+            noise = line.trials.attrs["noise_db"]
+            words = f"{_WORDS[line.support]}, {noise:g} dB, {line.frequency:g} Hz"
             axes.set_title(words, loc="left")
         return figure, list(zip(panels, lines, strict=False))
 
@@ -585,16 +565,19 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
     lines, recommended = [], {}
     supports = sorted({own.support for own in found.specimens})
     frequencies = sorted({own.frequency for own in found.specimens})
-    keys = [(own.support, own.frequency) for own in found.specimens]
     for noise in noises:
         whole = trials(case, found, noise)
         for support in supports:
-            own = {f: whole.of([key == (support, f) for key in keys]) for f in frequencies}
-            best = max(frequencies, key=lambda f: (int(own[f].hit.sum()), -f))
+            of_support = whole.isel(specimen=(whole["support"] == support).to_numpy())
+            own = {
+                f: of_support.isel(specimen=(of_support["frequency"] == f).to_numpy())
+                for f in frequencies
+            }
+            best = max(frequencies, key=lambda f: (int(own[f]["hit"].sum()), -f))
             recommended[support, noise] = best
             for f, judged in own.items():
                 scores = intact_scores(case, support, f, noise) if f == best else np.empty(0)
-                curve = logistic(judged.lengths, judged.hit)
+                curve = logistic(judged["length"].to_numpy(), judged["hit"].to_numpy())
                 lines.append(Line(support, f, judged, curve, scores))
     order = {key: recommended[key] for key in sorted(recommended, key=lambda k: (k[0], -k[1]))}
     return PodStudy(case, tuple(lines), order)
@@ -605,12 +588,12 @@ def _row(line: Line, L: float) -> tuple[str, ...]:
     own = line.trials
     return (
         line.support,
-        f"{own.noise_db:g}",
+        f"{own.attrs['noise_db']:g}",
         f"{line.frequency:g}",
-        f"{int(own.hit.sum())} of {own.hit.size}",
+        f"{int(own['hit'].sum())} of {own['hit'].size}",
         f"{line.a90 / L:.3f}",
         f"{line.a90_95 / L:.3f}",
-        f"{own.error / L:.4f}",
+        f"{end_error(own) / L:.4f}",
         f"{int((line.intact > 1.0).sum())} of {line.intact.size}",
     )
 
@@ -621,19 +604,19 @@ def _numbers(line: Line) -> dict[str, object]:
     return {
         "support": line.support,
         "frequency": line.frequency,
-        "noise_db": own.noise_db,
-        "hits": int(own.hit.sum()),
-        "specimens": own.hit.size,
+        "noise_db": own.attrs["noise_db"],
+        "hits": int(own["hit"].sum()),
+        "specimens": own["hit"].size,
         "beta": line.curve.beta,
         "a90": line.a90,
         "a90_95": line.a90_95,
-        "median_end_error": own.error,
+        "median_end_error": end_error(own),
         "false_calls": int((line.intact > 1.0).sum()) if line.intact.size else None,
         "intact_beams": line.intact.size,
-        "length": own.lengths,
-        "depth": [specimen.thickness for specimen in own.specimens],
-        "middle": [0.5 * (specimen.start + specimen.end) for specimen in own.specimens],
-        "hit": own.hit,
+        "length": own["length"].to_numpy(),
+        "depth": own["depth"].to_numpy(),
+        "middle": 0.5 * (own["start"] + own["end"]).to_numpy(),
+        "hit": own["hit"].to_numpy(),
     }
 
 

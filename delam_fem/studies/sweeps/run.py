@@ -413,8 +413,8 @@ def _computing(
             about: dict[str, str | int | float] = {
                 "workers": schedule.n_workers,
                 "wall_seconds": time.perf_counter() - begin,
-                "busy_seconds": schedule.costs.busy,
-                "scheduling_overhead": schedule.costs.overhead,
+                "busy_seconds": schedule.busy,
+                "scheduling_overhead": schedule.overhead,
             }
         with journal.joined() as joined:
             yield joined, layout, about

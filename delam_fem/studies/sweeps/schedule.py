@@ -146,39 +146,6 @@ class Track:
 
 
 @dataclass
-class Costs:
-    """Measured times of the workers.
-
-    Attributes:
-        busy: time in which workers computed [s].
-        idle: time in which workers waited between chunks [s].
-        cost: recent mean time of a point; 0 if no point is finished [s].
-    """
-
-    busy: float = 0.0
-    idle: float = 0.0
-    cost: float = 0.0
-
-    def add(self, done: Done) -> None:
-        """Add the times of a finished chunk."""
-        recent = done.seconds / len(done.points)
-        # the first point of a worker includes imports; a much smaller time replaces it at once
-        self.cost = (
-            min(recent, self.cost)
-            if 2.0 * recent < self.cost
-            else 0.5 * (recent + (self.cost or recent))
-        )
-        self.busy += done.seconds
-        self.idle += done.idle
-
-    @property
-    def overhead(self) -> float:
-        """Share of their time in which workers waited between chunks [-]."""
-        total = self.busy + self.idle
-        return self.idle / total if total > 0.0 else 0.0
-
-
-@dataclass
 class Schedule:
     """The points that are waiting or submitted, and the executor that computes them.
 
@@ -189,7 +156,9 @@ class Schedule:
         executor: the executor.
         renew: function that replaces an executor after a worker died; None if it cannot be
             replaced.
-        costs: measured times so far.
+        busy: time in which workers computed [s].
+        idle: time in which workers waited between chunks [s].
+        cost: recent mean time of a point; 0 if no point is finished [s].
     """
 
     packed: bytes
@@ -197,10 +166,18 @@ class Schedule:
     ready: deque[Track]
     executor: Executor
     renew: Callable[[], Executor] | None = None
-    costs: Costs = field(default_factory=Costs)
+    busy: float = 0.0
+    idle: float = 0.0
+    cost: float = 0.0
     _flying: dict[Future[Done], tuple[Track, Chunk]] = field(default_factory=dict)
     _suspects: int = 0  # points that may have killed a worker, each now submitted alone
     _deaths: int = 0
+
+    @property
+    def overhead(self) -> float:
+        """Share of their time in which workers waited between chunks [-]."""
+        total = self.busy + self.idle
+        return self.idle / total if total > 0.0 else 0.0
 
     def run(self, take_in: Callable[[list[Done]], None], is_stopped: Callable[[], bool]) -> bool:
         """Compute all waiting points.
@@ -254,10 +231,10 @@ class Schedule:
 
     def _chunk_size(self, track: Track) -> int:
         """Return the number of points for the next chunk of a track."""
-        if self._suspects or self.costs.cost <= 0.0:
+        if self._suspects or self.cost <= 0.0:
             return 1
         left = track.waiting.size
-        n = min(int(CHUNK_SECONDS / self.costs.cost), left, MOST)
+        n = min(int(CHUNK_SECONDS / self.cost), left, MOST)
         if track.number == INDEPENDENT and self.n_workers > 1:
             n = min(n, math.ceil(left / (SHARE * self.n_workers)))
         return max(1, n)
@@ -273,7 +250,15 @@ class Schedule:
                 lost.append((track, chunk))
                 continue
             self._suspects = max(0, self._suspects - len(chunk.indices))
-            self.costs.add(done)
+            recent = done.seconds / len(done.points)
+            # the first point of a worker includes imports; a much smaller time replaces it at once
+            self.cost = (
+                min(recent, self.cost)
+                if 2.0 * recent < self.cost
+                else 0.5 * (recent + (self.cost or recent))
+            )
+            self.busy += done.seconds
+            self.idle += done.idle
             results.append(done)
             if track.number != INDEPENDENT:
                 track.state = done.state
@@ -297,7 +282,7 @@ class Schedule:
                 "a worker died (out of memory?); the finished points are kept, and --resume goes on"
             )
         self._deaths += 1
-        if self._deaths >= MOST_DEATHS and not self.costs.busy:
+        if self._deaths >= MOST_DEATHS and not self.busy:
             raise CaseError(
                 f"workers: {self._deaths} died, one after the other, before any point was "
                 "finished: too little memory, or a library that cannot be loaded? One point alone "

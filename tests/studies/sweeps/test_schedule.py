@@ -98,7 +98,7 @@ def test_a_stop_hands_out_no_more() -> None:
 def test_idle_time_is_the_overhead() -> None:
     schedule = Schedule(b"", 1, independent(10), Fake(cost=0.9, idle=0.1))
     computed(schedule)
-    assert schedule.costs.overhead == pytest.approx(0.1)
+    assert schedule.overhead == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("deadly", [frozenset({0}), frozenset({537}), frozenset({3, 4, 999})])
