@@ -236,17 +236,20 @@ class ProblemMap:
 
     def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
         """Return what is seen in some periods from a state."""
-        problem, found = self.at(parameter), [Seen(state, np.zeros((0, 0)))]
+        problem = self.at(parameter)
+        tip = problem.tip
+        found: list[Seen] = []
         for _ in range(periods):
-            found.append(problem.seen(found[-1].end))
+            found.append(problem.seen(state))
+            state = found[-1].end
         self.evaluations += periods
-        u, tip = np.concatenate([own.u for own in found[1:]]), problem.tip
+        u = np.concatenate([own.u for own in found])
         gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
         gaps = gap.reshape(periods, -1)
-        n, fine = gaps.shape[1], np.array([own.lowest for own in found[1:]])
+        n, fine = gaps.shape[1], np.array([own.lowest for own in found])
         lowest = np.where(np.isnan(fine), gaps.min(axis=1), fine)
         # row k of u is after step k + 1 of the map; the drive begins anew after step n - first
-        strobes, ends = u[n - 1 - problem.first :: n], np.array([own.end for own in found[1:]])
+        strobes, ends = u[n - 1 - problem.first :: n], np.array([own.end for own in found])
         low, high = u.min(axis=0), u.max(axis=0)
         return Passage(ends, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
 
