@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from project import SCRIPTS, script
+from project import ROOT, SCRIPTS, script
 
 
 def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[str]) -> None:
@@ -32,6 +32,12 @@ def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     page = (tmp_path / "performance.md").read_text()
     assert all(f"## {name}" in page for name in module.SCHEMES)
     assert (tmp_path / "figures" / "performance.png").stat().st_size > 1000
+
+
+def test_page_of_performance_is_that_of_its_numbers() -> None:
+    numbers = json.loads((ROOT / "docs" / "performance.json").read_text("utf-8"))
+    page = (ROOT / "docs" / "performance.md").read_text("utf-8")
+    assert page == script("benchmark").markdown(numbers)
 
 
 def test_reduced_study_finds_limits_and_smoothness(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ LONG = [
 @pytest.mark.parametrize("test", LONG, ids=lambda test: test.file)
 def test_numbers_are_within_the_bar_and_on_the_page(test: others.Test) -> None:
     text = others.PAGE.read_text("utf-8")
+    assert text.startswith(others.HEAD)
     for row in test.rows():
         assert abs(row.difference) < test.bar, row
         shown = re.search(rf"{re.escape(row.what)} \| {row.theirs:.7g} \| (\S+) \|", text)
