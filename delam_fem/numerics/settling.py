@@ -308,19 +308,20 @@ def kinds_of_motion(
             f"kinds of motion: expected at least {FEWEST_STROBES} strobes per point, given {n}; "
             f"compute the sweep with record.strobes = {2 * FEWEST_STROBES}"
         )
-    kinds = np.full(outcome.shape, FAILED, dtype=np.int64)
-    kinds[outcome == "diverged"] = DIVERGED
     is_done = outcome == "completed"
-    has_lines = np.zeros(outcome.shape, dtype=np.bool_)
-    has_lines[is_done] = line_share(strobes[is_done]).min(axis=-1) >= LINE_SHARE
-    kinds[is_done] = np.where(has_lines[is_done], QUASI_PERIODIC, IRREGULAR)
-    kinds[is_done & (periodicity > 1)] = HIGHER
-    kinds[is_done & (periodicity == 1)] = PERIOD_1
-    if is_decided is not None:
-        kinds[is_done & ~is_decided] = UNDECIDED
-    if is_settled is not None:
-        kinds[is_done & ~is_settled] = UNSETTLED
-    return kinds
+    share = np.zeros(outcome.shape)
+    share[is_done] = line_share(strobes[is_done]).min(axis=-1)
+    surely = np.ones(outcome.shape, dtype=np.bool_)
+    kinds = {  # the first that holds
+        DIVERGED: outcome == "diverged",
+        FAILED: ~is_done,
+        UNSETTLED: ~(surely if is_settled is None else is_settled),
+        UNDECIDED: ~(surely if is_decided is None else is_decided),
+        PERIOD_1: periodicity == 1,
+        HIGHER: periodicity > 1,
+        QUASI_PERIODIC: share >= LINE_SHARE,
+    }
+    return np.select([*kinds.values()], [*kinds], IRREGULAR)
 
 
 def line_share(strobes: FloatArray) -> FloatArray:
