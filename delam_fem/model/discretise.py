@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import ModelKind
 from delam_fem.model.layout import Structure
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
@@ -67,9 +67,8 @@ def require_plain(case: Case, study: str) -> None:
     """
     require_bending(case, study)
     inside = {"stop": case.stop, "impactor": case.impactor, "support": case.support.inside}
-    for key, count in ((key, len(found)) for key, found in inside.items()):
-        if count:
-            raise CaseError(f"{key}: {study}: expected none inside the span, given {count}")
+    for key, found in inside.items():
+        require(not found, f"{key}: {study}", "none inside the span", len(found))
 
 
 def require_mass(case: Case, study: str, reason: str) -> None:

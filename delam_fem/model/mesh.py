@@ -17,7 +17,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 _COUNTS = {2: "two", 3: "three"}
 FORMATS = {".msh": "gmsh", ".vtk": "vtk", ".vtu": "vtu", ".xdmf": "xdmf"}
@@ -99,11 +99,8 @@ def placed(case: Case, n: int) -> FloatArray:
     ):
         return uniform
     spans = np.diff(at)
-    if n < 2 * spans.size:
-        raise CaseError(
-            f"mesh.elements: expected at least {2 * spans.size}, two between neighbouring edges of "
-            f"delaminations, given {n}"
-        )
+    least = f"at least {2 * spans.size}, two between neighbouring edges of delaminations"
+    require(n >= 2 * spans.size, "mesh.elements", least, n)
     counts = np.maximum(2, np.floor(n * spans / length)).astype(np.int64)
     while counts.sum() != n:  # the coarsest segment gets one more, or the finest one fewer
         h = spans / counts
