@@ -79,11 +79,9 @@ def test_a_block_that_writes_nothing_is_an_error(tmp_path: Path) -> None:
         pass
 
 
-def test_text_is_utf8_and_its_folder_must_exist(tmp_path: Path) -> None:
-    path = write_text(tmp_path / "a.txt", "µ\n")
+def test_text_is_utf8_and_its_folder_is_made(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "new" / "folder" / "a.txt", "µ\n")
     assert path.read_bytes() == b"\xc2\xb5\n"
-    with pytest.raises(FileNotFoundError, match="missing"):
-        write_text(tmp_path / "missing" / "a.txt", "")
 
 
 def test_a_file_takes_everything_and_says_what_failed(tmp_path: Path) -> None:
