@@ -124,9 +124,9 @@ def noise(points: list[int], refine: int, settle: int, periods: int) -> Table:
                 }
                 | keys,
             )  # fmt: skip
-            begin = time.process_time()
+            begin = time.thread_time()
             data = df.run(case).history
-            seconds = (time.process_time() - begin) / (settle + periods)
+            seconds = (time.thread_time() - begin) / (settle + periods)
             y1 = 1e3 * data["envelope_min"][0, -periods:].to_numpy()
             scatter, roughness, many = roughness_of(data, case, periods)
             rows.append(

@@ -139,11 +139,11 @@ def limit_of(
     state = np.zeros(problem.periods.reduced.n_state)
     for _ in range(1 + settle):
         state = problem.periods.advance(state, problem.drive)
-    extremes, exchanged, steps, begin = [], np.zeros(4), 0, time.process_time()
+    extremes, exchanged, steps, begin = [], np.zeros(4), 0, time.thread_time()
     computed = [problem.periods.record(state, problem.drive)]
     while len(computed) < periods:
         computed.append(problem.periods.record(computed[-1].end, problem.drive))
-    seconds = time.process_time() - begin
+    seconds = time.thread_time() - begin
     for period in computed:
         tips = 1e3 * problem.displacements(period)
         extremes.append([tips[:, 0].min(), tips[:, 0].max(), tips[:, 1].min(), tips[:, 1].max()])

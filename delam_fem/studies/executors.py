@@ -18,7 +18,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 
 from delam_fem.simulation.checkpoint import STOPPING
 from delam_fem.system.errors import CaseError
-from delam_fem.system.imports import added
+from delam_fem.system.imports import ONE_THREAD, added
 
 ExecutorName = Literal["process", "mpi", "serial"]
 
@@ -27,14 +27,9 @@ _log = logging.getLogger(_PACKAGE)
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-_OF_WORKERS = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "PYTHONSAFEPATH": "1",
-}
-"""Environment of workers: on small matrices more threads only wait for each other; modules in the
-working folder must not replace those that a worker imports."""
+_OF_WORKERS = ONE_THREAD | {"PYTHONSAFEPATH": "1"}
+"""Environment of workers: modules in the working folder must not replace those that a worker
+imports."""
 _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that hold the number of processes under mpiexec."""
 _UNGUARDED = 76

@@ -21,6 +21,10 @@ from importlib import metadata
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Settings of libraries that are loaded later. On small matrices more threads only wait for each
+other, and spin a while after each call."""
+
 
 @contextmanager
 def _symbols_stay_local() -> Iterator[None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import shutil
 import subprocess
 import sys
@@ -414,3 +415,19 @@ def test_a_note_is_written_once_whatever_other_packages_log(
         logging.getLogger().removeHandler(handler)
     both = result.output + capfd.readouterr().err
     assert both.count("note of the run") == 1
+
+
+@pytest.mark.parametrize(("given", "number"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_the_command_gives_blas_one_thread(given: dict[str, str], number: str) -> None:
+    """Another that waits for work would cost as much as the one that works."""
+    program = (
+        "import os, delam_fem.cli, numpy as np; np.ones((500, 500)) @ np.ones((500, 500))\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'], len(os.listdir('/proc/self/task')))"
+    )
+    own = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    process = subprocess.run(
+        [sys.executable, "-c", program], env=own | given, capture_output=True, text=True, check=True
+    )
+    told, threads = process.stdout.split()
+    assert told == number
+    assert 1 <= int(threads) <= int(number)

@@ -396,11 +396,11 @@ def _run(
         def motion(period: int) -> FloatArray:
             nonlocal begin
             states = opened.motion(period)
-            begin = time.process_time()
+            begin = time.thread_time()
             return states
 
         def collect(done: int) -> bool:
-            seconds.append(time.process_time() - begin)
+            seconds.append(time.thread_time() - begin)
             if done > recorder.n_periods - last:
                 rows.append(row_of(recorder, len(case.lamina), opening))
             return False
