@@ -469,7 +469,7 @@ def _result(
             f"{quality.OPEN}; the warnings say why" if is_lost else _divergence(case, history)
         )
         _log.error(summary["message"])
-    solid = derived.collected(structure, recorder, case)
+    solid = None if structure.body is None else derived.collected(structure, recorder, case)
     return Result(case, history, json_ready(summary), state, solid=solid)
 
 

@@ -124,7 +124,7 @@ def few_modes(case: Case) -> xr.Dataset:
     )
     law = df.Law("penalty", penalty_stiffness=case.contact.penalty_stiffness)
     found = df.run(
-        operators, "compiled", law=law, scheme="central-difference", drive=drive(case),
+        operators, "compiled", law=law, scheme="central-difference", drive=drive(case.excitation),
         time_step=2e-4, until=1.0,
     ).history  # fmt: skip
     moved = found["probe_displacement"].to_numpy(), found["probe_velocity"].to_numpy()

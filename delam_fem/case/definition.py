@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.drive import (
+from delam_fem.case.excitation import (
     Excitation,
     HammerExcitation,
     HarmonicExcitation,

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 
 from delam_fem.case.definition import Case
-from delam_fem.case.drive import (
+from delam_fem.case.excitation import (
     ForceExcitation,
     HammerExcitation,
     HarmonicExcitation,

@@ -36,7 +36,6 @@ from delam_fem.cli.console import (
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
-    from delam_fem.case.definition import Case
     from delam_fem.engines.session import EngineName
     from delam_fem.results.folder import Result
     from delam_fem.system.mpi import MPI
@@ -166,12 +165,18 @@ def run_command(
                 outcome = "completed"
                 _log.info("%s has the complete result: nothing is left to do", folder)
             else:
+                from delam_fem.pipeline import run
+
                 wished = {"extend": extend, "checkpoint_seconds": seconds}
                 options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
                 options |= {"engine": chosen, "resume": resume, "overwrite": overwrite}
-                outcome = _computed(
-                    case, folder, comm, quiet or not is_first, figures=figures, **options
-                )
+                is_silent = quiet or not is_first
+                with progress(error_console(is_silent), case.steps_per_period) as report:
+                    result = run(case, directory=folder, progress=report, comm=comm, **options)
+                paths = _saved(result, folder, figures) if is_first else []
+                said = f"case {case.name}", ("", "value"), summary_rows(result.summary)
+                say(is_silent, paths, tables=[said])
+                outcome = str(result.history.attrs["outcome"])
             _wait_for_all(comm)
     if outcome != "completed":
         fail(f"{outcome}; the results so far are in {folder}{HINT[outcome]}", STATUS[outcome])
@@ -184,26 +189,6 @@ def engine_in(directory: Path, *, resume: bool, extend: bool) -> EngineName:
     path = checkpoint.path_in(directory) if resume else checkpoint.final_in(directory)
     name = checkpoint.engine_in(path) if resume or extend else None
     return "compiled" if name == "compiled" else "petsc"
-
-
-def _computed(
-    case: Case,
-    directory: Path,
-    comm: MPI.Intracomm,
-    quiet: bool,
-    *,
-    figures: bool,
-    **options: Any,
-) -> str:
-    """Compute a case and let the first rank write the results; return the outcome."""
-    from delam_fem.pipeline import run
-
-    with progress(error_console(quiet), case.steps_per_period) as report:
-        result = run(case, directory=directory, progress=report, comm=comm, **options)
-    paths = _saved(result, directory, figures) if comm.rank == 0 else []
-    said = f"case {case.name}", ("", "value"), summary_rows(result.summary)
-    say(quiet, paths, tables=[said])
-    return str(result.history.attrs["outcome"])
 
 
 def _saved(result: Result, directory: Path, figures: bool) -> list[Path]:

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, cast
@@ -200,7 +200,7 @@ def span_of(case: Case) -> Span:
 
 def motion_of(case: Case) -> BaseStates:
     """Return the drive of a case (motion of the base, or force) as a function of the period."""
-    return by_period(drive(case), span_of(case), is_periodic=case.is_periodic)
+    return by_period(drive(case.excitation), span_of(case), is_periodic=case.is_periodic)
 
 
 def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseStates:
@@ -342,8 +342,8 @@ class Session:
             enough: called after each block of periods; True completes it.
             every: see `simulate`.
         """
-        run = partial(simulate, self.engine, self.recorder, self.motion)
-        return run(stop=stop, enough=enough, every=every)
+        parts = self.engine, self.recorder, self.motion
+        return simulate(*parts, stop=stop, enough=enough, every=every)
 
     def run_kept(self, folder: Path | None, case: Case, name: str = "compiled") -> Outcome:
         """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.

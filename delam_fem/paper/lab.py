@@ -162,7 +162,7 @@ def swept_envelope(result: Result) -> tuple[FloatArray, FloatArray]:
         `TRANSIENT_LEFT` of the transient of the start is left.
     """
     middle, (low, high) = swept_extremes(result)
-    f = base_motion(result.case).instantaneous_frequency(middle)
+    f = base_motion(result.case.excitation).instantaneous_frequency(middle)
     half = np.ceil(0.5 / (f * result.case.period)).astype(np.int64)
     ranges = [slice(max(k - w, 0), k + w + 1) for k, w in enumerate(half.tolist())]
     half_range = [0.5 * (high[:, r].max(axis=1) - low[:, r].min(axis=1)) for r in ranges]

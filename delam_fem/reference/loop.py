@@ -217,7 +217,7 @@ def simulate_reference(
     state = initial or Standing(0, rest, rest, np.zeros(operators.n_pairs, dtype=bool))
     N, dt = case.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)
-    base = base_motion(case).states(steps * dt)
+    base = base_motion(case.excitation).states(steps * dt)
     system = _System(operators, dt, case.contact.penalty_stiffness)
     u, v, P = state.displacement, state.velocity, state.permanent
     a = system.acceleration(u, v, base[0], P)

@@ -134,7 +134,7 @@ class Result:
         Raises:
             OSError: the file cannot be written or the disk is full.
         """
-        return _write_groups(self.groups, Path(path))
+        return write_dataset(self.groups, Path(path))
 
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write case.toml, result.nc, summary.json and the final state only."""
@@ -213,8 +213,9 @@ class OperatorsResult(Result):
         )
 
 
-def _write_groups(groups: Mapping[str, xr.Dataset], path: Path) -> Path:
-    """Write datasets as the groups of one NetCDF-4 file."""
+def write_dataset(data: xr.Dataset | Mapping[str, xr.Dataset], path: Path) -> Path:
+    """Write a dataset as NetCDF-4, or several as the groups of one file."""
+    groups = {"/": data} if isinstance(data, xr.Dataset) else data
     with atomic_file(path) as temporary:
         file = h5netcdf.File(temporary, "w")
         for name, group in groups.items():
@@ -312,8 +313,3 @@ def is_complete(directory: str | Path, case: Case) -> bool:
             return (about.get("outcome"), about.get("case")) == ("completed", case.to_toml())
     except Exception:  # a damaged file; see `load_numbers`
         return False
-
-
-def write_dataset(history: xr.Dataset, path: Path) -> Path:
-    """Write a dataset as NetCDF-4."""
-    return _write_groups({"/": history}, path)

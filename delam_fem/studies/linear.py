@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.drive import Excitation, ForceExcitation, HarmonicExcitation
+from delam_fem.case.excitation import Excitation, ForceExcitation, HarmonicExcitation
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import at_start, elastic, first_mode, keeping_closed, response

@@ -156,7 +156,7 @@ def shaken(case: Case, shaker: float, phase: float) -> FloatArray:
         shaker: second harmonic of the acceleration of its base over the first.
         phase: of that [rad].
     """
-    structure, span, base = closed_form.assemble(case), span_of(case), base_motion(case)
+    structure, span, base = closed_form.assemble(case), span_of(case), base_motion(case.excitation)
     once = base.states(span.time_step * np.arange(span.steps_per_period + 1))
     angle = 2.0 * np.linspace(0.0, 2.0 * np.pi, len(once)) + phase
     omega, A = 4.0 * np.pi / case.period, 0.25 * shaker * case.excitation.amplitude

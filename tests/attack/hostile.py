@@ -173,7 +173,7 @@ def a_sweep(rng: random.Random, folder: Path) -> None:
 
 def a_table(rng: random.Random, folder: Path) -> None:
     """Read a damaged table of a gap or of an excitation."""
-    from delam_fem.case.drive import read_series
+    from delam_fem.case.excitation import read_series
     from delam_fem.case.gap import read_gap_table
 
     rows = [f"{0.685 * k / 9!r}, {0.012 * (k / 9) ** 2!r}" for k in range(10)]

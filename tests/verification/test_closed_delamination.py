@@ -60,7 +60,7 @@ def test_first_impacts_are_those_of_the_judge() -> None:
     x = node_coordinates(case)
     o = judge.assemble(case, x, observed=len(x) // 2)
     times = np.arange(3 * 200 + 1) * case.time_step
-    u, count = moreau_jean(o, base_motion(case).states(times), case.time_step, 0.3)
+    u, count = moreau_jean(o, base_motion(case.excitation).states(times), case.time_step, 0.3)
     expected = u @ o.probes.T.toarray()
     for engine in ("petsc", "compiled"):
         found = motion(

@@ -238,7 +238,7 @@ def reaction_work(o: Operators, motions: Motions, base: FloatArray, law: Law) ->
 def base_work_error(case: Case, law: Law, steps: int) -> tuple[float, float]:
     """Return the work of the base in a period: the ledger's less the reaction's, the latter."""
     o = closed_form.assemble(case).operators
-    motion = base_motion(case)
+    motion = base_motion(case.excitation)
     motions = simulate(
         o,
         law,

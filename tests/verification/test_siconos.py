@@ -70,7 +70,7 @@ def by_siconos(case: Case, directory: Path) -> dict[str, FloatArray]:
         gap_matrix=o.gap_matrix.toarray(),
         gap0=o.gap0,
         base=np.stack([o.base.stiffness, o.base.damping, o.base.mass]),
-        base_states=base_motion(case).states(times),
+        base_states=base_motion(case.excitation).states(times),
         time_step=case.time_step,
         restitution=case.contact.restitution,
         probes=o.probes.toarray(),

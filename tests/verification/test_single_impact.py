@@ -58,7 +58,7 @@ def test_energy_of_a_single_impact(impulse: Impulse, e: float, pair: int) -> Non
     stepper.begin(np.zeros((2, 3)))
     stepper.restore(np.array([0.0 * v, v, 0.0 * v]))
     stepper.advance()
-    before, rate = stepper.energies(), stepper.gap_rate()[pair]
+    before, rate = stepper.energies(), stepper.rate_free()[pair]
     decision = law.examine(stepper)
     assert decision is not None
     assert decision.hit.tolist() == [pair]
@@ -69,7 +69,7 @@ def test_energy_of_a_single_impact(impulse: Impulse, e: float, pair: int) -> Non
     assert told == pytest.approx(-loss, abs=ROUND_OFF * before.kinetic)
     assert after.kinetic - before.kinetic == pytest.approx(-loss, abs=ROUND_OFF * before.kinetic)
     assert after.strain == before.strain
-    assert stepper.gap_rate()[pair] == pytest.approx(-e * rate, abs=1e-9)
+    assert stepper.rate_free()[pair] == pytest.approx(-e * rate, abs=1e-9)
     stepper.destroy()
 
 

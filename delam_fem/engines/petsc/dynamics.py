@@ -257,8 +257,8 @@ class Dynamics:
         """Gaps of the candidate state, shape (n_pairs,) [m]."""
         return self._gap_values
 
-    def gap_rate(self) -> FloatArray:
-        """Return H v, shape (n_pairs,) [m/s]."""
+    def rate_free(self) -> FloatArray:
+        """Return H v without impulses, shape (n_pairs,) [m/s]."""
         return self._rate_values
 
     def _compliance(self, factor: linear_algebra.Factor) -> linear_algebra.LazyCompliance:

@@ -150,11 +150,7 @@ class Newmark(Dynamics):
         if self._spring_damping:
             np.copyto(self.damped, self._kept_damped)
 
-    def rate_pre(self) -> FloatArray:
-        """Return gap rates before an impact, shape (n_pairs,) [m/s]."""
-        return self.gap_rate()
-
-    rate_free = rate_pre
+    rate_pre = Dynamics.rate_free  # an impact is between two steps
 
     def advance(self) -> float:
         """Compute the candidate state of the next step; return its smallest gap [m]."""
@@ -200,7 +196,7 @@ class Newmark(Dynamics):
         k, c = self.spring_stiffness, self._spring_damping
         drive = k * self._of_springs(self._gap_values)
         if c:
-            drive += c * self._of_springs(self.gap_rate())
+            drive += c * self._of_springs(self._rate_values)
         now = self._now
         if now.resistance is not None:
             forces = now.resistance @ drive
@@ -309,7 +305,7 @@ class Newmark(Dynamics):
         if self._pairs.size:
             forces = self.spring_stiffness * self._of_springs(self._gap_values)
             if self._spring_damping:
-                forces += self._spring_damping * self._of_springs(self.gap_rate())
+                forces += self._spring_damping * self._of_springs(self._rate_values)
             self._push(forces)
             self._residual.axpy(1.0, self._load)
         self._M_factor.solve(self._residual, self.a)

@@ -286,10 +286,6 @@ class MoreauJean(Dynamics):
         """Return gap rates at the start of the step, shape (n_pairs,) [m/s]."""
         return self._rate_start.values
 
-    def rate_free(self) -> FloatArray:
-        """Return gap rates at the end of the step without impulses, shape (n_pairs,) [m/s]."""
-        return self.gap_rate()
-
     def advance(self) -> float:
         """Compute the free motion of the next step; return the smallest predicted gap [m]."""
         u, v, dt, theta = self.u, self.v, self.time_step, self._theta

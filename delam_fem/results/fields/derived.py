@@ -225,12 +225,12 @@ def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | 
     On several ranks the first one gets the displacements and velocities of all nodes.
 
     Returns:
-        The frames; None if the structure has no body, if no finite frame was kept, or on a rank
-        that is not the first.
+        The frames; None if no finite frame was kept, or on a rank that is not the first.
     """
     body = structure.body
     steps, states, contact, base = frames_of(recorder)
-    if body is None or not states:
+    assert body is not None
+    if not states:
         return None
     flags = body.solid.comm.allgather([bool(np.isfinite(state).all()) for state in states])
     finite = np.flatnonzero(np.all(flags, axis=0))  # a diverged run ends without numbers

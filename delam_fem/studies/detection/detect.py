@@ -168,7 +168,7 @@ def simulated(
         window_periods=scan.periods,
         frames_per_period=samples * turns,
     )
-    drives = [by_period(drive(own), span, is_periodic=True)(0) for own in tones]
+    drives = [by_period(drive(own.excitation), span, is_periodic=True)(0) for own in tones]
     table = np.sum(drives, axis=0)
     found = [steady_motion(own, structure) for own in tones]
     closed = [own for own in found if own is not None]

@@ -27,8 +27,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from delam_fem.case.definition import Case
-from delam_fem.case.drive import SweepExcitation
-from delam_fem.case.excitation import SweptMotion, swept_motion
+from delam_fem.case.excitation import SweepExcitation, SweptMotion, swept_motion
 from delam_fem.case.sections import Lamina
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise

@@ -418,7 +418,7 @@ class CaseFamily:
             structure.operators,
             law_of(case),
             scheme_of(case),
-            drive(case),
+            drive(case.excitation),
             span_of(case),
             tip_of(structure),
         )

@@ -197,7 +197,7 @@ def start_of(case: Case) -> FloatArray | None:
     if case.is_massless or not (case.initial or case.impactor):
         return None
     operators = discretise.assemble(case, needs_dolfinx=False).operators
-    found = session.start_of(operators, drive(case).states(np.zeros(1))[0])
+    found = session.start_of(operators, drive(case.excitation).states(np.zeros(1))[0])
     return None if found is None else found.motion[:2].ravel()
 
 

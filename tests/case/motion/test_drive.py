@@ -41,7 +41,7 @@ def table(path: Path, value: object, heading: str = "time [s], value", n: int = 
 
 def test_acceleration_is_the_amplitude_of_the_second_derivative() -> None:
     case = with_excitation(kind="harmonic", frequency=63.7, acceleration=0.1)
-    motion = drive(case)
+    motion = drive(case.excitation)
     assert motion == HarmonicMotion(63.7, 0.1 / (2 * math.pi * 63.7) ** 2)
     assert motion.states([0.25 / 63.7])[0, 2] == pytest.approx(-0.1, rel=1e-12)
     assert case.excitation.words == "63.7 Hz, a = 0.1 m/s²"
@@ -51,7 +51,7 @@ def test_swept_acceleration_keeps_its_amplitude() -> None:
     case = with_excitation(
         kind="sweep", start_frequency=50.0, end_frequency=80.0, duration=20.0, acceleration=0.1
     )
-    motion = drive(case)
+    motion = drive(case.excitation)
     assert isinstance(motion, SweptMotion)
     for start in (0.0, 10.0, 19.0):
         acceleration = motion.states(np.linspace(start, start + 0.5, 20001))[:, 2]
@@ -71,12 +71,12 @@ def test_metres_do_not_become_newtons() -> None:
 
 
 def test_force_and_hammer() -> None:
-    force = drive(with_excitation(**FORCE))
+    force = drive(with_excitation(**FORCE).excitation)
     assert force == HarmonicMotion(5.0, 2.0)
     case = with_excitation(**HAMMER)
     assert (case.n_periods, case.steps_per_period, case.is_periodic) == (100, 80, False)
     assert (case.time_step, case.n_window_periods) == (pytest.approx(1e-4), 100)
-    blow = drive(case)
+    blow = drive(case.excitation)
     t = np.linspace(0.0, 2e-3, 20001)
     F, rate, bend = blow.states(t).T
     assert F.max() == pytest.approx(20.0, rel=1e-7)
@@ -92,7 +92,7 @@ def test_swept_force() -> None:
     keys = {key: value for key, value in FORCE.items() if key != "frequency"}
     case = with_excitation(**keys, start_frequency=1.0, end_frequency=4.0, duration=3.0)
     assert (case.n_periods, case.is_periodic) == (12, False)
-    assert drive(case) == SweptMotion(1.0, 4.0, 3.0, 2.0)
+    assert drive(case.excitation) == SweptMotion(1.0, 4.0, 3.0, 2.0)
 
 
 def test_table_of_displacements(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_table_of_displacements(tmp_path: Path) -> None:
     assert (case.n_periods * case.period, case.time_step) == (1.0, pytest.approx(1e-3))
     t = np.linspace(0.0, 1.0, 57)
     expected = HarmonicMotion(2.0, 1e-3).states(t)
-    assert np.abs(drive(case).states(t) - expected).max(axis=0) == pytest.approx(
+    assert np.abs(drive(case.excitation).states(t) - expected).max(axis=0) == pytest.approx(
         np.zeros(3), abs=1e-6
     )
 
@@ -111,7 +111,7 @@ def test_table_of_accelerations_does_not_drift(tmp_path: Path) -> None:
     w = 2 * math.pi * 5.0
     heading = "# measured\ntime [s], acceleration [m/s²]"
     file = table(tmp_path / "a.csv", lambda t: -(w**2) * 1e-3 * np.sin(w * t), heading, 1001)
-    motion = drive(with_excitation(kind="table", file=str(file), acts_on="base"))
+    motion = drive(with_excitation(kind="table", file=str(file), acts_on="base").excitation)
     assert isinstance(motion, Tabulated)
     t = np.linspace(0.0, 1.0, 301)
     expected = HarmonicMotion(5.0, 1e-3).states(t)
@@ -124,7 +124,7 @@ def test_table_of_forces(tmp_path: Path) -> None:
     case = with_excitation(
         kind="table", file=str(file), acts_on="force", lamina="thin", position=0.2
     )
-    rows = drive(case).states(np.array([0.5, 1.5]))
+    rows = drive(case.excitation).states(np.array([0.5, 1.5]))
     assert rows[0, :2] == pytest.approx([0.25, 0.0], abs=1e-3)
     assert (rows[1] == 0.0).all()
     again = Case.from_toml(case.to_toml())

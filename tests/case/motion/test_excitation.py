@@ -83,8 +83,8 @@ def test_frequency_moves_from_start_to_end_and_stays(logarithmic: bool, middle: 
 
 @pytest.mark.parametrize("spacing", ["linear", "logarithmic"])
 def test_motion_of_a_case(spacing: str) -> None:
-    assert base_motion(preset("paper")) == HarmonicMotion(3.25, 0.0025)
+    assert base_motion(preset("paper").excitation) == HarmonicMotion(3.25, 0.0025)
     keys = {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 2, "duration": 60.0}
     case = preset("paper", {f"excitation.{k}": v for k, v in {**keys, "spacing": spacing}.items()})
     expected = SweptMotion(1.0, 2.0, 60.0, 0.0025, logarithmic=spacing == "logarithmic")
-    assert base_motion(case) == expected
+    assert base_motion(case.excitation) == expected

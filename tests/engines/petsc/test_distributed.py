@@ -38,7 +38,7 @@ def compare(way, law, impulse, refine):
         )
     options = dict(steps_per_period=STEPS, periods=2, time_step=case.time_step, frames_per_period=4,
                    refinement=Refinement(int(refine)))
-    args = law_of(case), scheme_of(case), drive(case)
+    args = law_of(case), scheme_of(case), drive(case.excitation)
     one = solve(o, *args, **options)
     both = solve(given, *args, **options, comm=comm)
     assert one.recorder.window[0].jumps.columns().ticks.size > 0
