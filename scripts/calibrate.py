@@ -65,19 +65,22 @@ WHY_NOT = {
     "converge": f"{COMPUTED}; stiffness and damping are drawn",
     "detect": "mesh: the motion is exact, and nothing touches",
     "identify": f"{RIGID}; damping is sought itself, from half to twice",
+    "free": "EI, clamps: they change the frequency, which is drawn; there is no shaker and no mesh",
     "lyapunov": "an oscillator has one stop, no mesh, no noise and no shaker",
     "modulate": "nothing is measured: the command has no `--measured`",
+    "multipliers": "a map has no laminae, no noise and no shaker",
+    "natural": "a frequency alone is read; its noise is drawn",
     "overlay": RIGID,
     "pod": "nothing is measured: hits are drawn; those of rigs are the matter of `detect`",
     "resonance": "EI, clamps: they change the frequency, which is drawn; mesh: nothing touches",
     "settled": f"{RIGID}; a run has no noise, and its drive is that of the case",
     "stability": COMPUTED,
-    "tap": "clamps, damping, mesh: not counted; there is no shaker, and each tap has its own noise",
+    "tap": "there is no shaker",
 }
 """Why a part lacks a rig."""
 UNCOUNTED = {
-    "`orbit find`: intervals of multipliers": "the verdict alone is counted; docs/orbits.md "
-    "compares single multipliers with closed forms",
+    "`orbit find`: intervals of multipliers of laminae": "no exact truth is known; docs/orbits.md "
+    "has a decay over many periods",
     "`orbit follow`: intervals of grazings, of Neimark–Sacker points": "a grazing has the points "
     "beside it; for the others toy maps alone have been tried",
     "`orbit follow`: doublings and folds of laminae": "a truth costs minutes; docs/orbits.md has "
@@ -88,7 +91,8 @@ UNCOUNTED = {
     "of the map; nothing is promised between them or on a rig",
     "`detect pod`: a90": "a middle, without an interval",
     "`detect modulate`: calls of delaminated plates": "no share is promised",
-    "`measure response`: poles ±": "the scatter over the orders of the fit",
+    "`measure response --poles`: scatter of poles": "over the orders of the fit, in brackets; no "
+    "interval: twice the scatter held 24 of 77 frequencies and 28 of 77 damping ratios",
     "`converge`: contact work, distortion, other harmonics": "no interval is given",
     "`converge`: solids": "a truth costs many minutes",
 }

@@ -251,7 +251,8 @@ def response_command(
     if free is not None:
         data = with_free_vibrations(data, *free, segment=segment)
     if pole_range is not None:
-        tables.append(("poles", ("frequency [Hz]", "damping [%]"), _poles(data, *pole_range)))
+        of_poles = ("frequency [Hz] (scatter)", "damping [%] (scatter)")
+        tables.append(("poles", of_poles, _poles(data, *pole_range)))
     if free is not None:
         heading = ("time [s]", "frequency [Hz]", "damping [%]", "amplitude")
         tables.append((f"free vibration of {free[0]}", heading, _free_rows(data)))
@@ -299,8 +300,8 @@ def _poles(data: xr.Dataset, lower: float, upper: float) -> list[tuple[str, ...]
     data.attrs["pole_damping"] = [pole.damping for pole in found]
     return [
         (
-            f"{pole.frequency:.5g} ± {pole.frequency_scatter:.1g}",
-            f"{100 * pole.damping:.3g} ± {100 * pole.damping_scatter:.1g}",
+            f"{pole.frequency:.5g} ({pole.frequency_scatter:.1g})",
+            f"{100 * pole.damping:.3g} ({100 * pole.damping_scatter:.1g})",
         )
         for pole in found
     ]

@@ -138,6 +138,13 @@ def of_henon(
     exact = (-0.25 if kind == FOLD else 0.75) * (1.0 - b) ** 2
     start = exact + (1.0 if kind == FOLD else -1.0) * rng.uniform(0.1, 0.3) * (1.0 - b) ** 2
     path = continuation.Path(start, exact - (start - exact) * rng.uniform(0.3, 1.2))
+    return *henon(b, rough, start, rng), path, exact
+
+
+def henon(
+    b: float, rough: float, start: float, rng: np.random.Generator
+) -> tuple[Plane, FloatArray]:
+    """Return Hénon's map with jumps in coordinates of its own, and its fixed point at λ = start."""
     turned = np.linalg.qr(rng.standard_normal((2, 2)))[0] * np.exp(rng.uniform(-0.5, 0.5, (2, 1)))
     back = np.linalg.inv(turned)
 
@@ -146,5 +153,10 @@ def of_henon(
         smooth = np.stack([1.0 - a * x**2 + y, b * x], axis=-1)
         return (smooth + rough * jumps(x, y)) @ turned.T
 
-    x = (b - 1.0 + math.sqrt((1.0 - b) ** 2 + 4.0 * start)) / (2.0 * start)
-    return Plane(image), turned @ np.array([x, b * x]), path, exact
+    x = fixed(b, start)
+    return Plane(image), turned @ np.array([x, b * x])
+
+
+def fixed(b: float, a: float) -> float:
+    """Return x of the fixed point of Hénon's map from which the first doubling comes."""
+    return (b - 1.0 + math.sqrt((1.0 - b) ** 2 + 4.0 * a)) / (2.0 * a)

@@ -4,9 +4,12 @@ Oscillators with one stop, x'' + x = cos ωt, x ≤ s, restitution e, drawn for 
 motions and chaos. The program steps them with 1000 steps per period, and follows neighbouring
 motions for 200 periods, as `record.lyapunov = 200` does. The truth is the growth of a difference
 over 4000 periods of exact flights with the exact derivative of each impact, from the same state on.
-The sign is said if the exponent is more than two errors from 0. Without what twice the distance
+The sign is said if the exponent is more than two errors from 0. Without what a larger distance
 changes, 44 of 60 other truths lay within two errors. The other rigs have other oscillators, and
 other steps or another distance of the motions than those of a usual sweep (`record.perturbation`).
+With 0.3 %, 74 of 100 truths lay within two errors when the larger distance was twice that: both
+motions hit in the same step. It is that of nine steps at least since; with three, 184 of 200 lay
+within with 0.3 %, 175 with 1 %, and 174 with 500 steps per period.
 """
 
 from __future__ import annotations
@@ -26,15 +29,15 @@ from delam_fem.studies.sweeps.grid import Record
 from delam_fem.studies.sweeps.point import Exponent, largest_exponent
 
 RIGS = {
-    OWN: (1000, Record().perturbation, 200),
-    "500 steps per period": (500, Record().perturbation, 100),
-    "4000 steps per period": (4000, Record().perturbation, 100),
-    "distance 1 %, not 3 %": (1000, 0.01, 100),
-    "distance 0.3 %": (1000, 0.003, 100),
-    "newton@moreau-jean": (1000, Record().perturbation, 100),
+    OWN: (1000, Record().perturbation),
+    "500 steps per period": (500, Record().perturbation),
+    "4000 steps per period": (4000, Record().perturbation),
+    "distance 1 %, not 3 %": (1000, 0.01),
+    "distance 0.3 %": (1000, 0.003),
+    "newton@moreau-jean": (1000, Record().perturbation),
 }
-"""Steps per period, distance of the motions, and truths."""
-SHORT = 4
+"""Steps per period and distance of the motions."""
+TRUTHS, SHORT = 200, 4
 SETTLE, FOLLOW, LONG = 100, 200, 4000
 BARS = 2.0
 NOMINAL = 0.9545
@@ -45,7 +48,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     return [
         row
         for number, rig in enumerate(RIGS if is_long else (OWN,))
-        for row in rows_of(rig, np.random.default_rng(37 + number), is_long)
+        for row in rows_of(rig, np.random.default_rng(37 if rig == OWN else 237 + number), is_long)
     ]
 
 
@@ -54,7 +57,7 @@ def rows_of(rig: str, rng: np.random.Generator, is_long: bool) -> list[Row]:
     drawn = (judged(rng, rig) for _ in itertools.count())
     # neither what stays on the stop nor what never meets it
     clapping = (own for own in drawn if math.isfinite(own[1]) and own[1] != 0.0)
-    found = list(itertools.islice(clapping, RIGS[rig][2] if is_long else SHORT))
+    found = list(itertools.islice(clapping, TRUTHS if is_long else SHORT))
     known = [(own, exact) for own, exact in found if math.isfinite(own.value + exact)]
     inside = sum(abs(own.value - exact) <= BARS * own.error for own, exact in known)
     sure = [(own, exact) for own, exact in known if abs(own.value) > BARS * own.error]
@@ -71,7 +74,7 @@ def rows_of(rig: str, rng: np.random.Generator, is_long: bool) -> list[Row]:
 
 def judged(rng: np.random.Generator, rig: str) -> tuple[Exponent, float]:
     """Return what the program finds for an oscillator, and the exact exponent."""
-    steps, perturbation, _ = RIGS[rig]
+    steps, perturbation = RIGS[rig]
     omega, s, e = rng.uniform(2.1, 3.3), rng.uniform(-0.1, 0.05), rng.uniform(0.5, 0.9)
     T, operators = 2.0 * math.pi / omega, oscillator(s)
     table = forcing(omega, 0.0)(T / steps * np.arange(steps + 1))

@@ -2,8 +2,8 @@
 
 The plate of `docs/examples/tap.py` without its delamination, with 20 elements, tapped at 19 points
 with noise of 40, 30 and 20 dB below the largest force of each tap. Each level has one limit, as the
-command has, and its records have noise of their own. Rigs with another stiffness are judged beside
-the taps of the model.
+command has, and its records have noise of their own. Other rigs are judged beside the taps of the
+model. Where the noise differs from point to point, the command is told its rms over the points.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from calibration.row import OWN, Row
 import delam_fem as df
 from delam_fem.studies.detection.indices import FALSE_CALLS
 from delam_fem.studies.detection.tap import index, lengths, limits, noisy, taps
+from delam_fem.studies.identification.identify import of_rig
 
 LEVELS = (40.0, 30.0, 20.0)
 """Noise [dB]."""
-RIGS = {OWN: 1.0, "EI + 5 %": 1.05, "EI − 5 %": 0.95}
-"""Young's modulus of the plate over that of the model."""
+NOISY = "noise differs from point to point (log-normal, σ 0.7)"
 SEED = 20_000_003
 LAYER = {"length": 0.4, "width": 0.02, "material": "aluminium", "damping_ratio": 0.002}
 
@@ -49,17 +49,36 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     times, model = taps(plate(), "upper", x)
     sound, promise = lengths(model, times), "healthy plate not called (taps)"
     found = []
-    for rig, factor in RIGS.items() if is_long else [(OWN, 1.0)]:
-        modulus = factor * plate().lamina[0].young_modulus
-        keys = {f"lamina.{name}.young_modulus": modulus for name in ("lower", "upper")}
+    for rig, keys in (rigs() if is_long else {OWN: {}}).items():
         force = taps(plate().with_overrides(keys), "upper", x)[1]
         calls = 0
         for k, level in enumerate(levels):
             limit = limits(model, times, level, np.random.default_rng(k))
             rng = np.random.default_rng(SEED + k)
             for _ in range(truths):
-                values = index(lengths(noisy(force, level, rng), times), sound)
+                size = np.exp(0.7 * (rig == NOISY) * rng.standard_normal(x.size))
+                own = level - 20.0 * np.log10(size / np.sqrt(np.mean(size**2)))
+                values = index(lengths(noisy(force, own, rng), times), sound)
                 calls += bool(np.any(values > limit))
         n = truths * len(levels)
         found.append(Row(promise, rig, 1.0 - FALSE_CALLS, n - calls, n, at_least=True))
     return found
+
+
+def rigs() -> dict[str, dict[str, float]]:
+    """Return the keys of each rig."""
+    lamina, clamp = plate().lamina[0], 2.0 * of_rig(plate())[-1].low  # k L/EI = 100
+
+    def every(key: str, factor: float) -> dict[str, float]:
+        return {f"lamina.{own.name}.{key}": factor * getattr(lamina, key) for own in plate().lamina}
+
+    return {
+        OWN: {},
+        "EI + 5 %": every("young_modulus", 1.05),
+        "EI − 5 %": every("young_modulus", 0.95),
+        "soft clamps (k L/EI = 100)": {"support.rotational_stiffness": clamp},
+        "damping × 2": every("damping_ratio", 2.0),
+        "damping × ½": every("damping_ratio", 0.5),
+        "40 elements, not 20": {"mesh.elements": 40},
+        NOISY: {},
+    }  # fmt: skip

@@ -6,11 +6,13 @@ import json
 import math
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from calibration import detect as healthy
+from calibration import lyapunov as exponents
 from calibration.row import OWN, Row
 from project import ROOT, script
 
@@ -18,6 +20,7 @@ import delam_fem as df
 from delam_fem.results.scan import shapes_of
 from delam_fem.studies.detection.detect import intact, simulated
 from delam_fem.studies.options import Scan
+from delam_fem.studies.sweeps import point
 
 page = script("calibrate")
 PUBLISHED = json.loads((ROOT / "docs" / "calibration.json").read_text("utf-8"))
@@ -99,6 +102,22 @@ def test_long_forms_hold_where_the_page_says_so(name: str) -> None:
         (r["verdict"], r["rig"]) for r in PUBLISHED[name]["rows"]
     }
     assert falling_short(rows) <= falling_short(PUBLISHED[name]["rows"])
+
+
+def test_small_distances_of_motions_have_errors_that_hold_what_steps_hide(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Motions nearer than what moves in a step hit in the same one, at twice the distance too."""
+
+    def is_inside() -> bool:
+        drawn = iter((2.4, 0.02, 0.7))  # ω, s, e
+        rng = SimpleNamespace(uniform=lambda low, high: next(drawn))
+        own, exact = exponents.judged(rng, "distance 0.3 %")
+        return abs(own.value - exact) <= 2.0 * own.error
+
+    assert is_inside()
+    monkeypatch.setattr(point, "FEW_STEPS", 0)
+    assert not is_inside()
 
 
 @pytest.mark.parametrize("clamp", [math.inf, 10.0])

@@ -115,20 +115,24 @@ class Course:
             values[:, (since < 0.0) | (since > self.end - self.start)] = np.nan
         return values
 
-    def delay_error(self) -> float:
-        """Return the standard deviation of the phases of single cycles of the run [s].
+    def scatter(self, derivative: int) -> float:
+        """Return the standard deviation of the gains, or phases, of single cycles of the run.
 
         More cycles do not reduce it: what is left of a transient shifts all of them one way.
+
+        Args:
+            derivative: 0: of the gains [-]; 1: of the phases [s].
         """
         if self.cycles is None or self.period is None or self.cycles.shape[1] < 2:
             return 0.0
         rows = list(range(len(self.cycles)) if self.rows is None else self.rows)
         n = self.cycles.shape[2]
-        slope = self.at(self.start + self.period * np.arange(1, n + 1) / n, 1)
-        weights = 1.0 / np.maximum((slope**2).mean(axis=1), np.finfo(float).tiny)
-        power = float(np.einsum("c,cn,cn->", weights, slope, slope))
-        delays = np.einsum("c,cjn,cn->j", weights, self.cycles[rows], slope) / (power or 1.0)
-        return float(np.std(delays, ddof=1))
+        form = self.at(self.start + self.period * np.arange(1, n + 1) / n, derivative)
+        form = form - form.mean(axis=1, keepdims=True)
+        weights = 1.0 / np.maximum((form**2).mean(axis=1), np.finfo(float).tiny)
+        power = float(np.einsum("c,cn,cn->", weights, form, form))
+        found = np.einsum("c,cjn,cn->j", weights, self.cycles[rows], form) / (power or 1.0)
+        return float(np.std(found, ddof=1))
 
 
 DRIVES = ("base_displacement", "force")
@@ -287,13 +291,13 @@ def aligned(
     residual, slopes = _linearised(time, measured, course, trial)
     _, errors = _step(residual, slopes, is_rate_free)
     scatter = max(float(errors[0]), _scatter_of_blocks(residual, slopes))
-    of_cycles = course.delay_error()
+    of_cycles = course.scatter(1)
     # what enlarges the error of tau beyond white noise enlarges that of s as well
     rate_error = float(errors[1]) * scatter / (float(errors[0]) or 1.0)
-    if is_rate_free and course.period is not None:  # error of a slope through so many cycles
+    if is_rate_free and course.period is not None:  # of a line through phases that drift
         duration = trial.rate * float(time[-1] - time[0])
-        spread = of_cycles * np.sqrt(12.0 / max(duration / course.period, 1.0)) / duration
-        rate_error = float(np.hypot(rate_error, spread))
+        rate_error = float(np.hypot(rate_error, np.sqrt(12.0) * of_cycles / duration))
+        of_cycles *= 2.0
     return replace(trial, start_error=float(np.hypot(scatter, of_cycles)), rate_error=rate_error)
 
 

@@ -244,8 +244,8 @@ def compared(
     period = course.period
     about: dict[str, Any] = {
         "name": pairs.names[k], "units": pairs.units[k], "is_drive": pairs.is_drive[k],
-        "gain": gain, "gain_error": gain_error, "delay": alignment.start - at_own.start,
-        "delay_error": at_own.start_error,
+        "gain": gain, "gain_error": float(np.hypot(gain_error, single.scatter(0))),
+        "delay": alignment.start - at_own.start, "delay_error": at_own.start_error,
         "correlation": correlation,
         "mean_difference": float(rest.mean()),
         "residual": float(np.std(rest)),

@@ -55,6 +55,8 @@ RESAMPLES = 200
 CONFIDENCE = 0.95
 SMALLEST = 1.0 / 30.0
 """Size relative to the first below which kicks count less: impacts are frozen to the grid there."""
+BENT = 1e-3
+"""Half the width of an interval of multipliers at least: kicks bend the map by that much."""
 EXCITED = 1e-4
 """Least power of a direction that is fitted, relative to the largest."""
 _REAL = 1e-9
@@ -68,23 +70,32 @@ class Multipliers:
         values: multipliers of the fitted derivative, by decreasing modulus, shape (m,).
         samples: those of resampled kicks, first of all sizes, then of the smaller half of them
             alone, each row matched to `values`, shape (2 n_samples, m). So their interval contains
-            what the size of the kicks changes.
+            what smaller kicks change.
+        larger: those of the larger half alone, shape (n_samples, m). Steps hold small kicks.
         derivative: the fitted derivative A, shape (m, m).
     """
 
     values: ComplexArray
     samples: ComplexArray
+    larger: ComplexArray
     derivative: FloatArray
 
     @property
     def errors(self) -> FloatArray:
-        """Standard error of each multiplier, as a distance in the plane, shape (m,)."""
-        return np.asarray(np.sqrt((np.abs(self.samples - self.values) ** 2).mean(axis=0)))
+        """Standard error of each multiplier, as a distance in the plane, shape (m,).
+
+        It is the largest of those from all sizes, from the smaller half and from the larger half.
+        """
+        away = np.abs(np.vstack([self.samples, self.larger]) - self.values)
+        of_each = (away**2).reshape(3, -1, self.values.size).mean(axis=1)
+        return np.asarray(np.sqrt(of_each.max(axis=0) + (0.5 * BENT) ** 2))
 
     @property
     def largest(self) -> tuple[float, float]:
-        """Interval of the largest modulus."""
-        return interval(np.abs(self.samples).max(axis=1))
+        """Interval of the largest modulus: it contains those of `samples` and of `larger`."""
+        ends = [interval(np.abs(rows).max(axis=1)) for rows in (self.samples, self.larger)]
+        low, high = np.transpose(ends)
+        return float(low.min()) - BENT, float(high.max()) + BENT
 
     @property
     def stability(self) -> Stability:
@@ -120,10 +131,11 @@ def multipliers(decays: FloatArray, seed: int = 0) -> Multipliers:
     before, after = np.where(counts[:, None, :, None], decays, 0.0).transpose(1, 0, 2, 3)
     seen = size[counts & (size > SMALLEST)]
     is_small = counts & (size <= (np.median(seen) if seen.size else np.inf))
+    is_large = counts & ~is_small if seen.size else is_small
     k = decays.shape[2]
     chosen = np.random.default_rng(seed).integers(0, k, (RESAMPLES, k))
     found: list[FloatArray] = []
-    for used in (counts, is_small):
+    for used in (counts, is_small, is_large):
         # A = (Σ w d' dᵀ) (Σ w d dᵀ)⁻¹; sums of each kick over periods are what is resampled
         weights = used / np.fmax(size, SMALLEST)
         both = np.einsum("nk,nki,nkj->kij", weights, after, before)
@@ -133,7 +145,8 @@ def multipliers(decays: FloatArray, seed: int = 0) -> Multipliers:
         found.append(_fitted(both[chosen].sum(axis=1), power[chosen].sum(axis=1)))
     values = by_modulus(np.linalg.eigvals(derivative).astype(np.complex128))
     samples = [matched(row, values) for row in np.linalg.eigvals(np.concatenate(found))]
-    return Multipliers(values, np.array(samples), derivative)
+    *others, larger = np.split(np.array(samples), len(found))
+    return Multipliers(values, np.concatenate(others), larger, derivative)
 
 
 def _fitted(both: FloatArray, power: FloatArray) -> FloatArray:

@@ -12,8 +12,8 @@ After each period of the excitation the distance d is measured, and the second m
 to the distance d0 along the line between both. The exponent is the mean of ln(d/d0)/T. It includes
 the jumps at impacts as the scheme computes them. A scheme that places impacts at the ends of steps
 has no derivative there: two motions closer than the approach velocity times the time step mostly
-hit in the same step. The result is then the exponent of the discrete map, so a third motion at
-twice the distance is followed, too.
+hit in the same step. The result is then the exponent of the discrete map, so a third motion is
+followed, too, at twice the distance or at that of a few steps, whichever is larger.
 
 The error has two parts: that of the mean, and the difference between the exponents of both
 distances. The page docs/calibration.md says how often two errors contain the true value.
@@ -142,7 +142,7 @@ RECORDED: Mapping[str, tuple[Variable, ...]] = {
             "lyapunov_error",
             (),
             "1/s",
-            "its standard error, and what twice the distance of motions changes",
+            "its standard error, and what a larger distance of motions changes",
         ),
     ),
 }
@@ -409,6 +409,8 @@ STUDENT = float(stdtrit(BLOCKS - 1, ndtr(2.0))) / 2.0
 """Factor on an error from few blocks: two of it then contain as much as two known normal errors."""
 WIDER = 2.0
 """Second distance of neighbouring motions, relative to the first."""
+FEW_STEPS = 9
+"""Time steps in which the motion changes by the least second distance, were it harmonic."""
 ALIGNING = 0.5
 """Share of the periods at the start that are not counted, because the second motion still turns
 into the direction that decays most slowly. If two decay rates differ by 0.1/s, this takes some tens
@@ -421,7 +423,7 @@ class Exponent:
 
     Attributes:
         value: the exponent [1/s].
-        error: standard error, of the mean and of what twice the distance changes [1/s]; two of it
+        error: standard error, of the mean and of what a larger distance changes [1/s]; two of it
             make a 95 % interval. NaN for fewer than `BLOCKS` periods.
     """
 
@@ -456,13 +458,14 @@ def largest_exponent(
     """
     engine, recorder = session.engine, session.recorder
     one = engine.state()
-    d0 = perturbation * _norm(one.motion, operators)
+    norm = _norm(one.motion, operators)
+    wider = max(WIDER * perturbation, FEW_STEPS * 2.0 * np.pi / recorder.steps_per_period)
     step = np.zeros_like(one.motion)
     step[0] = direction
     length = _norm(step, operators)
-    if not (d0 > 0.0 and length > 0.0):
+    if not (perturbation * norm > 0.0 and length > 0.0):
         return UNKNOWN
-    apart = [d0, WIDER * d0]
+    apart = [perturbation * norm, wider * norm]
     others = [State(one.motion + size / length * step, one.resting) for size in apart]
     growth, aligning = np.empty((periods, len(apart))), int(ALIGNING * periods)
     of_one = recorder.of_one_period()

@@ -138,8 +138,8 @@ def test_the_command_writes_responses_and_poles(tmp_path: Path) -> None:
          "--excitation", "force", "--segment", "40", "--poles", "1", "30"],
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert re.search(r" 3\.(19[5-9]|20)\d* ± ", done.output), done.output
-    assert re.search(r" 19\.(69|70)\d* ± ", done.output)
+    assert re.search(r" 3\.(19[5-9]|20)\d* \(", done.output), done.output
+    assert re.search(r" 19\.(69|70)\d* \(", done.output)
     assert (tmp_path / "out" / "responses.png").stat().st_size > 10_000
     again = read_measured(tmp_path / "out" / "measured.nc")
     assert again["response"].dtype.kind == "c"

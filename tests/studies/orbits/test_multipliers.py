@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from delam_fem.studies.orbits.search import by_modulus, matched, multipliers
+from delam_fem.studies.orbits.search import BENT, by_modulus, matched, multipliers
 
 ROTATION = np.array([[0.4, -0.6], [0.6, 0.4]])
 
@@ -33,7 +33,7 @@ def followed(kicks: list[np.ndarray]) -> np.ndarray:
 def test_the_interval_contains_the_truth(noise: float) -> None:
     found = multipliers(decays(np.diag([-0.9, 0.3]), noise))
     low, high = found.largest
-    assert low - 1e-9 <= 0.9 <= high + 1e-9
+    assert low + BENT - 1e-9 <= 0.9 <= high - BENT + 1e-9
     assert high - low < 0.2
     assert found.values[0] == pytest.approx(-0.9, abs=0.05)
     assert found.doubling[0] == pytest.approx(0.1 * 1.3, abs=0.08)
@@ -43,6 +43,20 @@ def test_the_interval_contains_what_smaller_kicks_change() -> None:
     """Kicks of full size shrink by 0.9 (1 - 0.1); small ones by 0.9."""
     low, high = multipliers(decays(np.diag([-0.9, 0.3]), 0.0, bend=0.1)).largest
     assert low < 0.88 < 0.894 < high < 0.9
+
+
+def test_the_interval_contains_what_larger_kicks_say() -> None:
+    """Steps hold small kicks: below 0.3 of their first size they do not decay any more."""
+    matrix, found = np.diag([-0.9, -0.9]), decays(np.diag([-0.9, -0.9]), 0.0)
+    held = [found[0, 0]]
+    for _ in range(len(found)):
+        d = held[-1]
+        is_held = np.linalg.norm(d, axis=1, keepdims=True) < 0.3
+        held.append(np.where(is_held, -d, d @ matrix.T))
+    given = multipliers(np.array([[a, b] for a, b in pairwise(held)]))
+    low, high = given.largest
+    assert low == pytest.approx(0.9 - BENT, abs=1e-9) and high == pytest.approx(1.0 + BENT)
+    assert (np.abs(given.samples) > 0.93).all() and given.stability == "undecided"
 
 
 @pytest.mark.parametrize(
