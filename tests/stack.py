@@ -46,13 +46,19 @@ class Stack(Case):
     lamina: Annotated[tuple[Lamina, ...], Field()]
 
 
+class Kept(SimpleNamespace):
+    """What a recorder holds after a run."""
+
+    impacts = recorder.Recorder.impacts
+
+
 @dataclass(frozen=True)
 class Recorded:
     """A case, its structure and the record of its motion."""
 
     case: Case
     structure: Structure
-    recorder: SimpleNamespace
+    recorder: Kept
 
     def history(self) -> xr.Dataset:
         """Return the dataset of the motion."""
@@ -72,7 +78,7 @@ def three_laminae(**overrides: object) -> Recorded:
     return Recorded(
         case,
         structure,
-        SimpleNamespace(
+        Kept(
             window=window,
             steps_per_period=STEPS,
             refine=1,

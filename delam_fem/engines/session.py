@@ -294,15 +294,9 @@ class Solution:
     @cached_property
     def impacts(self) -> ImpactTable:
         """All impacts of the window."""
-        rows, before = [np.zeros((4, 0))], 0
-        for record in self.records:
-            jumps = record.jumps.columns()
-            time = (before + jumps.ticks / record.ticks_per_step) * self.recorder.time_step
-            instant = np.repeat(time, jumps.sizes)
-            rows.append(np.array([instant, jumps.hit, jumps.impulses, jumps.rate_pre]))
-            before += record.n_steps
-        time_, pair, impulse, rate_pre = np.concatenate(rows, axis=1)
-        return ImpactTable(time_, pair.astype(np.int64), impulse, rate_pre)
+        table, recorder = self.recorder.impacts(), self.recorder
+        instants = np.repeat(table.ticks / recorder.refine * recorder.time_step, table.sizes)
+        return ImpactTable(instants, table.hit, table.impulses, table.rate_pre)
 
     @property
     def energy(self) -> dict[str, FloatArray]:

@@ -190,19 +190,14 @@ def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[An
 
 def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, start: int) -> None:
     """Add the table of impacts in the window; pairs hit at one instant share the energy change."""
-    columns: list[FloatArray] = [np.empty((5, 0))]
-    for j, record in enumerate(recorder.window):
-        jumps = record.jumps.columns()
-        first, p = np.cumsum(jumps.sizes) - jumps.sizes, jumps.impulses
-        steps = start + j * recorder.steps_per_period + jumps.ticks / recorder.refine
-        # an impulse works at the mean gap rate; a remainder is shared by the impulses
-        work = 0.5 * p * (jumps.rate_pre + jumps.rate_post)
-        rest, total = jumps.energies - np.add.reduceat(work, first), np.add.reduceat(p, first)
-        each = np.array([steps * recorder.time_step, rest, np.where(total == 0.0, 1.0, total)])
-        time, rest, total = np.repeat(each, jumps.sizes, axis=1)
-        columns.append(np.array([time, jumps.hit, p, jumps.rate_pre, work + rest * p / total]))
-    time, pair, impulse, rate, energy = np.concatenate(columns, axis=1)
-    hit = pair.astype(np.int64)
+    impacts = recorder.impacts()
+    first, hit, p = np.cumsum(impacts.sizes) - impacts.sizes, impacts.hit, impacts.impulses
+    time = (start + impacts.ticks / recorder.refine) * recorder.time_step
+    # an impulse works at the mean gap rate; a remainder is shared by the impulses
+    work = 0.5 * p * (impacts.rate_pre + impacts.rate_post)
+    rest, total = impacts.energies - np.add.reduceat(work, first), np.add.reduceat(p, first)
+    each = np.array([time, rest, np.where(total == 0.0, 1.0, total)])
+    time, rest, total = np.repeat(each, impacts.sizes, axis=1)
     add(data, event_time=time)
     if layout is None:
         add(data, event_pair=hit)
@@ -213,14 +208,14 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, sta
         if layout.stops:
             add(data, event_stop=stop[hit])
         add(data, event_node=node[hit])
-    add(data, event_impulse=impulse, event_velocity_before=rate, event_energy=energy)
+    energy = work + rest * p / total
+    add(data, event_impulse=p, event_velocity_before=impacts.rate_pre, event_energy=energy)
 
 
 def _add_heat(data: xr.Dataset, recorder: Recorder, layout: Layout) -> None:
     """Add the mean power that impacts and contact dampers take at each pair over the window."""
     heat = np.sum([record.damped for record in recorder.window], axis=0)
-    hits = np.concatenate([record.jumps.columns().hit for record in recorder.window])
-    np.subtract.at(heat, hits, data["event_energy"].to_numpy())
+    np.subtract.at(heat, recorder.impacts().hit, data["event_energy"].to_numpy())
     heat /= data.sizes["time"] * recorder.time_step
     add(data, heat=_of_interfaces(layout, heat))
     if layout.stops:

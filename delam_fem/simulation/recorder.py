@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import chain, takewhile
 from typing import NamedTuple, Protocol
@@ -211,7 +211,7 @@ _NONE = Columns.room(0, 0)
 
 
 class Jumps:
-    """The impacts of a period in the order of time; iteration yields (tick, decision, energy)."""
+    """The impacts of a period in the order of time."""
 
     def __init__(self, columns: Columns = _NONE) -> None:
         """Start with the impacts of some columns."""
@@ -238,14 +238,6 @@ class Jumps:
         """Return the pairs hit after a tick, while impacts still come one by one."""
         latest = takewhile(lambda impact: impact[0] > tick, reversed(self._single))
         return np.concatenate([_NONE.hit, *(decision.hit for _, decision, _ in latest)])
-
-    def __iter__(self) -> Iterator[tuple[int, Decision, float]]:
-        """Yield tick, decision and energy of each impact."""
-        table, first = self.columns(), 0
-        for tick, size, energy in zip(table.ticks, table.sizes, table.energies, strict=True):
-            own, first = slice(first, first + size), first + size
-            hits = table.hit[own], table.impulses[own], table.rate_pre[own], table.rate_post[own]
-            yield int(tick), Decision(*hits), float(energy)
 
 
 N_BASE = 3
@@ -460,6 +452,13 @@ class Recorder:
         while self._blocks:
             self._window.extend(self._blocks.popleft().records())
         return self._window
+
+    def impacts(self) -> Columns:
+        """Return the impacts of the window; their ticks count from its start."""
+        period = self.steps_per_period * self.refine
+        tables = [record.jumps.columns() for record in self.window]
+        moved = [own._replace(ticks=own.ticks + k * period) for k, own in enumerate(tables)]
+        return Columns._make(map(np.concatenate, zip(_NONE, *moved, strict=True)))
 
     def take(self, block: Block) -> Block | None:
         """Take over periods whose rows are written; return a block that the window needs no more.

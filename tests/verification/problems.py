@@ -147,12 +147,10 @@ def simulate(
     assert found.outcome == "completed"
     recorder, times, state = found.recorder, found.time, found.state.motion[:2]
     (record,) = recorder.window
-    hits = [
-        (tick * time_step / law.refine, pair, p, rate, energy)
-        for tick, decision, energy in record.jumps
-        for pair, p, rate in zip(decision.hit, decision.impulses, decision.rate_pre, strict=True)
-    ]
-    table = np.array(hits, dtype=np.float64).reshape(-1, 5).T
+    jumps = record.jumps.columns()
+    of_each = np.array([jumps.ticks * time_step / law.refine, jumps.energies])
+    when, energy = np.repeat(of_each, jumps.sizes, axis=1)
+    table = np.array([when, jumps.hit, jumps.impulses, jumps.rate_pre, energy])
     return Motions(
         times,
         record.u[:, N_BASE:],

@@ -56,11 +56,11 @@ def compute(case: Case, name: EngineName, initial: State | None = None) -> tuple
 
 def impacts(recorder: Recorder) -> list[tuple[int, int, int]]:
     """Return (period, step, pair) of all impacts."""
+    tables = [record.jumps.columns() for record in recorder.window]
     return [
-        (period, step, int(pair))
-        for period, record in enumerate(recorder.window)
-        for step, decision, _ in record.jumps
-        for pair in decision.hit
+        (period, int(step), int(pair))
+        for period, jumps in enumerate(tables)
+        for step, pair in zip(np.repeat(jumps.ticks, jumps.sizes), jumps.hit, strict=True)
     ]
 
 

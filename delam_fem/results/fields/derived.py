@@ -257,14 +257,10 @@ def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | 
 
 def _impulses(recorder: Recorder, ticks: IntArray, n_pairs: int) -> FloatArray:
     """Return the impulses on all pairs since the frame before, shape (n_frames, n_pairs) [N s]."""
+    impacts = recorder.impacts()
     sums = np.zeros((ticks.size + 1, n_pairs))  # the last row: after the last frame
-    for number, record in enumerate(recorder.window):
-        begin, columns = (
-            number * recorder.steps_per_period * recorder.refine,
-            record.jumps.columns(),
-        )
-        row = np.searchsorted(ticks, begin + np.repeat(columns.ticks, columns.sizes))
-        np.add.at(sums, (row, columns.hit), columns.impulses)
+    row = np.repeat(np.searchsorted(ticks, impacts.ticks), impacts.sizes)
+    np.add.at(sums, (row, impacts.hit), impacts.impulses)
     return sums[:-1]
 
 

@@ -330,21 +330,17 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
     n_laminae, pairs = len(layout.parts), _pairs_at_probes(layout)
     n_steps = sum(record.n_steps for record in recorder.window)
     is_hit = np.zeros((pairs.size, n_steps), dtype=np.bool_)
-    start, n_impacts = 0, 0
-    for record in recorder.window:
-        jumps = record.jumps.columns()
-        n_impacts += jumps.hit.size
-        ends = -(-jumps.ticks // record.ticks_per_step)  # the step in which an impact happened
-        steps = np.repeat(ends, jumps.sizes) + (start - 1)
-        for row, pair in zip(is_hit, pairs, strict=True):
-            row[steps[jumps.hit == pair]] = True
-        start += record.n_steps
+    impacts = recorder.impacts()
+    ends = -(-impacts.ticks // recorder.refine)  # the step in which an impact happened
+    steps = np.repeat(ends, impacts.sizes) - 1
+    for row, pair in zip(is_hit, pairs, strict=True):
+        row[steps[impacts.hit == pair]] = True
     return diagnostics.ProbeMotion(
         steps_of(recorder)[0][1:, :n_laminae].T,
         recorder.strobe[: recorder.n_closed, 0, :n_laminae].T,
         np.where(pairs == NO_PAIR, 0.0, gap0[pairs]),
         is_hit,
-        n_impacts,
+        impacts.hit.size,
     )
 
 
