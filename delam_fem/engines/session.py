@@ -107,8 +107,7 @@ def engine_of(
 
         is_open, refine = law.name == "none", refinement.factor
         return ModalEngine(one, modes, time_step, refine, is_open=is_open)
-    if name not in ENGINES:
-        raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
+    require(name in ENGINES, "engine", " or ".join(map(repr, ENGINES)), name)
     if name == "petsc" and find_spec("petsc4py") is None:
         raise CaseError('engine: expected "compiled", as petsc4py is not installed')
     if law.name == "none":

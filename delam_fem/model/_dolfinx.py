@@ -380,8 +380,7 @@ def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_ma
         along: one number for each component.
     """
     comm, dofmap = space.mesh.comm, space.dofmap
-    at = np.zeros((len(points), 3))
-    at[:, : points.shape[1]] = points
+    at = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     cells = cells_at(space.mesh, at)
     count, first = space.num_sub_spaces, 0
     subs = [space.sub(i).collapse() for i in range(count)] or [(space, None)]

@@ -51,7 +51,7 @@ from delam_fem.model.layout import (
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.types import FloatArray
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 UP = 1
 """Column of `Operators.near_null` of a solid that is the translation along deflections."""
@@ -368,8 +368,7 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
         return shape
     K, M = o.stiffness[dofs][:, dofs], o.mass[dofs][:, dofs]
     if own.shape == "mode":
-        if own.mode > dofs.size:
-            raise CaseError(f"{key}.mode: expected at most {dofs.size}, given {own.mode}")
+        require(own.mode <= dofs.size, f"{key}.mode", f"at most {dofs.size}", own.mode)
         shape[dofs] = lowest(K, M, own.mode)[1][:, -1]
     else:
         assert own.position is not None

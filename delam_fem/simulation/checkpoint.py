@@ -221,7 +221,19 @@ def arrays_of(
         arrays["internal"] = state.internal
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
-        flat = _flatten(record) | {"frames": engine.whole(np.array(record.frames))}
+        flat = {
+            "base_states": record.base_states,
+            "u": record.u,
+            "v": record.v,
+            "frame_steps": record.frame_steps,
+            "start": record.start,
+            "contact": np.array(record.contact, dtype=np.int8),
+            "resting": record.resting,
+            "damped": record.damped,
+            "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
+            "frames": engine.whole(np.array(record.frames)),
+            **{f"jump_{k}": column for k, column in record.jumps.columns()._asdict().items()},
+        }
         arrays |= {f"window_{j}_{name}": values for name, values in flat.items()}
     return arrays
 
@@ -371,24 +383,8 @@ def _restored(
     return outcome
 
 
-def _flatten(record: PeriodRecord) -> dict[str, Any]:
-    """Return the record of a period as arrays by name, without its frames."""
-    return {
-        "base_states": record.base_states,
-        "u": record.u,
-        "v": record.v,
-        "frame_steps": record.frame_steps,
-        "start": record.start,
-        "contact": np.array(record.contact, dtype=np.int8),
-        "resting": record.resting,
-        "damped": record.damped,
-        "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
-        **{f"jump_{k}": column for k, column in record.jumps.columns()._asdict().items()},
-    }
-
-
 def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
-    """Return the record of a period, without its frames, from the arrays of `_flatten`."""
+    """Return the record of a period, without its frames, from its arrays by name."""
     released, impact, n_steps, ticks = (float(x) for x in arrays["totals"])
     columns = Columns(*(arrays[f"jump_{name}"] for name in Columns._fields))
     return PeriodRecord(

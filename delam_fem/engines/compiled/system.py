@@ -103,11 +103,6 @@ class StepNumbers(NamedTuple):
         """Whether a step needs the acceleration at its start; the θ-scheme has none."""
         return self.gap_ahead == 0.0
 
-    def as_theta(self) -> StepNumbers:
-        """Return a θ-scheme with the same motion; valid only if `is_midpoint`."""
-        theta = self.p / self.time_step
-        return StepNumbers.moreau_jean(self.time_step, theta)._replace(gap_ahead=self.gap_ahead)
-
 
 class System(NamedTuple):
     """A problem in the form that compiled code reads; vectors have `size` numbers, internal order.
@@ -235,7 +230,8 @@ def build(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
     if scheme.is_midpoint and not lasts:
         chained = _chained(o)
         if chained is not None:
-            return _with_scheme(chained, scheme.as_theta()), chained.places
+            same = StepNumbers.moreau_jean(scheme.time_step, scheme.p / scheme.time_step)
+            return _with_scheme(chained, same._replace(gap_ahead=scheme.gap_ahead)), chained.places
     full, takes_modes = filled_up(o) if is_reduced(o) else None, o.base.shift is None
     if full is not None and (scheme.has_acceleration or not takes_modes):
         system = _system(full, scheme, Places(np.arange(full.n_dofs), full.n_dofs))

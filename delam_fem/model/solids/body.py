@@ -22,7 +22,7 @@ from delam_fem.case.definition import Case
 from delam_fem.model import _dolfinx
 from delam_fem.model.beams.network import network
 from delam_fem.model.mesh import edges, placed
-from delam_fem.model.solids.facing import Pairs, at_points, pressure_at_vertices, sides_of
+from delam_fem.model.solids.facing import Pairs, pressure
 from delam_fem.model.solids.forms import Recovery, Solid, evaluate
 from delam_fem.model.solids.mesh import (
     FACET_OF,
@@ -194,11 +194,12 @@ class Shape:
         for own in self.touching:
             width = float(self.width[list(own.facing.parts)].min()) if mesh.dim == 2 else 1.0
             total = sp.csr_matrix((n, len(own.gap)))
-            for side in sides_of(mesh, own):
-                vertices, by_forces = pressure_at_vertices(mesh, side, own.lower.normals, width)
-                to = at_points(mesh, side, vertices, places, self.cells, n)
-                total = total + to @ by_forces
-            result.append(sp.csr_matrix(total))
+            for facets, at in ((own.facing.lower, own.lower.x), (own.facing.upper, own.upper)):
+                total = total + pressure(
+                    mesh, facets, at, own.lower.normals, width, places=places, cells=self.cells,
+                    n=n,
+                )  # fmt: skip
+            result.append(total)
         return tuple(result)
 
 

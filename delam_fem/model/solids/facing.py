@@ -380,90 +380,63 @@ ON_FACET = 1e-9
 """Smallest difference from 1 of a sum of linear functions that is no round-off."""
 
 
-@dataclass(frozen=True)
-class Side:
-    """One of the two surfaces of an interface.
+def pressure(
+    mesh: SolidMesh,
+    facets: IntArray,
+    at: FloatArray,
+    normals: FloatArray,
+    width: float,
+    *,
+    places: FloatArray,
+    cells: IntArray,
+    n: int,
+) -> sp.csr_matrix:
+    """Return the pressure at the points of cells beside a surface per unit force of each pair.
 
-    Attributes:
-        facets: as vertices, shape (n, m).
-        cells: whose facets they are, shape (n,).
-        places: where the pairs lie on it, shape (n_pairs, dim) [m].
-    """
-
-    facets: IntArray
-    cells: IntArray
-    places: FloatArray
-
-
-def sides_of(mesh: SolidMesh, pairs: Pairs) -> tuple[Side, Side]:
-    """Return the lower and the upper surface of an interface."""
-    lower, upper = pairs.facing.lower, pairs.facing.upper
-    of_lower, of_upper = (mesh.cells_with(facets)[0] for facets in (lower, upper))
-    return Side(lower, of_lower, pairs.lower.x), Side(upper, of_upper, pairs.upper)
-
-
-def pressure_at_vertices(
-    mesh: SolidMesh, side: Side, normals: FloatArray, width: float
-) -> tuple[IntArray, sp.csr_matrix]:
-    """Return the pressures at the vertices of a side per unit force of each pair.
+    It is that of the vertices, linear between them.
 
     Args:
         mesh: the mesh.
-        side: the side.
+        facets: of the surface, as vertices, shape (k, m).
+        at: where the pairs lie on it, shape (n_pairs, dim) [m].
         normals: normals of the pairs, shape (n_pairs, dim).
         width: width of the surface in two dimensions [m]; 1 in three.
-
-    Returns:
-        The vertices, shape (n,), and CSR (n, n_pairs) [1/m2].
-
-    Raises:
-        ValueError: a pair is not on the side.
-    """
-    kind, corners = FACET_OF[mesh.cell], mesh.points[side.facets]
-    hits = meetings(corners, side.places, normals, kind)
-    n = len(side.places)
-    chosen = _first(hits, n, np.abs(hits.distance))
-    if np.any(chosen < 0):
-        raise ValueError("solid: a contact pair lies on no facet of its surface")
-    N, _ = shape_functions(kind, hits.local[chosen])
-    vertices, number = np.unique(side.facets, return_inverse=True)
-    number = number.reshape(side.facets.shape)
-    _, shares = corner_shares(mesh, side.facets, side.cells)
-    area = width * np.bincount(number.ravel(), shares.ravel())
-    columns = np.repeat(np.arange(n), N.shape[1])
-    rows = number[hits.facet[chosen]].ravel()
-    forces = sp.csr_matrix((N.ravel(), (rows, columns)), (vertices.size, n))
-    return vertices, sp.csr_matrix(sp.diags(1.0 / area) @ forces)
-
-
-def at_points(
-    mesh: SolidMesh, side: Side, vertices: IntArray, places: FloatArray, cells: IntArray, n: int
-) -> sp.csr_matrix:
-    """Return the values at the points of the side's cells from values at its vertices.
-
-    Args:
-        mesh: the mesh.
-        side: the side.
-        vertices: whose values are given, increasing, shape (k,).
         places: reference coordinates of the points of a cell, shape (n_basis, dim).
         cells: points of all cells of the mesh, shape (n_cells, n_basis).
         n: number of points.
 
     Returns:
-        CSR (n, k); rows of points beside the surface are empty.
+        CSR (n, n_pairs) [1/m2]; rows of points beside the surface are empty.
+
+    Raises:
+        ValueError: a pair is not on the surface.
     """
+    kind, of_facet = FACET_OF[mesh.cell], mesh.cells_with(facets)[0]
+    hits = meetings(mesh.points[facets], at, normals, kind)
+    chosen = _first(hits, len(at), np.abs(hits.distance))
+    if np.any(chosen < 0):
+        raise ValueError("solid: a contact pair lies on no facet of its surface")
+    N, _ = shape_functions(kind, hits.local[chosen])
+    vertices, number = np.unique(facets, return_inverse=True)
+    number = number.reshape(facets.shape)
+    _, shares = corner_shares(mesh, facets, of_facet)
+    area = width * np.bincount(number.ravel(), shares.ravel())
+    columns = np.repeat(np.arange(len(at)), N.shape[1])
+    rows = number[hits.facet[chosen]].ravel()
+    forces = sp.csr_matrix((N.ravel(), (rows, columns)), (vertices.size, len(at)))
     N, _ = shape_functions(mesh.cell, places)
-    own = mesh.cells[side.cells]
+    own = mesh.cells[of_facet]
     # the linear functions of a facet's vertices sum to 1 at points on it, to less within the cell
-    is_of_facet = (own[:, :, None] == side.facets[:, None, :]).any(axis=2)
+    is_of_facet = (own[:, :, None] == facets[:, None, :]).any(axis=2)
     facet, point = np.nonzero(is_of_facet @ N.T > 1.0 - ON_FACET)
-    points, first = np.unique(cells[side.cells[facet], point], return_index=True)
+    points, first = np.unique(cells[of_facet[facet], point], return_index=True)
     facet, point = facet[first], point[first]
     rows = np.repeat(np.arange(points.size), N.shape[1])
     used = (N[point] * is_of_facet[facet]).ravel()
     kept = np.abs(used) > ON_FACET
     columns = np.searchsorted(vertices, own[facet].ravel()[kept])
-    return sp.csr_matrix((used[kept], (points[rows[kept]], columns)), shape=(n, vertices.size))
+    to = sp.csr_matrix((used[kept], (points[rows[kept]], columns)), shape=(n, vertices.size))
+    return sp.csr_matrix(to @ sp.csr_matrix(sp.diags(1.0 / area) @ forces))
 
 
 _ROUND_OFF = 1e-9

@@ -14,6 +14,7 @@ with the facets of the two sides of each interface where laminae are apart.
 from __future__ import annotations
 
 import logging
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -238,7 +239,11 @@ class _Reader:
 
     def mesh(self) -> SolidMesh:
         """Return the mesh; see `solid_mesh`."""
-        self._require_vertices()
+        if self.case.contact.points_per_element != 1:
+            raise CaseError(
+                "contact.points_per_element: expected 1 with solids from a mesh.file, whose pairs "
+                f"are at vertices, given {self.case.contact.points_per_element}"
+            )
         laminae = [
             self._group(lamina.name, _KINDS[self.cell][0], VERTICES[self.cell])
             for lamina in self.case.lamina
@@ -252,7 +257,12 @@ class _Reader:
         cells = np.asarray(number).reshape(cells.shape)
         points = self._points(used)
         cells = self._oriented(points, cells[:, _ORDER.get(self.cell, slice(None))])
-        self._require_extent(points)
+        low, high, length = float(points[:, 0].min()), float(points[:, 0].max()), self.case.length
+        if max(abs(low), abs(high - length)) > NODE_TOLERANCE * length:
+            raise self._error(
+                f"expected laminae from x = 0 to lamina.length = {length:g} m, given {low:g} to "
+                f"{high:g} m"
+            )
         plain = SolidMesh(points, cells, self.cell, lamina)
         place = np.full(len(self.given.points), -1, dtype=np.int64)
         place[used] = np.arange(len(used))
@@ -261,7 +271,12 @@ class _Reader:
             for end, kind in (("start", self.case.support.start), ("end", self.case.support.end))
             if kind != "free"
         }
-        sides = tuple(self._sides(plain, place, lower) for lower in self._interfaces())
+        between = {own.between for own in self.case.delamination}
+        sides = tuple(
+            self._sides(plain, place, k)
+            for k, (lower, upper) in enumerate(pairwise(self.case.lamina))
+            if self.case.gap is not None or (lower.name, upper.name) in between
+        )
         mesh = SolidMesh(points, cells, self.cell, lamina, supports, sides)
         self._require_support(mesh)
         self._compare(mesh)
@@ -281,14 +296,6 @@ class _Reader:
                 f'"{self.case.model.kind}", found: {", ".join(sorted(has)) or "none"}'
             )
         return found[0]
-
-    def _require_vertices(self) -> None:
-        """Check that the case asks for no pairs inside of cells."""
-        if self.case.contact.points_per_element != 1:
-            raise CaseError(
-                "contact.points_per_element: expected 1 with solids from a mesh.file, whose pairs "
-                f"are at vertices, given {self.case.contact.points_per_element}"
-            )
 
     def _require_size(self, n_cells: int) -> None:
         """Check that the unknowns are not too many."""
@@ -378,25 +385,6 @@ class _Reader:
         turned = np.arange(cells.shape[1])
         turned = turned ^ 1 if self.cell in TENSOR else np.append(turned[:-2], turned[:-3:-1])
         return np.where((found[0] < 0.0)[:, None], cells[:, turned], cells)
-
-    def _require_extent(self, points: FloatArray) -> None:
-        """Check that the laminae reach from 0 to the length along x."""
-        low, high, length = float(points[:, 0].min()), float(points[:, 0].max()), self.case.length
-        if max(abs(low), abs(high - length)) > NODE_TOLERANCE * length:
-            raise self._error(
-                f"expected laminae from x = 0 to lamina.length = {length:g} m, given {low:g} to "
-                f"{high:g} m"
-            )
-
-    def _interfaces(self) -> list[int]:
-        """Return the lower lamina of each interface where laminae are apart."""
-        names = [lamina.name for lamina in self.case.lamina]
-        between = {own.between for own in self.case.delamination}
-        return [
-            lower
-            for lower in range(len(names) - 1)
-            if self.case.gap is not None or (names[lower], names[lower + 1]) in between
-        ]
 
     def _sides(self, mesh: SolidMesh, place: IntArray, lower: int) -> Facing:
         """Return the sides of an interface, checked against the delaminations of the case."""

@@ -166,18 +166,15 @@ def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> flo
         middle = corners.mean(axis=1)[:, Y]
     else:
         halves = [corners[:, :3]] + ([corners[:, 1:]] if facets.shape[1] == 4 else [])
-        sizes = [_triangle_area(half) for half in halves]
+        sizes = [
+            0.5 * np.linalg.norm(np.cross(h[:, 1] - h[:, 0], h[:, 2] - h[:, 0]), axis=1)
+            for h in halves
+        ]
         area = np.sum(sizes, axis=0)
         moments = [s * h.mean(axis=1)[:, Y] for s, h in zip(sizes, halves, strict=True)]
         middle = np.sum(moments, axis=0) / area
     weight = rigidity[cells] * area
     return float(weight @ middle / weight.sum())
-
-
-def _triangle_area(corners: FloatArray) -> FloatArray:
-    """Return the areas of triangles, corners of shape (n, 3, 3)."""
-    sides = corners[:, 1:] - corners[:, :1]
-    return np.asarray(0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
 
 
 def _clusters(facets: IntArray) -> list[IntArray]:

@@ -320,6 +320,4 @@ def _rise(structure: Structure, shape: Shape) -> FloatArray:
 
 def _vectors(values: FloatArray) -> FloatArray:
     """Return vectors with three components, shape (n, 3)."""
-    result = np.zeros((len(values), 3))
-    result[:, : values.shape[1]] = values
-    return result
+    return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
