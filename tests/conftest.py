@@ -1,16 +1,20 @@
 """What all tests share: no display, one thread, the same random inputs, labelled axes, time."""
 
 import os
+import re
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import golden
 import hypothesis
 import pytest
 from crew import Crew
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from delam_fem.studies.study import Report
 
 for name, value in {
     "MPLBACKEND": "Agg",
@@ -29,10 +33,11 @@ END = pytest.StashKey[float]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the time box."""
+    """Add the time box, and what writes stored texts anew."""
     parser.addoption(
         "--minutes", type=float, default=float("inf"), help="skip tests that would begin later"
     )
+    parser.addoption("--store", action="store_true", help="write tests/golden/ anew: golden.py")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -70,6 +75,39 @@ def every_saved_figure_has_labels(monkeypatch: pytest.MonkeyPatch) -> Iterator[N
     monkeypatch.setattr(Figure, "savefig", checked)
     yield
     assert not bare, f"panels without a label or numbers at the x axis: {bare}"
+
+
+@pytest.fixture
+def stored(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Return a function that compares a text with the one stored for this test and a suffix."""
+    folder = request.path.relative_to(Path(__file__).parent).with_suffix("")
+    name = re.sub(r"[^\w.-]+", "-", request.node.name.removeprefix("test_")).strip("-")
+    store = bool(request.config.getoption("store"))
+    place = f"{folder.as_posix()}/{name}"
+    return lambda text, suffix="": golden.check(place + suffix, text, store=store)
+
+
+@pytest.fixture
+def pictures(monkeypatch: pytest.MonkeyPatch, stored: Callable[..., None]) -> Iterator[None]:
+    """Compare the figures and reports that a test saves with what is stored; of films the first."""
+    save, told, films = Figure.savefig, [], set[int]()
+    save_report = Report.save
+
+    def kept(figure: Figure, *given: object, **options: object) -> None:
+        if not (options.get("format") == "rgba" and id(figure) in films):
+            told.append(golden.describe(figure))
+        films.add(id(figure))
+        save(figure, *given, **options)
+
+    def reported(report: Report, directory: Path | str) -> list[Path]:
+        told.append(golden.of_report(report))
+        return save_report(report, directory)
+
+    monkeypatch.setattr(Figure, "savefig", kept)
+    monkeypatch.setattr(Report, "save", reported)
+    yield
+    assert told, "nothing was saved"
+    stored("\n\n".join(told))
 
 
 def unlabelled(figure: Figure) -> list[Axes]:

@@ -1,17 +1,23 @@
 """A lamina over the ground, and the measures of both experiments."""
 
+from collections.abc import Callable
+
+import golden
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
+from delam_fem.case.sections import Lamina
 from delam_fem.contact.laws import SCHEMES, Law
 from delam_fem.engines.session import ImpactTable
 from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.paper import ground, lateral
 from delam_fem.paper import strip as strips
+from delam_fem.paper.claims import Numbers
 from delam_fem.paper.strip import LIFT, Energy, Rolling, RollingStudy, TipBlock, rolling, tip_block
 from delam_fem.results.figures.style import styled
+from delam_fem.system.files import json_ready
 
 ROUND_OFF = 1e-9
 """Relative; K of 10 to 20 elements has a condition number of 1e6."""
@@ -234,21 +240,71 @@ def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip(block: TipB
     assert rows(rolling(height=0.15, n_elements=20, steps_per_period=5000))[0] == "does not hold"
 
 
-def test_figures_have_their_labels(block: TipBlock) -> None:
-    ladder = [rung(n, steps) for n in (20, 40) for steps in (20_000, 5_000)]
-    heavy = rolling(n_elements=20, steps_per_period=5000)
-    study = RollingStudy({lateral.MAIN: heavy}, heavy, {0.05: heavy}, ladder)
-    runs = lateral.completed(study, lateral.MAIN, 0.002, 40)
+def landed(
+    lamina: Lamina, method: str = lateral.MAIN, *, speed: float = 40.0, height: float = LIFT
+) -> Rolling:
+    """Return a prescribed fall: the tip falls and rebounds, the contact line runs evenly."""
+    period = 2.0 * np.pi / lamina.angular_frequencies(1)[0]
+    t, x = period * np.arange(2001) / 4000, ground.nodes(lamina, 20)
+    tip = height * np.where(t < 0.25 * period, np.cos(2.0 * np.pi * t / period), 0.03 * t / period)
+    first = 0.26 * period + (x if speed > 0.0 else x - x[-1]) / speed
+    order = np.argsort(first)
+    times, pairs = np.append(first[order], t[-1]), np.append(order, 3)
+    pushes = ImpactTable(times, pairs, np.full(21, 2e-3), np.full(21, -0.4))
+    lost = np.clip(t[::8] / period - 0.25, 0.0, 0.2)
+    energy = Energy(t[::8], 0.02 * (1.0 - 4.5 * lost), 0.06 * lost, 0.03 * lost, 1e-9)
+    return Rolling(
+        lamina, method, "tip force", ground.GRAVITY, x, 4000, t, tip, np.abs(tip[8::8]) * 1.1,
+        pushes, energy, "completed",
+    )  # fmt: skip
+
+
+def test_figures_and_numbers_are_the_stored_ones(
+    block: TipBlock, stored: Callable[..., None]
+) -> None:
+    ladder = [
+        rung(n, steps) | {"law": law, "impacts": 0.1 * k + 1e-3 * n, "left": 500.0 / steps}
+        for k, law in enumerate(strips.METHODS)
+        for n in (20, 40, 80)
+        for steps in (20_000, 5_000)
+    ]
+    runs = lateral.completed(RollingStudy({}, None, {}, ladder), lateral.MAIN, 0.002, 40)
     assert [run["steps_per_period"] for run in runs] == [5_000, 20_000]
-    numbers = lateral.rolling_numbers(study, block)
-    with styled():
-        figures = lateral.draw_rolling(numbers), lateral.draw_struck(numbers)
-        for figure, n_axes in zip(figures, (7, 7), strict=True):
-            figure.canvas.draw()
-            labels = [(a.get_xlabel(), a.get_ylabel()) for a in figure.axes]
-            assert len(labels) == n_axes
-            assert all("[" in y for x, y in labels if "twin" not in x and y)
-            assert sum("[" in x for x, _ in labels) >= 6
+    thin, stiff = strips.thin_strip(), landed(ground.steel_strip(), speed=-300.0)
+    study = RollingStudy(
+        {method: landed(thin, method, speed=40.0 + k) for k, method in enumerate(strips.METHODS)},
+        stiff,
+        {h: landed(thin, height=h, speed=60.0 if h < 0.06 else -90.0) for h in (0.02, 0.05, 0.1)},
+        ladder,
+    )
+    struck = Numbers(block.numbers(), block=block)
+    for piece, numbers in (
+        (lateral.ROLLING_STRIP, lateral.rolling_numbers(study, block)),
+        (lateral.STRUCK_TIP, struck),
+    ):
+        with styled():
+            stored(golden.describe(piece.draw(numbers)), f"-{piece.name}")
+        claims = {claim.text: list(claim.row) for claim in piece.judge(numbers)}
+        stored(
+            golden.told({"claims": claims, **json_ready(numbers.kept)}), f"-{piece.name}.numbers"
+        )
+
+
+def test_the_study_has_these_runs(
+    monkeypatch: pytest.MonkeyPatch, stored: Callable[..., None]
+) -> None:
+    asked: list[str] = []
+
+    def rolling(lamina: Lamina | None = None, *given: object, **more: object) -> Rolling:
+        strip = lamina or strips.thin_strip()
+        asked.append(f"{strip.thickness:g} {strip.length:.5f} {strip.damping_ratio} {given} {more}")
+        return landed(strip)
+
+    monkeypatch.setattr(strips, "rolling", rolling)
+    strips.rolling_study(fast=True)
+    asked.append("long")
+    strips.rolling_study()
+    stored("\n".join(asked))
 
 
 def test_figure_says_how_high_the_tip_was() -> None:

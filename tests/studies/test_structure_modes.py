@@ -99,6 +99,7 @@ def test_floating_structures_have_rigid_modes(case: Case, supports: str, rigid: 
     assert found == pytest.approx(root**2 * unit, rel=1e-4)
 
 
+@pytest.mark.usefixtures("pictures")
 def test_files_and_pictures(free: StructureModes, tmp_path: Path) -> None:
     table, picture = free.save(tmp_path / "new")
     content = json.loads(table.read_text())
@@ -108,6 +109,7 @@ def test_files_and_pictures(free: StructureModes, tmp_path: Path) -> None:
     assert len(free.figure().axes) == 4
 
 
+@pytest.mark.usefixtures("pictures")
 def test_apart_laminae_have_both(tmp_path: Path) -> None:
     found = modes(preset("paper"), 2, delaminations="closed")
     assert isinstance(found, Modes) and found.structure is not None

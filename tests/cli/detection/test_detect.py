@@ -21,6 +21,7 @@ def invoke(*arguments: str | Path) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
+@pytest.mark.usefixtures("pictures")
 def test_the_command(tmp_path: Path) -> None:
     status, output = invoke("detect", "scan", "embedded", *FAST, "-o", tmp_path)
     assert status == 0, output

@@ -1,7 +1,9 @@
 """Films read back by other readers: their length, their lights, their time bar."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import golden
 import imageio_ffmpeg
 import numpy as np
 import pytest
@@ -110,6 +112,23 @@ def test_a_film_is_at_most_the_window(tmp_path: Path) -> None:
     history = synthetic_history(case).isel(frame=slice(0, 2))
     (path,) = write_film(history, case, [tmp_path / "a.gif"], periods=1e9)
     assert len(pictures(path)) == 2 < FRAMES * WINDOW
+
+
+@pytest.mark.parametrize("stretch", [1.0, 3.0])
+def test_scenes_are_the_stored_ones(stretch: float, stored: Callable[..., None]) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    if stretch > 1.0:
+        for name in ("displacement", "gap0"):
+            history[name] = 1e-3 * history[name]  # too small to be seen
+    plotter = animation.pv.Plotter(off_screen=True, window_size=list(SIZE))
+    scene = animation._Scene(plotter, history, case, [3, 20, 40], (20.0, stretch))
+    told = []
+    for frame in (20, 41):  # resting, and after it
+        scene.show(frame)
+        told.append(golden.of_scene(plotter))
+    stored("\n\n".join(told))
+    plotter.close()
 
 
 def test_clamps_move_with_the_held_ends() -> None:

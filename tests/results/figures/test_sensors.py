@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from synthetic import small_case, synthetic_history
 
 from delam_fem.case.sections import Sensor
@@ -13,6 +14,7 @@ from delam_fem.results.schema import with_sensor
 from delam_fem.simulation.signals import Signal
 
 
+@pytest.mark.usefixtures("pictures")
 def test_each_sensor_has_a_panel_in_its_unit(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case)

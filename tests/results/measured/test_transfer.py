@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
 from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.measured.responses import poles, with_responses
+from delam_fem.results.measured.responses import poles, save_pictures, with_responses
 from delam_fem.system.errors import CaseError
 
 RATE, N, SEGMENT = 200.0, 40_000, 40.0
@@ -69,6 +69,11 @@ def test_responses_are_those_of_the_modes(data: xr.Dataset, estimator: str) -> N
         ratio = np.mean(h[around] / wanted[around])
         assert abs(ratio - 1.0) < 0.05, near
         assert found["coherence"].sel(output="a")[k] > 0.9
+
+
+@pytest.mark.usefixtures("pictures")
+def test_responses_are_drawn(data: xr.Dataset, tmp_path: Path) -> None:
+    assert len(save_pictures(with_responses(data, "force", segment=SEGMENT), tmp_path)) == 1
 
 
 def test_a_late_response_has_a_negative_phase_and_noise_takes_coherence() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
+import golden
 import numpy as np
 import pytest
 import xarray as xr
@@ -323,7 +325,8 @@ def test_nothing_in_common_is_refused(tmp_path: Path) -> None:
         df.overlay(RUN, path)
 
 
-def test_everything_is_written(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("pictures")
+def test_everything_is_written(tmp_path: Path, stored: Callable[..., None]) -> None:
     found = df.overlay(RUN, measurement(tmp_path))
     written = found.save(tmp_path / "out")
     assert [path.name for path in written] == [
@@ -337,3 +340,6 @@ def test_everything_is_written(tmp_path: Path) -> None:
     assert float(data["residual"].std()) == pytest.approx(NOISE, rel=0.06)
     page = written[-1].read_text()
     assert page.count("data:image/png") == 3 and "agree within" in page
+    off = df.overlay(RUN, measurement(tmp_path, late=0.05 * PERIOD, thin=1.3, clock=1.001))
+    stored(golden.told({"said": list(off.sentences()), **off.numbers}), ".numbers")
+    stored(golden.of_page(off.save(tmp_path / "off")[-1].read_text("utf-8")), ".page")

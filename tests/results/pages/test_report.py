@@ -1,8 +1,10 @@
 import base64
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
+import golden
 import numpy as np
 import pytest
 from stack import three_laminae
@@ -12,6 +14,8 @@ from delam_fem import Case
 from delam_fem.results import diagnostics
 from delam_fem.results.figures import run as figures
 from delam_fem.results.pages import report
+
+ABOUT_MID = {"units": "m/s", "long_name": "velocity of thin at 0.2 m"}
 
 
 class Page(HTMLParser):
@@ -78,6 +82,17 @@ def test_the_page_is_well_formed_and_loads_nothing(case: Case, tmp_path: Path) -
     assert (tmp_path / "report.html").stat().st_size < 5_000_000
 
 
+def test_the_page_is_the_stored_one(tmp_path: Path, stored: Callable[..., None]) -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    history["sensor_mid"] = ("sensor_mid_time", np.array([3.0, -4.0, 0.0]), ABOUT_MID)
+    history.attrs = {"delam_fem": "0.1.0", "engine": "compiled", "outcome": "completed"}
+    draw_figures(tmp_path / "figures")
+    summary = diagnostics.summary(history, case) | {"outcome": "completed", "energy_residual": 2e-9}
+    text = report.page(history, summary | {"warnings": ["too soft"]}, case, tmp_path)
+    stored(golden.of_page(text))
+
+
 def test_files_beside_the_page_are_linked_if_they_are_there(case: Case, tmp_path: Path) -> None:
     for name in report.FILES:
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -126,8 +141,7 @@ def test_energy_rows_add_up(case: Case) -> None:
 def test_sensors_have_their_extremes_and_rms(case: Case, tmp_path: Path) -> None:
     history = synthetic_history(case)
     assert report.sensor_rows(history) == []
-    about = {"units": "m/s", "long_name": "velocity of thin at 0.2 m"}
-    history["sensor_mid"] = ("sensor_mid_time", np.array([3.0, -4.0, 0.0]), about)
+    history["sensor_mid"] = ("sensor_mid_time", np.array([3.0, -4.0, 0.0]), ABOUT_MID)
     assert report.sensor_rows(history) == [
         ("mid", "velocity of thin at 0.2 m", "−4 m/s", "3 m/s", "2.887 m/s")
     ]

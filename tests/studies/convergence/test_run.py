@@ -226,6 +226,7 @@ def test_verdict_on_elastic_impacts_names_no_limit() -> None:
     assert said not in verdict(whole(on))
 
 
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.slow
 def test_figures_of_a_ladder(tmp_path: Path) -> None:
     paths = [path for path in whole(ladder()).save(tmp_path) if path.suffix == ".png"]
@@ -242,6 +243,7 @@ def test_figures_of_a_ladder(tmp_path: Path) -> None:
     assert set(one.report.pictures) == {"figures/free_steps", "figures/work_over_steps"}
 
 
+@pytest.mark.usefixtures("pictures")
 @pytest.mark.slow
 def test_figures_of_an_interrupted_ladder(tmp_path: Path) -> None:
     on = ladder(meshes=(20, 40), steps=(1000, 2000))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
+import golden
 import numpy as np
 import pytest
 import xarray as xr
@@ -14,6 +17,7 @@ from typer.testing import CliRunner
 from delam_fem.case.files import preset
 from delam_fem.cli.app import app
 from delam_fem.numerics import settling as at
+from delam_fem.results.figures.style import styled
 from delam_fem.studies.diagrams import (
     POINT_STYLE,
     UNSETTLED_COLOUR,
@@ -34,6 +38,10 @@ set = { mesh.elements = 2, time = { steps_per_period = 40, periods = 3 }, output
 key = "excitation.frequency"
 values = [3.0, 3.5]
 """  # noqa: E501
+
+
+FLAT = ("plane", "basins")
+"""Diagrams over two axes."""
 
 
 def axis(name: str, values: np.ndarray, key: str, units: str) -> xr.DataArray:
@@ -250,6 +258,14 @@ def test_a_cell_amid_others_is_no_attractor() -> None:
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels[-1] == "isolated cells: not decided (17 %)"
     assert len(labels) == 3, labels
+
+
+@pytest.mark.parametrize("kind", get_args(DiagramName))
+def test_diagrams_are_the_stored_ones(kind: DiagramName, stored: Callable[..., None]) -> None:
+    drawn = [unsettled(lines(), (0, 1)), unsettled(plane(), (1, 0))]
+    fits = [data for data in drawn if kind == "lyapunov" or (data is drawn[1]) == (kind in FLAT)]
+    with styled():
+        stored("\n\n".join(golden.describe(diagram(kind, data)) for data in fits))
 
 
 REFUSED: list[tuple[DiagramName, xr.Dataset, str]] = [
