@@ -38,9 +38,9 @@ NOTHING = 1e-9
 """Numbers this much smaller than the largest of an array are told as 0."""
 TINY = 1e-11
 """Numbers below this are round-off."""
-NUMBER = re.compile(r"-?\d+\.?\d*(?:e[+-]?\d+)?")
-TIMED = re.compile("processor|seconds|assembly|cost of a step")
-"""What takes a time that differs from run to run."""
+NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[+-]?\d+)?")
+TIMED = re.compile("processor|seconds|assembly|cost of a step|needs about")
+"""What differs from run to run, and from machine to machine."""
 FEW = 6
 """Arrays of at most so many values are told in full."""
 
@@ -297,6 +297,14 @@ def of_page(page: str) -> str:
     text = re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
     text = re.sub(r"data:[^\"]*", "data", text)
     return "\n".join(filter(None, map(str.strip, text.replace("<", "\n<").splitlines())))
+
+
+def spoken(output: str) -> str:
+    """Return what a command prints, without the frames of its tables and the working folder."""
+    frames = re.compile("[─━│┃┏┳┓┗┛┡┩┌┐└┘├┤┬┴┼╇╭╮╰╯]+")
+    output = frames.sub(" | ", output.replace(str(Path.cwd()), "."))
+    lines = (" ".join(line.split()) for line in output.splitlines())
+    return "\n".join(line for line in lines if line.strip("| "))
 
 
 def as_lines(value: Any) -> list[str]:
