@@ -107,7 +107,9 @@ def colour(value: Any) -> str:
     if value is None or (isinstance(value, str) and value in ("none", "auto")):
         return str(value)
     values = np.atleast_2d(colors.to_rgba_array(value))
-    return "/".join(dict.fromkeys(colors.to_hex(v, keep_alpha=True) for v in values[:FEW]))
+    if len(np.unique(values, axis=0)) > FEW:
+        return f"of {numbers(values)}"
+    return "/".join(dict.fromkeys(colors.to_hex(v, keep_alpha=True) for v in values))
 
 
 def of_axis(axis: Axis, limits: tuple[float, float]) -> str:
