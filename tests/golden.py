@@ -48,12 +48,12 @@ FEW = 6
 def check(name: str, found: str, *, store: bool) -> None:
     """Compare a text with the stored one, numbers up to rounding; or store it."""
     path = FOLDER / f"{name}.txt"
-    found = "\n".join(map(untimed, found.splitlines())) + "\n"
+    new = [untimed(line) for line in found.splitlines()]
     if store:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(found, "utf-8")
+        path.write_text("\n".join(new) + "\n", "utf-8")
         return
-    old, new = path.read_text("utf-8").splitlines(), found.splitlines()
+    old = path.read_text("utf-8").splitlines()
     differ = [f"- {a}\n+ {b}" for a, b in zip(old, new, strict=False) if not is_same(a, b)]
     differ += [f"- {line}" for line in old[len(new) :]] + [f"+ {line}" for line in new[len(old) :]]
     assert not differ, f"{path} differs (see {Path(__file__).name}):\n" + "\n".join(differ[:40])

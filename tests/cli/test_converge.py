@@ -68,7 +68,6 @@ def test_a_ladder_of_contact_points(tmp_path: Path) -> None:
     assert (tmp_path / "figures" / "limit_over_points.png").is_file()
 
 
-@pytest.mark.usefixtures("pictures")
 def test_a_ladder_without_a_limit(tmp_path: Path) -> None:
     sizes = ("--steps", "250,500", "--elements", "5,10", "--set", "time.periods=4")
     settings = ("--laws", "newton", "--periods", "4", "--limit-steps", "0", "-j", "1")
