@@ -29,6 +29,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.legend import Legend
 from matplotlib.spines import Spine
 
+from delam_fem.results.figures.style import styled
 from delam_fem.system.files import json_ready
 
 FOLDER = Path(__file__).parent / "golden"
@@ -292,6 +293,13 @@ def of_report(report: Any) -> str:
     parts = {"title": report.title, **said, **tables, **captions}
     lines = [f"{name}: {row}" for name, own in parts.items() for row in as_lines(own)]
     return "\n".join([*lines, told(json_ready(report.numbers or {}), "numbers")])
+
+
+def of_finding(report: Any) -> str:
+    """Return what a study says of its result, and its pictures; nothing is written."""
+    with styled():
+        drawn = [describe(draw()) for draw, _ in report.pictures.values()]
+    return "\n\n".join([of_report(report), *drawn])
 
 
 def of_page(page: str) -> str:

@@ -243,14 +243,6 @@ def response_numbers() -> Numbers:
     )
 
 
-def test_responses_are_drawn_by_their_numbers() -> None:
-    for piece, numbers in (
-        (responses.WITHOUT_CONTACT, linear_numbers()),
-        (responses.WITH_CONTACT, response_numbers()),
-    ):
-        assert all(axes.get_title() for axes in piece.draw(numbers).axes)
-
-
 def test_response_is_judged_by_its_numbers() -> None:
     numbers = response_numbers()
     rows = {claim.text: claim for claim in responses.WITH_CONTACT.judge(numbers)}

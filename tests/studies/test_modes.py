@@ -83,15 +83,6 @@ def test_save_writes_table_and_picture(paper: Case, model: Structure, tmp_path: 
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_figure_has_a_line_and_dots_per_mode(paper: Case, model: Structure) -> None:
-    axes = modes_of(model, paper, 3).figure().axes
-    assert [a.get_title() for a in axes] == ["thick", "thin"]
-    dots = [line for line in axes[0].lines if line.get_marker() == "o"]
-    assert len(dots) == 3
-    heights = [np.asarray(line.get_ydata())[0] for line in dots]
-    assert heights == sorted(set(heights))  # one above the other
-
-
 @pytest.mark.parametrize("n", [0, 41])
 def test_impossible_numbers_of_modes_are_refused(paper: Case, model: Structure, n: int) -> None:
     with pytest.raises(CaseError, match=f"expected 1 to 40 .dofs of a lamina., given {n}"):

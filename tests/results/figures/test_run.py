@@ -262,16 +262,6 @@ def test_histories_of_three_laminae_are_stacked() -> None:
         np.testing.assert_allclose(found % 1.0, [phase] * WINDOW)
 
 
-@pytest.mark.parametrize("name", ["phase_portraits", "spectra", "envelope"])
-def test_each_of_three_laminae_has_its_panel(name: str) -> None:
-    recorded = three_laminae()
-    axes = draw(name, recorded.history(), recorded.case).axes
-    titles = [panel.get_title(loc="left").split(":")[0] for panel in axes]
-    assert titles == ["thick", "thin", "top"]
-    colours = [panel._left_title.get_color() for panel in axes]
-    assert tuple(colours) == lamina_colours(3)
-
-
 def test_each_interface_has_its_contact_line() -> None:
     recorded = three_laminae()
     history = recorded.history()

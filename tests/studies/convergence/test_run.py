@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import golden
 import numpy as np
 import pytest
 
@@ -226,16 +228,9 @@ def test_verdict_on_elastic_impacts_names_no_limit() -> None:
     assert said not in verdict(whole(on))
 
 
-@pytest.mark.usefixtures("pictures")
-@pytest.mark.slow
-def test_figures_of_a_ladder(tmp_path: Path) -> None:
-    paths = [path for path in whole(ladder()).save(tmp_path) if path.suffix == ".png"]
-    assert {path.stem for path in paths} == {
-        *("free_steps", "free_elements", "error_over_cost", "error_over_steps"),
-        *("work_over_steps", "limit_over_elements"),
-    }
-    assert all(path.stat().st_size > 10_000 for path in paths)
+def test_report_of_a_ladder_is_the_stored_one(stored: Callable[..., None]) -> None:
     found = whole(ladder())
+    stored(golden.of_finding(found.report))
     axes = pictures(found)["free_steps"](found).axes[0]
     drawn = [line for line in axes.lines if not str(line.get_label()).startswith("order")]
     assert drawn and all((line.get_ydata() > FREE_FLOOR).all() for line in drawn)
@@ -243,13 +238,10 @@ def test_figures_of_a_ladder(tmp_path: Path) -> None:
     assert set(one.report.pictures) == {"figures/free_steps", "figures/work_over_steps"}
 
 
-@pytest.mark.usefixtures("pictures")
-@pytest.mark.slow
-def test_figures_of_an_interrupted_ladder(tmp_path: Path) -> None:
+def test_report_of_an_interrupted_ladder_is_the_stored_one(stored: Callable[..., None]) -> None:
     on = ladder(meshes=(20, 40), steps=(1000, 2000))
     first = on.rungs()[0]
-    found = Convergence(on, {first.key: synthetic(first, "compiled")})
-    assert len([path for path in found.save(tmp_path) if path.suffix == ".png"]) == 6
+    stored(golden.of_finding(Convergence(on, {first.key: synthetic(first, "compiled")}).report))
 
 
 def test_without_a_limit_nothing_is_compared_with_it() -> None:
