@@ -54,7 +54,7 @@ def check(name: str, found: str, *, store: bool) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n".join(new) + "\n", "utf-8")
         return
-    old = path.read_text("utf-8").splitlines()
+    old = [untimed(line) for line in path.read_text("utf-8").splitlines()]
     differ = [f"- {a}\n+ {b}" for a, b in zip(old, new, strict=False) if not is_same(a, b)]
     differ += [f"- {line}" for line in old[len(new) :]] + [f"+ {line}" for line in new[len(old) :]]
     assert not differ, f"{path} differs (see {Path(__file__).name}):\n" + "\n".join(differ[:40])
@@ -271,8 +271,7 @@ def describe(figure: FigureBase) -> str:
     """Return the description of a figure."""
     told = []
     if isinstance(figure, Figure):
-        layout = type(figure.get_layout_engine()).__name__.removesuffix("LayoutEngine")
-        told.append(f"figure {numbers(figure.get_size_inches())} in, {layout}")
+        told.append(f"figure {numbers(figure.get_size_inches())} in")
     for a in figure.get_children():
         if isinstance(a, FigureBase):
             told += ["subfigure", *(f"  {line}" for line in describe(a).splitlines())]
