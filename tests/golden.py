@@ -252,6 +252,9 @@ def of_panel(axes: Any) -> Iterator[str]:
         for a in artists:
             if isinstance(a, (Axes, SecondaryAxis)):
                 yield from (f"  {told}" for told in of_panel(a))
+            elif a in (axes.title, axes._left_title, axes._right_title):
+                if a.get_text():  # its place is found with the layout
+                    yield f"  title {colour(a.get_color())}, size {a.get_fontsize():g}"
             elif a is not axes.patch:
                 yield from (f"  {told}" for told in of_artist(a))
 
