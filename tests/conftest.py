@@ -7,14 +7,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import golden
 import hypothesis
 import pytest
 from crew import Crew
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-
-from delam_fem.studies.study import Report
 
 for name, value in {
     "MPLBACKEND": "Agg",
@@ -87,6 +84,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def stored(request: pytest.FixtureRequest) -> Callable[..., None]:
     """Return a function that compares a text with the one stored for this test and a suffix."""
+    import golden  # here: MPI and threads are set up before anything of the package is imported
+
     folder = request.path.relative_to(Path(__file__).parent).with_suffix("")
     name = re.sub(r"[^\w.-]+", "-", request.node.name.removeprefix("test_")).strip("-")
     store = bool(request.config.getoption("store"))
@@ -97,6 +96,10 @@ def stored(request: pytest.FixtureRequest) -> Callable[..., None]:
 @pytest.fixture
 def pictures(monkeypatch: pytest.MonkeyPatch, stored: Callable[..., None]) -> Iterator[None]:
     """Compare the figures and reports that a test saves with what is stored; of films the first."""
+    import golden
+
+    from delam_fem.studies.study import Report
+
     save, told, films = Figure.savefig, [], set[int]()
     save_report = Report.save
 
