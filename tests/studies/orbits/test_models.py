@@ -18,7 +18,6 @@ SMALL = {"mesh__elements": 8, "time__steps_per_period": 200, "excitation__freque
 FEW = Perturbations(copies=4, size=1e-3, kick=0.03)
 
 
-@pytest.mark.usefixtures("pictures")
 def test_an_orbit_of_a_case_in_modes(tmp_path: Path) -> None:
     found = df.orbit(massless(3, 8, **SMALL), settle=100, perturbations=FEW)
     assert found.kind == "exact"
