@@ -78,7 +78,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Stored descriptions are those of one release: others draw with another matplotlib."""
     for item in items:
         if "stored" in getattr(item, "fixturenames", ()):
-            item.add_marker("once")
+            item.add_marker("stored")
 
 
 @pytest.fixture

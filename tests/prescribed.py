@@ -121,7 +121,7 @@ def swept(case: Case) -> Result:
     """Return a swept sine whose extremes are those of linear vibration, shifted upwards."""
     data = xr.Dataset(coords={"lamina": [lamina.name for lamina in case.lamina]})
     middle = (np.arange(case.n_periods) + 0.5) * case.period
-    f = base_motion(case).instantaneous_frequency(middle)
+    f = base_motion(case.excitation).instantaneous_frequency(middle)
     size = np.stack([np.minimum(case.linear_amplitude(i, f), 0.2 - 0.1 * i) for i in range(2)])
     add(data, envelope_min=-0.9 * size, envelope_max=1.1 * size)
     data.attrs = {"outcome": "completed"}
