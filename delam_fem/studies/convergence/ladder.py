@@ -182,8 +182,8 @@ def usual_methods(case: Case) -> tuple[Method, ...]:
     """
     texts: Sequence[str] = METHODS[-2:] if case.is_massless else METHODS
     if case.is_elastic:
-        is_explicit = case.time.scheme == "central-difference"
-        texts = (combined_name("penalty", case.time.scheme if is_explicit else "newmark"),)
+        goes = ("penalty", case.time.scheme) in COMBINATIONS
+        texts = (combined_name("penalty", case.time.scheme if goes else "newmark"),)
     return tuple(method(text) for text in texts)
 
 
