@@ -2,7 +2,7 @@
 
     .venv/bin/python scripts/massless_study.py [--points 20,40,80,160] [--refine 256] [-o DOCS]
 
-It replaces the tables `massless …` of docs/reduced.md.
+It replaces the tables `massless …` of docs/massless.md.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-o", "--output", type=Path, default=DOCS)
     given = parser.parse_args(arguments)
     points, refine = ([int(n) for n in text.split(",")] for text in (given.points, given.refine))
-    page, span = given.output / "reduced.md", (given.settle, given.periods)
+    page, span = given.output / "massless.md", (given.settle, given.periods)
     tables = {
         "massless frequencies": frequencies(points),
         "massless steps": steps(points[0], refine, *span),

@@ -2,7 +2,7 @@
 
     .venv/bin/python scripts/reduced_study.py [--redraw]
 
-It writes docs/reduced.json and docs/figures/reduced.png. docs/reduced.md quotes the numbers.
+It writes docs/reduced.json and docs/figures/reduced.png. docs/massless.md quotes the numbers.
 """
 
 from __future__ import annotations

@@ -309,8 +309,8 @@ class Model(Section):
 
     Attributes:
         kind: "beam" (Euler-Bernoulli), "plane-stress" (two dimensions), "solid" (three dimensions)
-            or "modes" (those of a file, or of beams with time.mass = "massless"); see
-            docs/reduced.md.
+            or "modes": those of a file (docs/reduced.md), or of beams with
+            time.mass = "massless" (docs/massless.md).
         poisson: Poisson's ratio of all laminae [-].
         degree: degree of the elements.
         layers: number of cells through the thickness of each lamina.
@@ -406,7 +406,7 @@ class TimeStepping(Section):
     Attributes:
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
         mass: "consistent" or "lumped" mass matrix; "massless": beams or modes whose contact points
-            have no mass and are rigid (docs/reduced.md).
+            have no mass and are rigid (docs/massless.md).
         steps_per_period: time steps per period, N; in a sweep, a period is that of the
             highest frequency.
         step: longest time step [s]; instead of steps_per_period where the excitation does not
