@@ -177,7 +177,10 @@ def run_command(
                 said = f"case {case.name}", ("", "value"), summary_rows(result.summary)
                 say(is_silent, paths, tables=[said])
                 outcome = str(result.history.attrs["outcome"])
-            _wait_for_all(comm)
+            if comm.size > 1:  # wait for all processes without keeping a core busy
+                request = comm.Ibarrier()
+                while not request.Test():
+                    time.sleep(LOOK)
     if outcome != "completed":
         fail(f"{outcome}; the results so far are in {folder}{HINT[outcome]}", STATUS[outcome])
 
@@ -226,14 +229,6 @@ def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
                 tell(f"delam-fem: {found[0]}")
             comm.Abort(FAILED if found is None else found[1])
         raise
-
-
-def _wait_for_all(comm: MPI.Intracomm) -> None:
-    """Wait until all processes of mpirun have come here, without keeping a core busy."""
-    if comm.size > 1:
-        request = comm.Ibarrier()
-        while not request.Test():
-            time.sleep(LOOK)
 
 
 def page_command(

@@ -138,29 +138,21 @@ def require_affordable(
             "be confirmed by --yes"
         )
     if not is_confirmed:
-        _require_machine(cost, what, (folder or Path()).absolute())
-
-
-def _require_machine(cost: Cost, what: str, folder: Path) -> None:
-    """Refuse a computation that needs more than the machine has.
-
-    Raises:
-        CaseError: the disk of the folder, or the memory, is too small. Workers are not counted,
-            as they may be on other machines.
-    """
-    there = next(path for path in (folder, *folder.parents) if path.exists())
-    free = shutil.disk_usage(there).free
-    if cost.disk > free:
-        raise CaseError(
-            f"{what}: needs about {_size(cost.disk)} of files, but {there} has {_size(free)} free; "
-            "choose another folder, or confirm by --yes"
-        )
-    memory, needed = _machine_memory(), cost.memory + min(cost.programs, RUN_BYTES)
-    if needed > memory:
-        raise CaseError(
-            f"{what}: needs about {_size(needed)} of memory, but the machine has {_size(memory)}; "
-            "record less, or confirm by --yes"
-        )
+        folder = (folder or Path()).absolute()
+        there = next(path for path in (folder, *folder.parents) if path.exists())
+        free = shutil.disk_usage(there).free
+        if cost.disk > free:
+            raise CaseError(
+                f"{what}: needs about {_size(cost.disk)} of files, but {there} has {_size(free)} "
+                "free; choose another folder, or confirm by --yes"
+            )
+        # workers are not counted, as they may be on other machines
+        memory, needed = _machine_memory(), cost.memory + min(cost.programs, RUN_BYTES)
+        if needed > memory:
+            raise CaseError(
+                f"{what}: needs about {_size(needed)} of memory, but the machine has "
+                f"{_size(memory)}; record less, or confirm by --yes"
+            )
 
 
 def _machine_memory() -> float:

@@ -115,7 +115,16 @@ def load(case: Case) -> Structure:
     except OSError as error:
         raise CaseError(f"model.file: {path} cannot be read ({error.strerror})") from None
     origin, mesh, structure, strains = _read(path, stamp.st_mtime_ns, stamp.st_size)
-    _require_same(path, origin, case, mesh)
+    # the case must not differ from the reduced one in what was assembled
+    before, now = dict(_assembled(origin)), dict(_assembled(case))
+    for key in [*before, *(key for key in now if key not in before)]:
+        if before.get(key) != now.get(key):
+            raise CaseError(
+                f"{key}: expected {before.get(key)!r}, with which {path} was reduced, given "
+                f"{now.get(key)!r}; reduce the case again with delam-fem reduce"
+            )
+    if _digest(case) != mesh:
+        raise CaseError(f"mesh.file: is not the mesh with which {path} was reduced; reduce again")
     require_coupled(case)
     o = structure.operators
     if (case.gap, case.delamination) != (origin.gap, origin.delamination):
@@ -198,23 +207,6 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
         name, places = f"{parts[lower].name}-{parts[lower + 1].name}", data[f"places_{k}"]
         interfaces.append(Interface(name, (lower, lower + 1), places, first))
     return Structure(operators, layout_of(origin, parts, tuple(interfaces), reading))
-
-
-def _require_same(path: Path, origin: Case, case: Case, mesh: str) -> None:
-    """Refuse a case that differs from the reduced one in what was assembled.
-
-    Raises:
-        CaseError: it names the first key that differs.
-    """
-    before, now = dict(_assembled(origin)), dict(_assembled(case))
-    for key in [*before, *(key for key in now if key not in before)]:
-        if before.get(key) != now.get(key):
-            raise CaseError(
-                f"{key}: expected {before.get(key)!r}, with which {path} was reduced, given "
-                f"{now.get(key)!r}; reduce the case again with delam-fem reduce"
-            )
-    if _digest(case) != mesh:
-        raise CaseError(f"mesh.file: is not the mesh with which {path} was reduced; reduce again")
 
 
 def _assembled(case: Case) -> Iterator[tuple[str, object]]:

@@ -7,7 +7,6 @@ jump and extended to its middle; there they give the velocities before and after
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -346,14 +345,6 @@ def draw_velocities(numbers: Numbers) -> Figure:
     """Draw the tip velocities over two periods with the jumps from which e follows."""
     figure = canvas(7.0)
     panels = figure.subplot_mosaic([["whole"] * 2, ["strikes", "samples"]], width_ratios=[3, 1])
-    _draw_velocities(panels["whole"], numbers)
-    _draw_restitution(panels["strikes"], numbers)
-    _draw_samples(panels["samples"], numbers)
-    return figure
-
-
-def _draw_velocities(panel: Axes, numbers: Numbers) -> None:
-    """Draw the velocities of both tips, with marks before and after each strike."""
     history, case = numbers.result.history, numbers.result.case
     time, T = history["time"].to_numpy(), case.period
     shown = time > time[-1] - SHOWN_PERIODS * T
@@ -362,7 +353,7 @@ def _draw_velocities(panel: Axes, numbers: Numbers) -> None:
     at = (numbers.strike_time_s[struck] - start) / T
     ends = np.concatenate([numbers.before[struck], numbers.after[struck]], axis=1)
     show(
-        panel,
+        panels["whole"],
         *(
             line((time[shown] - start) / T, v[i], color=colour,
                  label=f"{case.lamina[i].name}  $\\dot y_{i + 1}$")
@@ -372,10 +363,7 @@ def _draw_velocities(panel: Axes, numbers: Numbers) -> None:
              label="before and after the strike"),
         xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]", xmargin=0.0, legend="above",
     )  # fmt: skip
-
-
-def _draw_restitution(panel: Axes, numbers: Numbers) -> None:
-    """Draw e of each strike, with the paper's range and the given value."""
+    panel = panels["strikes"]  # e of each strike
     e, given = numbers.restitution, numbers.result.case.contact.restitution
     number, by_lamina = np.arange(1, e.size + 1), numbers.restitution_by_lamina
     show(
@@ -390,21 +378,14 @@ def _draw_restitution(panel: Axes, numbers: Numbers) -> None:
     panel.axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
     panel.axhline(given, color=BLACK, linewidth=0.8, label="given e")
     legend_above(panel)
-
-
-def _draw_samples(panel: Axes, numbers: Numbers) -> None:
-    """Draw how the mean of e depends on the number of samples from which e is read."""
+    panel = panels["samples"]  # from which e is read, on each side
     samples, e = zip(*numbers.restitution_by_samples.items(), strict=True)
     panel.semilogx(samples, e, "o-", color=BLACK)
     panel.axhspan(*MEASURED, color="#e9e9e9")
     panel.set(xlabel="samples on each side", ylabel="mean e by eq. 3 [–]")
     panel.set_xticks(samples, [str(n) for n in samples])
     panel.minorticks_off()
-
-
-def _range(by_samples: Mapping[int, float]) -> tuple[float, float]:
-    """Return the smallest and the largest e over the numbers of samples [-]."""
-    return min(by_samples.values()), max(by_samples.values())
+    return figure
 
 
 VELOCITIES = Piece(
@@ -434,7 +415,8 @@ VELOCITIES = Piece(
             "{:.2f} and {:.2f} from thick and thin by eq. 4 corrected; "
             "0.10 was given to every pair".format(*n.restitution_by_lamina.mean(axis=0)),
             lambda n: between(
-                "e", n.restitution_by_samples[1], MEASURED, "", _range(n.restitution_by_samples)
+                "e", n.restitution_by_samples[1], MEASURED, "",
+                (min(n.restitution_by_samples.values()), max(n.restitution_by_samples.values())),
             ),
         ),
         Statement(

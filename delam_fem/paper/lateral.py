@@ -96,7 +96,15 @@ def draw_rolling(numbers: Numbers) -> Figure:
         _draw_contact_line(axes, run)
     left, right = rows[2].subplots(1, 2)
     _draw_energy(left, main)
-    _draw_tips(right, study)
+    show(
+        right,
+        *(
+            line(1e3 * run.time, 1e3 * run.tip, color=LAW_COLOURS[name], label=name)
+            for name, run in study.by_law.items()
+        ),
+        title="tip of the thin strip", xlabel="time after the release  [ms]", xmargin=0.0,
+        ylabel="height of the tip  [mm]", ylim=(-1.0, 1.02e3 * LIFT), legend="upper right",
+    )  # fmt: skip
     left, right = rows[3].subplots(1, 2)
     _draw_ladder(left, study)
     _draw_heights(right, study)
@@ -223,19 +231,6 @@ def completed(
         and rung["outcome"] == "completed"
     ]
     return sorted(found, key=lambda rung: rung["steps_per_period"])
-
-
-def _draw_tips(axes: Axes, study: RollingStudy) -> None:
-    """Draw the height of the tip over time for each law."""
-    show(
-        axes,
-        *(
-            line(1e3 * run.time, 1e3 * run.tip, color=LAW_COLOURS[name], label=name)
-            for name, run in study.by_law.items()
-        ),
-        title="tip of the thin strip", xlabel="time after the release  [ms]", xmargin=0.0,
-        ylabel="height of the tip  [mm]", ylim=(-1.0, 1.02e3 * LIFT), legend="upper right",
-    )  # fmt: skip
 
 
 def _draw_heights(axes: Axes, study: RollingStudy) -> None:
@@ -365,7 +360,17 @@ def draw_struck(numbers: Numbers) -> Figure:
     figure, block = canvas(8.6), numbers.block
     axes = figure.subplots(3, 2)
     for k in (0, 1):
-        _draw_strain(axes[k, 0], block, k)
+        spring, free = (
+            (1e3 * motion.time, 1e6 * motion.strain[k]) for motion in (block.spring, block.free)
+        )
+        before, place = 1e6 * block.static_strain[k], 1e3 * block.gauges[k]
+        show(
+            axes[k, 0],
+            line(*spring, color=GAUGE_COLOURS[k]),
+            line(*free, "--", color=BASE_COLOUR, label="no block"),
+            title=f"[{k + 1}]  x = {place:.0f} mm, held up: ε = {before:.0f}·10⁻⁶", xmargin=0.0,
+            xlabel="time after the touch  [ms]", ylabel="strain  ε  [10⁻⁶]", legend="best",
+        )  # fmt: skip
     show(
         axes[2, 0],
         line(1e3 * block.spring.time, 1e-3 * block.force, color=BLACK, linewidth=0.9),
@@ -376,21 +381,6 @@ def draw_struck(numbers: Numbers) -> Figure:
     _draw_dispersion(axes[1, 1], block)
     _draw_peak(axes[2, 1], block)
     return figure
-
-
-def _draw_strain(axes: Axes, block: TipBlock, gauge: int) -> None:
-    """Draw the strain at a gauge over the impact."""
-    spring, free = (
-        (1e3 * motion.time, 1e6 * motion.strain[gauge]) for motion in (block.spring, block.free)
-    )
-    before, place = 1e6 * block.static_strain[gauge], 1e3 * block.gauges[gauge]
-    show(
-        axes,
-        line(*spring, color=GAUGE_COLOURS[gauge]),
-        line(*free, "--", color=BASE_COLOUR, label="no block"),
-        title=f"[{gauge + 1}]  x = {place:.0f} mm, held up: ε = {before:.0f}·10⁻⁶", xmargin=0.0,
-        xlabel="time after the touch  [ms]", ylabel="strain  ε  [10⁻⁶]", legend="best",
-    )  # fmt: skip
 
 
 def _draw_waves(axes: Axes, block: TipBlock) -> None:

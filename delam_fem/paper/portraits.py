@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from delam_fem.numerics.harmonics import (
     distortion_factor,
@@ -501,7 +500,12 @@ def _along_lamina(panel: Axes, numbers: Numbers, i: int) -> None:
         xlabel="x [mm]", xlim=(0.0, 1.02 * x[-1]), ylabel=f"d of {name} [%]", yscale="log",
         legend="above",
     )  # fmt: skip
-    panel.secondary_yaxis("right", functions=(_thd_of, _d_of)).set_ylabel("THD [%]")
+    # d = sqrt(1 + THD²) - 1, both in percent
+    both = (
+        lambda d: 100.0 * np.sqrt(np.maximum(0.01 * d, 0.0) * (2.0 + np.maximum(0.01 * d, 0.0))),
+        lambda thd: 100.0 * (np.hypot(1.0, 0.01 * thd) - 1.0),
+    )
+    panel.secondary_yaxis("right", functions=both).set_ylabel("THD [%]")
 
 
 def _over_exponent(panel: Axes, numbers: Numbers, i: int) -> None:
@@ -515,18 +519,6 @@ def _over_exponent(panel: Axes, numbers: Numbers, i: int) -> None:
         panel, xlabel="exponent p of the gap", ylabel=f"$d_{i + 1}$ of the tip [%]",
         ylim=(0.0, 1.15 * max(float(d.max()), printed)), legend="above",
     )  # fmt: skip
-
-
-def _thd_of(d: npt.ArrayLike) -> FloatArray:
-    """Return the THD that belongs to a value of d, d = sqrt(1 + THD²) - 1, both in percent."""
-    share = np.maximum(np.asarray(d, dtype=np.float64) / 100.0, 0.0)
-    return np.asarray(100.0 * np.sqrt(share * (2.0 + share)))
-
-
-def _d_of(thd: npt.ArrayLike) -> FloatArray:
-    """Return the d that belongs to a value of THD, both in percent."""
-    share = np.asarray(thd, dtype=np.float64) / 100.0
-    return np.asarray(100.0 * (np.sqrt(1.0 + share**2) - 1.0))
 
 
 def _printed(numbers: Numbers, i: int) -> str:

@@ -41,7 +41,6 @@ from delam_fem.results.figures.style import (
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # -- Fig. 2a: without contact -----------------------------------------------------------------
@@ -169,7 +168,16 @@ def draw_linear(numbers: Numbers) -> Figure:
         )  # fmt: skip
         close.axvline(f1, color=BLACK, linewidth=0.8)
         close.axvline(PRINTED[lamina.name], color=BLACK, linewidth=0.8, linestyle=":")
-        _record_panel(record, numbers, i)
+        time, (low, high) = numbers.record
+        minutes, envelope = time / 60.0, 1e3 * numbers.envelopes["linear, up"][1][i]
+        record.fill_between(minutes, 1e3 * low[i], 1e3 * high[i], color=SKY, label="record")
+        show(
+            record,
+            line(minutes, envelope, color=BLUE, linewidth=0.8, label="envelope"),
+            line(minutes, -envelope, color=BLUE, linewidth=0.8),
+            title="swept linear, up", xlabel="time [min]", xlim=(0.0, SWEEP_SECONDS / 60.0),
+            ylabel="displacement of the tip [mm]", legend="above",
+        )  # fmt: skip
     legend_outside(figure, panels[0, 0], 3)
     return figure
 
@@ -185,20 +193,6 @@ def _linear_lines(numbers: Numbers, i: int) -> Iterator[Line]:
     yield line(
         numbers.stepped_frequency_hz, 1e3 * numbers.stepped_amplitude_m[i],
         "o", color=BLACK, markersize=2.5, label="stepped sine",
-    )  # fmt: skip
-
-
-def _record_panel(panel: Axes, numbers: Numbers, i: int) -> None:
-    """Draw the record of a swept sine, 30 minutes of oscillation, with its envelope."""
-    time, (low, high) = numbers.record
-    minutes, envelope = time / 60.0, 1e3 * numbers.envelopes["linear, up"][1][i]
-    panel.fill_between(minutes, 1e3 * low[i], 1e3 * high[i], color=SKY, label="record")
-    show(
-        panel,
-        line(minutes, envelope, color=BLUE, linewidth=0.8, label="envelope"),
-        line(minutes, -envelope, color=BLUE, linewidth=0.8),
-        title="swept linear, up", xlabel="time [min]", xlim=(0.0, SWEEP_SECONDS / 60.0),
-        ylabel="displacement of the tip [mm]", legend="above",
     )  # fmt: skip
 
 
@@ -374,7 +368,29 @@ def draw_contact(numbers: Numbers) -> Figure:
     figure = canvas(5.4)
     panels = figure.subplots(1, 2)
     for i, panel in enumerate(panels):
-        _contact_panel(panel, numbers, i)
+        f = numbers.frequency_hz
+        up, down = 1e3 * numbers.amplitude_up_m[i], 1e3 * numbers.amplitude_down_m[i]
+        half = 0.5 * (f[1] - f[0])
+        for k, at in enumerate(f[_differ(up, down)]):
+            label = "hysteresis" if k == 0 else None
+            panel.axvspan(
+                at - half, at + half, color=GAP_COLOUR, linewidth=0, zorder=0, label=label
+            )
+        fine = np.linspace(*BAND, 5001)
+        linear = 1e3 * numbers.case.linear_amplitude(i, fine)
+        swept = {way: (f, 1e3 * amplitude[i]) for way, (f, amplitude) in numbers.envelopes.items()}
+        look: dict[str, Any] = {"markersize": 2.8, "linewidth": 0.9}
+        show(
+            panel,
+            line(fine, linear, ":", color=BASE_COLOUR, label="linear, no contact"),
+            line(*swept["up"], color=SKY, linewidth=0.7, label="swept up"),
+            line(*swept["down"], color=ORANGE, linewidth=0.7, label="swept down"),
+            line(f, up, "^-", color=BLUE, label="stepped up", **look),
+            line(f, down, "v-", color=VERMILLION, label="stepped down", **look),
+        )
+        for k, at in enumerate(numbers.jumps_up_hz[i] + numbers.jumps_down_hz[i]):
+            label = "jump of the amplitude" if k == 0 else None
+            panel.axvline(at, color=GREEN, linewidth=0.8, linestyle="--", label=label)
         points = 1e3 * numbers.marked_m[:, i]
         panel.plot(FREQUENCIES, points, "o", markerfacecolor="white", markeredgecolor=BLACK,
                    markersize=8, zorder=5, label="[a]–[d]")  # fmt: skip
@@ -393,31 +409,6 @@ def draw_contact(numbers: Numbers) -> Figure:
         )  # fmt: skip
     legend_outside(figure, panels[0], 4)
     return figure
-
-
-def _contact_panel(panel: Axes, numbers: Numbers, i: int) -> None:
-    """Draw the responses of one lamina with contact."""
-    f = numbers.frequency_hz
-    up, down = 1e3 * numbers.amplitude_up_m[i], 1e3 * numbers.amplitude_down_m[i]
-    half = 0.5 * (f[1] - f[0])
-    for k, at in enumerate(f[_differ(up, down)]):
-        label = "hysteresis" if k == 0 else None
-        panel.axvspan(at - half, at + half, color=GAP_COLOUR, linewidth=0, zorder=0, label=label)
-    fine = np.linspace(*BAND, 5001)
-    linear = 1e3 * numbers.case.linear_amplitude(i, fine)
-    swept = {way: (f, 1e3 * amplitude[i]) for way, (f, amplitude) in numbers.envelopes.items()}
-    look: dict[str, Any] = {"markersize": 2.8, "linewidth": 0.9}
-    show(
-        panel,
-        line(fine, linear, ":", color=BASE_COLOUR, label="linear, no contact"),
-        line(*swept["up"], color=SKY, linewidth=0.7, label="swept up"),
-        line(*swept["down"], color=ORANGE, linewidth=0.7, label="swept down"),
-        line(f, up, "^-", color=BLUE, label="stepped up", **look),
-        line(f, down, "v-", color=VERMILLION, label="stepped down", **look),
-    )
-    for k, at in enumerate(numbers.jumps_up_hz[i] + numbers.jumps_down_hz[i]):
-        label = "jump of the amplitude" if k == 0 else None
-        panel.axvline(at, color=GREEN, linewidth=0.8, linestyle="--", label=label)
 
 
 def jumps(f: FloatArray, amplitude: FloatArray) -> list[float]:

@@ -86,7 +86,18 @@ def draw(numbers: Numbers) -> Figure:
     case, figure = numbers.drawn_case, canvas(5.2)
     left, right = figure.subplots(1, 2, width_ratios=[3, 4])
     _draw_laminae(left, case)
-    _list_properties(right, case)
+    right.axis("off")
+    rows = [[name, *map(text, case.lamina)] for name, text in PROPERTIES]
+    table = right.table(
+        cellText=[*rows, ["contact pairs", f"{case.mesh.elements}", ""]],
+        colLabels=["", *(lamina.name for lamina in case.lamina)], cellLoc="left",
+        colWidths=[0.5, 0.28, 0.22], edges="horizontal", loc="center",
+    )  # fmt: skip
+    table.auto_set_font_size(False)
+    table.set_fontsize(10.0)
+    table.scale(1.0, 1.6)
+    for column, colour in enumerate(lamina_colours(2), start=1):
+        table[0, column].get_text().set_color(colour)
     figure.suptitle(f"{case.name}: the system at rest (horizontal scale stretched)")
     return figure
 
@@ -144,22 +155,6 @@ PROPERTIES: tuple[tuple[str, Callable[[Lamina], str]], ...] = (
     ("f₂ exact [Hz]", lambda own: f"{own.angular_frequencies(2)[1] / (2.0 * math.pi):.3f}"),
 )
 """Rows of the table of properties: the name, and the text for a lamina."""
-
-
-def _list_properties(axes: Axes, case: Case) -> None:
-    """Write the properties of the thick and of the thin lamina as a table."""
-    axes.axis("off")
-    rows = [[name, *map(text, case.lamina)] for name, text in PROPERTIES]
-    table = axes.table(
-        cellText=[*rows, ["contact pairs", f"{case.mesh.elements}", ""]],
-        colLabels=["", *(lamina.name for lamina in case.lamina)], cellLoc="left",
-        colWidths=[0.5, 0.28, 0.22], edges="horizontal", loc="center",
-    )  # fmt: skip
-    table.auto_set_font_size(False)
-    table.set_fontsize(10.0)
-    table.scale(1.0, 1.6)
-    for column, colour in enumerate(lamina_colours(2), start=1):
-        table[0, column].get_text().set_color(colour)
 
 
 SYSTEM = Piece(
@@ -431,9 +426,26 @@ def draw_chart(numbers: Numbers) -> Figure:
     grid = figure.add_gridspec(2, 2, height_ratios=[3, 2], width_ratios=[1, 2])
     _flow(figure.add_subplot(grid[0, :]), numbers.pair_steps_per_period, state.shape[1] * N)
     whole, close = (figure.add_subplot(grid[1, k]) for k in range(2))
+    last, n_pairs = state[-N:], state.shape[1]
     for axes in (whole, close):
-        _timeline(axes, state[-N:])
-    busy = np.flatnonzero((state[-N:] != OPEN).any(axis=1)) / N
+        axes.grid(False)  # marks, so that rare decisions are visible
+        for kind, marker in (
+            (SEPARATING, "."),
+            (HELD, "s"),
+            (RELEASED, "x"),
+            (BEGUN, "D"),
+            (STRUCK, "o"),
+        ):
+            steps, pairs = np.nonzero(last == kind)
+            axes.plot(
+                (steps + 0.5) / N, pairs + 1, marker, color=COLOURS[kind], markersize=4,
+                linestyle="none", label=NAMES[kind],
+            )  # fmt: skip
+        axes.set(
+            xlabel="time t/T [–]", xlim=(0.0, 1.0),
+            ylim=(0.0, n_pairs + 1.0), yticks=range(2, n_pairs + 1, 2),
+        )  # fmt: skip
+    busy = np.flatnonzero((last != OPEN).any(axis=1)) / N
     whole.set(title="one period", ylabel="pair (1 near the clamp)")
     shown = (busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
     close.set(title="its contact phase", xlim=shown)
@@ -504,28 +516,6 @@ def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
         x + (0.0 if is_level else 1.0), y + (1.0 if is_level else 0.0), text, fontsize=8.5,
         ha="center" if is_level else "left", va="bottom" if is_level else "center",
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
-    )  # fmt: skip
-
-
-def _timeline(axes: Axes, state: npt.NDArray[np.int8]) -> None:
-    """Draw the decisions on each pair over one period, as marks, so that rare ones are visible."""
-    N, n_pairs = state.shape
-    axes.grid(False)
-    for kind, marker in (
-        (SEPARATING, "."),
-        (HELD, "s"),
-        (RELEASED, "x"),
-        (BEGUN, "D"),
-        (STRUCK, "o"),
-    ):
-        steps, pairs = np.nonzero(state == kind)
-        axes.plot(
-            (steps + 0.5) / N, pairs + 1, marker, color=COLOURS[kind], markersize=4,
-            linestyle="none", label=NAMES[kind],
-        )  # fmt: skip
-    axes.set(
-        xlabel="time t/T [–]", xlim=(0.0, 1.0),
-        ylim=(0.0, n_pairs + 1.0), yticks=range(2, n_pairs + 1, 2),
     )  # fmt: skip
 
 

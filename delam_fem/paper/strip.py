@@ -667,8 +667,18 @@ def tip_block(
             (Law("newton", threshold_velocity=THRESHOLD), SCHEMES["moreau-jean"]),
         )
     )
-    touch, speed = _touch(free, round(PEAK_DURATION / time_step))
-    mode = _first_mode(operators)
+    # when the tip without a block passes the ground [s], and how fast [m/s]
+    u, v = free.displacement[:, 0], free.velocity[:, 0]
+    first = int(np.argmax(u <= 0.0))
+    touch = float(free.time[first] - u[first] / v[first])
+    speed = -float(v[first : first + round(PEAK_DURATION / time_step)].mean())
+    # φᵀ M ω / √2 and φᵀ M / √2 for the first mode φ with φᵀ M φ = 1: the squares of their products
+    # with u and v are the energies in the mode
+    M = operators.mass
+    (frequency,), vectors = lowest(operators.stiffness, M, 1)
+    phi = vectors[:, 0]
+    projection = np.sqrt(0.5) * (M @ phi) / np.sqrt(phi @ M @ phi)
+    mode = np.array([2.0 * np.pi * frequency * projection, projection])
     return TipBlock(
         lamina=lamina,
         gauges=gauges,
@@ -683,30 +693,6 @@ def tip_block(
         spring=_motion(spring, touch, mode, stiffness),
         rigid=_motion(rigid, touch, mode),
     )
-
-
-def _touch(free: Solution, n_steps: int) -> tuple[float, float]:
-    """Return when the tip without a block passes the ground [s], and how fast [m/s].
-
-    Args:
-        free: a run without a block.
-        n_steps: number of steps after the touch over which the speed is averaged.
-    """
-    u, v = free.displacement[:, 0], free.velocity[:, 0]
-    first = int(np.argmax(u <= 0.0))
-    return float(free.time[first] - u[first] / v[first]), -float(v[first : first + n_steps].mean())
-
-
-def _first_mode(operators: Operators) -> FloatArray:
-    """Return φᵀ M ω / √2 and φᵀ M / √2 for the first mode φ with φᵀ M φ = 1, shape (2, n).
-
-    The squares of their products with u and v are the energies in the mode.
-    """
-    M = operators.mass
-    (frequency,), vectors = lowest(operators.stiffness, M, 1)
-    mode = vectors[:, 0]
-    projection = np.sqrt(0.5) * (M @ mode) / np.sqrt(mode @ M @ mode)
-    return np.array([2.0 * np.pi * frequency * projection, projection])
 
 
 def _motion(

@@ -63,8 +63,16 @@ def history(
     weights = structure.operators.pair_weights
     shares = np.ones(gap0.size) if weights is None else weights
     add(data, gap0=at_rest, spring_share=_of_interfaces(layout, shares))
-    if layout.stops:
-        _add_stops(data, layout, gap0)
+    if stops := layout.stops:  # their contact points have the dimension `stop`
+        sizes = [s.places.size for s in stops]
+        add(
+            data,
+            stop_number=np.repeat([s.number + 1 for s in stops], sizes),
+            stop_lamina=np.repeat([s.part for s in stops], sizes),
+            stop_node=np.searchsorted(layout.stations, np.concatenate([s.places for s in stops])),
+            stop_height=np.concatenate([s.side * gap0[s.pairs] for s in stops]),
+            stop_on_base=np.repeat([s.on_base for s in stops], sizes),
+        )
     if layout.n_impactors:
         o = structure.operators
         own = slice(o.n_probes, o.n_probes + layout.n_impactors)
@@ -126,19 +134,6 @@ def _add_motion(data: xr.Dataset, recorder: Recorder, n: int, start: int) -> lis
     if recorder.is_forced:
         add(data, force=base[:, 0])
     return found
-
-
-def _add_stops(data: xr.Dataset, layout: Layout, gap0: FloatArray) -> None:
-    """Add where the contact points of stops are; they have the dimension `stop`."""
-    stops, sizes = layout.stops, [s.places.size for s in layout.stops]
-    add(
-        data,
-        stop_number=np.repeat([s.number + 1 for s in stops], sizes),
-        stop_lamina=np.repeat([s.part for s in stops], sizes),
-        stop_node=np.searchsorted(layout.stations, np.concatenate([s.places for s in stops])),
-        stop_height=np.concatenate([s.side * gap0[s.pairs] for s in stops]),
-        stop_on_base=np.repeat([s.on_base for s in stops], sizes),
-    )
 
 
 def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:

@@ -24,7 +24,7 @@ from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.dataset import grouped
 from delam_fem.results.diagnostics import probe_node
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 from delam_fem.system.files import atomic, atomic_file, write_text
 
 LONGEST = 63
@@ -283,8 +283,7 @@ def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[P
         CaseError: there is no such format, or nothing that it holds.
         OSError: a file cannot be written.
     """
-    if to not in FORMATS:
-        raise CaseError(f"--to: expected one of {', '.join(FORMATS)}, given {to!r}")
+    require(to in FORMATS, "--to", f"one of {', '.join(FORMATS)}", to)
     path = Path(path)
     if path.suffix.lower() != f".{to}":
         raise CaseError(f"--output: expected a file that ends in .{to}, given {path}")

@@ -23,7 +23,7 @@ from delam_fem.model.layout import Layout, Structure, interpolation, nodal
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.simulation.signals import frames_of
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 _ROUND_OFF = 1e-9
 
@@ -55,10 +55,7 @@ def part_of(layout: Layout, lamina: str) -> int:
     Raises:
         CaseError: there is none of this name.
     """
-    if lamina not in layout.names:
-        raise CaseError(
-            f"scan: lamina: expected one of {', '.join(layout.names)}, given {lamina!r}"
-        )
+    require(lamina in layout.names, "scan: lamina", f"one of {', '.join(layout.names)}", lamina)
     return layout.names.index(lamina)
 
 

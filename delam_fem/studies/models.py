@@ -25,7 +25,7 @@ from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH
 from delam_fem.studies.modes import modes_of, structure_modes
 from delam_fem.studies.study import Finding, Report, Table
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 Name = Literal["beam", "plane-stress", "solid", "modes"]
 NAMES: tuple[Name, ...] = get_args(Name)
@@ -207,7 +207,13 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     history = found.history
     t = history["time"].to_numpy()
     late = diagnostics.last_periods(history, case, math.ceil(periods / 2))
-    x, impulse = _along(history, float(late["time"][0]))
+    x = history["x"].to_numpy()
+    is_late = history["event_time"].to_numpy() >= float(late["time"][0])
+    if "event_interface" in history:
+        is_late &= history["event_interface"].to_numpy() == 0
+    node = history["event_node"].to_numpy()[is_late]
+    total = np.bincount(node, history["event_impulse"].to_numpy()[is_late], minlength=x.size)
+    impulse = np.asarray(total / np.gradient(x))  # per length along the contact line
     kept = slice(periods // 2, None)
     return Motion(
         frequency,
@@ -231,17 +237,6 @@ def _first_strike(history: xr.Dataset) -> float:
     is_closed = diagnostics.ProbeMotion.of(history).is_closed.any(axis=0)
     closed = history["time"].to_numpy()[is_closed]
     return float(min(near.min(initial=math.inf), closed.min(initial=math.inf)))
-
-
-def _along(history: xr.Dataset, since: float) -> tuple[FloatArray, FloatArray]:
-    """Return positions along the contact line, and the impulse per length there since a time."""
-    x = history["x"].to_numpy()
-    is_late = history["event_time"].to_numpy() >= since
-    if "event_interface" in history:
-        is_late &= history["event_interface"].to_numpy() == 0
-    node = history["event_node"].to_numpy()[is_late]
-    total = np.bincount(node, history["event_impulse"].to_numpy()[is_late], minlength=x.size)
-    return x, np.asarray(total / np.gradient(x))
 
 
 COLOURS = (BLACK, VERMILLION, BLUE, GREEN, ORANGE)
@@ -379,8 +374,7 @@ def compare_models(
         CaseError: a model or a motion cannot be computed.
     """
     case = find_case(case)
-    if periods < 2:
-        raise CaseError(f"periods: expected at least 2, given {periods}")
+    require(periods >= 2, "periods", "at least 2", periods)
     if not case.is_periodic:
         raise CaseError(
             "compare: models are compared by periodic motions; expected a harmonic excitation or a "

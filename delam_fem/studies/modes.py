@@ -14,7 +14,6 @@ from typing import Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
@@ -32,8 +31,8 @@ from delam_fem.results.figures.style import (
     side_by_side,
 )
 from delam_fem.studies import options
-from delam_fem.studies.study import Finding, Place, Report, Study, Table, number
-from delam_fem.system.errors import CaseError
+from delam_fem.studies.study import Finding, Report, Study, Table, number
+from delam_fem.system.errors import require
 
 Kind = Literal["free", "closed"]
 
@@ -127,30 +126,26 @@ class StructureModes(Finding):
             len(self.frequencies), PANEL, above=0.7, sharex=True, sharey=True
         )
         for k, axes in enumerate(panels):
-            self._draw(axes, k)
+            for j, (start, end) in enumerate(self.spans):
+                axes.axvspan(start, end, color=GAP_COLOUR, label=None if j else "delaminated")
+            axes.axhline(0.0, color="0.7", linewidth=0.6)
+            styles = ("-", "--", ":", "-.")
+            for i, colour in enumerate(lamina_colours(len(self.names))):
+                axes.plot(
+                    self.x, self.shapes[k, i], color=colour, linestyle=styles[i % 4],
+                    linewidth=2.4 if i == 0 else 1.6, label=self.names[i],
+                )  # fmt: skip
+            text = f"{k + 1}: {self.frequencies[k]:.5g} Hz"
+            if self.kind == "free" and self.openings.shape[1]:
+                text += f", opens by {self.openings[k].max():.2g}"
+                if self.partners[k] >= 0:
+                    text += f"; closed {self.partner_frequencies[k]:.5g} Hz"
+            axes.set_title(text, loc="left", fontsize=9)
+            axes.set(ylim=(-1.15, 1.15), yticks=(-1, 0, 1), xlim=(self.x[0], self.x[-1]))
         label_x(panels, "x [m]")
         legend_outside(figure, panels[0], 4, "outside upper right")
         figure.suptitle(f"Modes, delaminations {self.kind}", x=0.02, ha="left")
         return figure
-
-    def _draw(self, axes: Axes, k: int) -> None:
-        """Draw one mode."""
-        for j, (start, end) in enumerate(self.spans):
-            axes.axvspan(start, end, color=GAP_COLOUR, label=None if j else "delaminated")
-        axes.axhline(0.0, color="0.7", linewidth=0.6)
-        styles = ("-", "--", ":", "-.")
-        for i, colour in enumerate(lamina_colours(len(self.names))):
-            axes.plot(
-                self.x, self.shapes[k, i], color=colour, linestyle=styles[i % 4],
-                linewidth=2.4 if i == 0 else 1.6, label=self.names[i],
-            )  # fmt: skip
-        text = f"{k + 1}: {self.frequencies[k]:.5g} Hz"
-        if self.kind == "free" and self.openings.shape[1]:
-            text += f", opens by {self.openings[k].max():.2g}"
-            if self.partners[k] >= 0:
-                text += f"; closed {self.partner_frequencies[k]:.5g} Hz"
-        axes.set_title(text, loc="left", fontsize=9)
-        axes.set(ylim=(-1.15, 1.15), yticks=(-1, 0, 1), xlim=(self.x[0], self.x[-1]))
 
 
 def structure_modes(
@@ -167,13 +162,11 @@ def structure_modes(
     Raises:
         CaseError: there is no such kind, or the structure has fewer dofs.
     """
-    if kind not in get_args(Kind):
-        raise CaseError(f"delaminations: expected free or closed, given {kind!r}")
+    require(kind in get_args(Kind), "delaminations", "free or closed", kind)
     o, layout = structure.operators, structure.layout
     S = {"free": sp.identity(o.n_dofs, format="csr"), "closed": keeping_closed(structure)}
     most = S["closed"].shape[1]
-    if not 1 <= n <= most:
-        raise CaseError(f"number of modes: expected 1 to {most}, given {n}")
+    require(1 <= n <= most, "number of modes", f"1 to {most}", n)
     found = {}
     for name, matrix in S.items():
         count = n if name == kind else min(n + _MORE, matrix.shape[1])
@@ -357,8 +350,7 @@ def modes_of(structure: Structure, case: Case, n: int) -> Modes:
     """
     layout, o = structure.layout, structure.operators
     most = min(layout.own_dofs(i).size for i in range(len(layout.parts)))
-    if not 1 <= n <= most:
-        raise CaseError(f"number of modes: expected 1 to {most} (dofs of a lamina), given {n}")
+    require(1 <= n <= most, "number of modes", f"1 to {most} (dofs of a lamina)", n)
     shapes = np.zeros((len(layout.parts), n, layout.x.size))
     frequencies = np.zeros((len(layout.parts), n))
     for i in range(len(layout.parts)):
@@ -372,9 +364,8 @@ def modes_of(structure: Structure, case: Case, n: int) -> Modes:
     return Modes(layout.names, frequencies, np.stack(exact), layout.x, shapes)
 
 
-def _modes(case: Case, given: options.Modes, place: Place) -> Modes | StructureModes:
-    """Compute modes with options of a user."""
-    return modes(case, given.number, delaminations=given.delaminations)
-
-
-STUDY = Study(options.Modes, _modes, takes_impactors=True)
+STUDY: Study[options.Modes, Modes | StructureModes] = Study(
+    options.Modes,
+    lambda case, given, _: modes(case, given.number, delaminations=given.delaminations),
+    takes_impactors=True,
+)

@@ -173,7 +173,14 @@ def _publish(private: Path, final: Path) -> None:
         os.rename(private, final)
     except OSError as error:  # the library is loaded and stays so
         _log.debug("%s: not kept (%s)", private, error)
-    _clear_out(final.parent)
+    for path in final.parent.glob(f"{PRIVATE}*"):  # killed processes may have left theirs
+        try:
+            is_stale = time.time() - path.stat().st_mtime > STALE_SECONDS
+        except OSError:
+            continue
+        if is_stale:
+            _log.debug("%s: removed, left by a process that was killed", path)
+            shutil.rmtree(path, ignore_errors=True)
 
 
 @cache
@@ -200,15 +207,3 @@ def _to_disk(path: Path) -> None:
     """Wait until a file is on the disk."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
-
-
-def _clear_out(shared: Path) -> None:
-    """Remove private folders that killed processes have left."""
-    for path in shared.glob(f"{PRIVATE}*"):
-        try:
-            is_stale = time.time() - path.stat().st_mtime > STALE_SECONDS
-        except OSError:
-            continue
-        if is_stale:
-            _log.debug("%s: removed, left by a process that was killed", path)
-            shutil.rmtree(path, ignore_errors=True)

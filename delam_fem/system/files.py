@@ -268,7 +268,18 @@ def claimed(
         with nullcontext() if is_shared else _locked(directory):
             _spare(directory, inputs)
             if not (may_hold_results or is_shared):
-                _require_empty(directory, inputs)
+                known = {path.resolve() for path in inputs}
+                found = sorted(
+                    entry.name
+                    for entry in directory.iterdir()
+                    if not entry.name.startswith(".") and entry.resolve() not in known
+                )
+                if found:
+                    shown = ", ".join(found[:3]) + (" …" if len(found) > 3 else "")
+                    raise CaseError(
+                        f"output folder {directory}: is not empty ({shown}); choose another with "
+                        "-o DIR, go on with --resume, or replace what is there with --overwrite"
+                    )
             yield directory
     finally:
         _remove_empty(made)
@@ -339,19 +350,3 @@ def _spare(directory: Path, inputs: Collection[Path]) -> None:
                 f"output folder {directory}: the results would replace {path}, which the case "
                 "reads; choose another folder with -o DIR, or rename the file"
             )
-
-
-def _require_empty(directory: Path, inputs: Collection[Path]) -> None:
-    """Refuse a folder with files that are neither inputs nor left over from a killed process."""
-    known = {path.resolve() for path in inputs}
-    found = sorted(
-        entry.name
-        for entry in directory.iterdir()
-        if not entry.name.startswith(".") and entry.resolve() not in known
-    )
-    if found:
-        shown = ", ".join(found[:3]) + (" …" if len(found) > 3 else "")
-        raise CaseError(
-            f"output folder {directory}: is not empty ({shown}); choose another with -o DIR, go on "
-            "with --resume, or replace what is there with --overwrite"
-        )

@@ -467,7 +467,10 @@ def touching(
         of_all.data[np.abs(of_all.data) < _ROUND_OFF] = 0.0
         rows = sp.csr_matrix(of_all @ unknowns.free)
         rows.eliminate_zeros()
-        moves = _moves(solid, rows)
+        own = np.asarray(abs(rows).sum(axis=1)).ravel()
+        if solid.comm.size > 1:
+            own = np.sum(solid.comm.allgather(own), axis=0)
+        moves = np.asarray(own > 0.0)  # which pairs any free dof moves
         every.append(found.chosen(moves))
         H.append(rows[moves])
     return tuple(every), sp.vstack(H, format="csr")
@@ -569,11 +572,3 @@ def _places(bonded: BoolArray, x: FloatArray, per_element: int) -> FloatArray:
     local = np.arange(1, per_element) / per_element
     inside = x[:-1][~bonded, None] + np.diff(x)[~bonded, None] * local
     return np.sort(np.concatenate([x[~touches_bond], inside.ravel()]))
-
-
-def _moves(solid: Solid, rows: sp.csr_matrix) -> BoolArray:
-    """Return which pairs any free dof moves (collective), shape (n_pairs,)."""
-    own = np.asarray(abs(rows).sum(axis=1)).ravel()
-    if solid.comm.size > 1:
-        own = np.sum(solid.comm.allgather(own), axis=0)
-    return np.asarray(own > 0.0)

@@ -195,7 +195,10 @@ class Ribbons:
         of a pair [N], and strain, the axial strain of bending: minus the height above the middle
         plane times the curvature [-]. Blocks have displacement, contact_state and heat.
         """
-        data = {name: _lateral(values[:, frame]) for name, values in self.vectors.items()}
+        data = {  # along y, at all corners
+            name: np.pad(np.repeat(own[:, frame].ravel(), CORNERS)[:, None], ((0, 0), (1, 1)))
+            for name, own in self.vectors.items()
+        }
         for name, values in self.scalars.items():
             data[name] = np.repeat(values[:, frame].ravel(), CORNERS)
         curvature = self.scalars["curvature"][:, frame, :, None]
@@ -245,13 +248,6 @@ def hexahedra(n_laminae: int, n_nodes: int) -> IntArray:
     sections = np.arange(n_laminae * n_nodes * CORNERS).reshape(n_laminae, n_nodes, CORNERS)
     cells = np.concatenate([sections[:, :-1], sections[:, 1:]], axis=-1)
     return np.asarray(cells.reshape(-1, 2 * CORNERS), dtype=np.int64)
-
-
-def _lateral(values: FloatArray) -> FloatArray:
-    """Return values at all nodes of all laminae as vectors along y at all corners."""
-    vectors = np.zeros((values.size * CORNERS, 3))
-    vectors[:, 1] = np.repeat(values.ravel(), CORNERS)
-    return vectors
 
 
 PHASES = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)

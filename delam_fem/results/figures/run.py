@@ -284,7 +284,12 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     for i, (name, colour) in enumerate(_laminae(history)):
         axes.plot(t, y[i], color=colour, label=f"{name}  {symbol('y', i)}")
     if case.contact.law != "none":
-        _closures(axes, t, y, last)
+        # the steps at which neighbours touch at their probes, midway between both
+        text = "tips in contact" if diagnostics.probe_place(last) == "the tip" else "in contact"
+        for j, closed in enumerate(diagnostics.ProbeMotion.of(last).is_closed):
+            middle = y[j : j + 2].mean(axis=0)[closed]
+            label = None if j else text
+            axes.plot(t[closed], middle, "o", color=BLACK, markersize=4.5, label=label)
     place = diagnostics.probe_place(history)
     text = "position of the tip [mm]" if place == "the tip" else f"position at {place} [mm]"
     axes.set_ylabel(text)
@@ -395,15 +400,6 @@ def _laminae(history: xr.Dataset) -> Iterator[tuple[str, str]]:
     """Yield name and colour of each lamina."""
     names = [str(name) for name in history["lamina"].to_numpy()]
     yield from zip(names, lamina_colours(len(names)), strict=True)
-
-
-def _closures(axes: Axes, t: FloatArray, y: FloatArray, history: xr.Dataset) -> None:
-    """Mark the steps at which neighbours touch at their probes, midway between both."""
-    text = "tips in contact" if diagnostics.probe_place(history) == "the tip" else "in contact"
-    for j, closed in enumerate(diagnostics.ProbeMotion.of(history).is_closed):
-        middle = y[j : j + 2].mean(axis=0)[closed]
-        label = None if j else text
-        axes.plot(t[closed], middle, "o", color=BLACK, markersize=4.5, label=label)
 
 
 def _mark_harmonics(axes: Axes, amplitudes: FloatArray) -> str:

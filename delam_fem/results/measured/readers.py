@@ -247,15 +247,11 @@ def _columns_of_tree(tree: Tree, units: Mapping[str, Any], n: int, taken: set[st
         taken.add(name)
         rows = values if values.shape[-1] == n else values.T
         unit = units.get(name)
-        names = _row_names(tree, name, len(np.atleast_2d(rows)))
+        n_rows = len(np.atleast_2d(rows))  # a list of that many texts beside it names them
+        lists = [v for v in tree.values() if isinstance(v, list) and len(v) == n_rows]
+        names = [f"{name} {text}" for text in lists[0]] if lists and n_rows > 1 else None
         columns += matrix_columns(name, rows, names, unit if isinstance(unit, str) else None)
     return columns
-
-
-def _row_names(tree: Tree, name: str, n_rows: int) -> list[str] | None:
-    """Return the names of a matrix' rows, where a list of that many texts lies beside it."""
-    lists = [v for v in tree.values() if isinstance(v, list) and len(v) == n_rows]
-    return [f"{name} {text}" for text in lists[0]] if lists and n_rows > 1 else None
 
 
 def _of_scipy(path: Path) -> Tree:
@@ -526,13 +522,9 @@ def _names(functions: list[dict[str, Any]]) -> list[str]:
         is_told = max(Counter(texts).values()) == 1 and not set(bare) & set(NOTHING)
         return bare if is_told else None
 
-    by_node = [f"node{own['rsp_node']} {_direction(own['rsp_dir'])}".strip() for own in functions]
+    along = {1: " +x", 2: " +y", 3: " +z", -1: " -x", -2: " -y", -3: " -z"}
+    by_node = [f"node{own['rsp_node']}{along.get(own['rsp_dir'], '')}" for own in functions]
     return unique("id1") or unique("rsp_ent_name") or by_node
-
-
-def _direction(number: int) -> str:
-    """Return the direction of a response, such as +z; empty for none."""
-    return f"{'-' if number < 0 else '+'}{'xyz'[abs(number) - 1]}" if 1 <= abs(number) <= 3 else ""
 
 
 def _sheet(path: Path, block: Block, own: dict[str, Any], about: tuple[Any, ...]) -> Sheet:

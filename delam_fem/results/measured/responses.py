@@ -31,7 +31,7 @@ from delam_fem.results.figures.style import (
 )
 from delam_fem.results.measured.channels import Values, unit_of
 from delam_fem.results.measured.reading import history_of
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 QUIET = 15.0
 """Largest force over the deviation of its noise, least for blows; noise alone has 4 to 6."""
@@ -480,8 +480,7 @@ def with_free_vibrations(
     damped/undamped sinusoids in noise", IEEE Trans. ASSP 38 (1990).
     """
     names = [str(name) for name in data["channel"].to_numpy()]
-    if channel not in names:
-        raise CaseError(f"free: expected one of {', '.join(names)}, given {channel!r}")
+    require(channel in names, "free", f"one of {', '.join(names)}", channel)
     time: FloatArray = data["time"].to_numpy()
     step = _step(time)
     thinned = max(1, int(1.0 / (OVERSAMPLED * upper * step)))

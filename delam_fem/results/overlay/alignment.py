@@ -317,11 +317,11 @@ def best_start(
     """
     stride = -(-time.size // MOST_SAMPLES)
     t, own = trial.rate * (time[::stride] - trial.first), measured[:, ::stride]
-    scores = [_correlation(own, course.at(start + t), power) for start in starts]
+    scores = [correlation(own, course.at(start + t), power) for start in starts]
     return float(starts[int(np.nanargmax(scores))])
 
 
-def _correlation(measured: FloatArray, computed: FloatArray, power: int) -> float:
+def correlation(measured: FloatArray, computed: FloatArray, power: int = 1) -> float:
     """Return the sum of the channels' correlations to a power, where both histories are known."""
     known = np.isfinite(computed).all(axis=0)
     if known.sum() < LEAST_OVERLAP * known.size / 2:

@@ -13,7 +13,15 @@ from scipy.optimize import minimize_scalar
 from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.harmonics import total_harmonic_distortion
 from delam_fem.numerics.types import FloatArray
-from delam_fem.results.overlay.alignment import COARSE, Alignment, Course, Pairs, aligned, gains
+from delam_fem.results.overlay.alignment import (
+    COARSE,
+    Alignment,
+    Course,
+    Pairs,
+    aligned,
+    correlation,
+    gains,
+)
 from delam_fem.results.scan import amplitudes
 
 MOST = 40
@@ -233,8 +241,8 @@ def compared(
     computed = single.at(u)[0]
     known = np.isfinite(computed)
     rest = values[0, known] - computed[known]
-    correlation = _correlation(values[0, known], computed[known])
-    sign = -1.0 if correlation < -ALIKE else 1.0
+    together = correlation(values[:, known], computed[None, known])
+    sign = -1.0 if together < -ALIKE else 1.0
     starts = None if turn is None else alignment.start + turn * np.linspace(-0.5, 0.5, COARSE)
     at_own = aligned(
         pairs.time, sign * values, single, alignment.rate, is_rate_free=False, starts=starts
@@ -246,7 +254,7 @@ def compared(
         "name": pairs.names[k], "units": pairs.units[k], "is_drive": pairs.is_drive[k],
         "gain": gain, "gain_error": float(np.hypot(gain_error, single.scatter(0))),
         "delay": alignment.start - at_own.start, "delay_error": at_own.start_error,
-        "correlation": correlation,
+        "correlation": together,
         "mean_difference": float(rest.mean()),
         "residual": float(np.std(rest)),
     }  # fmt: skip
@@ -268,13 +276,6 @@ def _unlike(measured: FloatArray, explained: FloatArray, noise: float) -> float:
     """Return the share of a motion that is not explained; 0 if that may be noise."""
     rest = float(np.nanstd(measured - explained))
     return rest / float(np.std(measured)) if rest > SEVERAL * noise else 0.0
-
-
-def _correlation(a: FloatArray, b: FloatArray) -> float:
-    """Return the correlation coefficient; 0 where one does not move."""
-    a, b = a - a.mean(), b - b.mean()
-    norm = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / norm if norm > 0.0 else 0.0
 
 
 SIGNIFICANT = 3.0

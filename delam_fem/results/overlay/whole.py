@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
@@ -57,7 +56,7 @@ SHOWN_PERIODS = 3.0
 MOST_CHANNELS = 6
 """Channels that a figure shows."""
 SHOWN_ORDERS = 10
-"""Harmonics that the bars show."""
+"""Harmonics that the bars show, and overlay.json lists."""
 SMOOTHED = 11
 """Samples over which a history that does not repeat is smoothed for its derivative."""
 
@@ -146,42 +145,38 @@ def harmonics(overlay: Overlay) -> Figure:
 
 
 def portraits(overlay: Overlay) -> Figure:
-    """Draw the time derivative of each channel over the channel itself, measured and computed."""
+    """Draw the time derivative of each channel over the channel itself, measured and computed.
+
+    Both are of the same harmonics; those within the noise are left out. A motion that does not
+    repeat is smoothed instead.
+    """
     shown = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
     figure, panels = side_by_side(len(shown), 4.4)
     for (k, own, colour), axes in zip(shown, panels, strict=True):
-        _portrait(axes, overlay, k, own, colour)
+        name, factor = shown_unit(own.units)
+        u = overlay.alignment.on_clock_of_run(overlay.pairs.time)
+        period = overlay.course.period
+        at = u if period is None else u[0] + np.linspace(0.0, period, 1000)
+        if own.measured is None or own.computed is None:
+            computed = overlay.course.at(at)[k], overlay.course.at(at, 1)[k]
+            values: FloatArray = overlay.pairs.measured[k]
+            n = min(SMOOTHED, values.size - 1 + values.size % 2)
+            step = float(np.median(np.diff(u)))
+            measured = (
+                savgol_filter(values, n, min(3, n - 1)),
+                savgol_filter(values, n, min(3, n - 1), deriv=1, delta=step),
+            )
+        else:
+            clear, run = own.measured.clear(), own.computed
+            measured = clear.at(at), clear.at(at, 1)
+            computed = run.at(at), run.at(at, 1)
+        axes.plot(factor * computed[0], factor * computed[1], color=colour, label="run")
+        axes.plot(factor * measured[0], factor * measured[1], color=BLACK, linewidth=0.9,
+                  linestyle="--", label="measured")  # fmt: skip
+        axes.set(xlabel=f"{own.name} [{name}]", ylabel=f"time derivative [{name}/s]")
+        legend_above(axes)
     figure.suptitle(overlay.case.title)
     return figure
-
-
-def _portrait(axes: Axes, overlay: Overlay, k: int, own: Comparison, colour: str) -> None:
-    """Draw the phase portrait of one channel, measured and computed from the same harmonics.
-
-    Harmonics within the noise are left out. A motion that does not repeat is smoothed instead.
-    """
-    name, factor = shown_unit(own.units)
-    u = overlay.alignment.on_clock_of_run(overlay.pairs.time)
-    period = overlay.course.period
-    at = u if period is None else u[0] + np.linspace(0.0, period, 1000)
-    if own.measured is None or own.computed is None:
-        computed = overlay.course.at(at)[k], overlay.course.at(at, 1)[k]
-        values: FloatArray = overlay.pairs.measured[k]
-        n = min(SMOOTHED, values.size - 1 + values.size % 2)
-        step = float(np.median(np.diff(u)))
-        measured = (
-            savgol_filter(values, n, min(3, n - 1)),
-            savgol_filter(values, n, min(3, n - 1), deriv=1, delta=step),
-        )
-    else:
-        clear, run = own.measured.clear(), own.computed
-        measured = clear.at(at), clear.at(at, 1)
-        computed = run.at(at), run.at(at, 1)
-    axes.plot(factor * computed[0], factor * computed[1], color=colour, label="run")
-    axes.plot(factor * measured[0], factor * measured[1], color=BLACK, linewidth=0.9,
-              linestyle="--", label="measured")  # fmt: skip
-    axes.set(xlabel=f"{own.name} [{name}]", ylabel=f"time derivative [{name}/s]")
-    legend_above(axes)
 
 
 CAPTIONS = {
@@ -258,10 +253,6 @@ def _channel(own: dict[str, Any]) -> Table:
             text += f" ± {own[error]:.2g}"
         rows.append((key.replace("_", " "), f"{text}\u00a0{unit}" if unit else text, meaning))
     return Table(("", "value", "meaning"), rows)
-
-
-SHOWN_HARMONICS = 10
-"""Harmonics whose amplitudes overlay.json lists."""
 
 
 @dataclass(frozen=True)
@@ -367,8 +358,8 @@ class Overlay:
         if own.measured is not None and own.computed is not None:
             d, d_error = own.measured.distortion()
             found |= {
-                "harmonics_measured": own.measured.amplitudes[:SHOWN_HARMONICS],
-                "harmonics_computed": own.computed.amplitudes[:SHOWN_HARMONICS],
+                "harmonics_measured": own.measured.amplitudes[:SHOWN_ORDERS],
+                "harmonics_computed": own.computed.amplitudes[:SHOWN_ORDERS],
                 "harmonic_noise": own.measured.floor,
                 "distortion_measured": d, "distortion_measured_error": d_error,
                 "distortion_computed": own.computed.distortion()[0],

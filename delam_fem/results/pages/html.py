@@ -198,7 +198,8 @@ def page(
     headed = [section for section in sections if section.heading]
     for section in sections:
         if contents and headed and section is headed[0]:
-            parts.append(_contents(headed))
+            links = "".join(f"<li>{_text(Link(s.heading, f'#{s.name}'))}</li>" for s in headed)
+            parts.append(f'<nav aria-label="Contents"><ul>{links}</ul></nav>')
         if section.heading:
             parts.append(f"<h2{_attribute('id', section.name)}>{escape(section.heading)}</h2>")
         parts += [_block(block) for block in section.blocks]
@@ -234,12 +235,6 @@ def _resource(name: str) -> str:
     return (FOLDER / name).read_text("utf-8")
 
 
-def _contents(sections: Iterable[Section]) -> str:
-    """Return links to the sections."""
-    links = "".join(f"<li>{_text(Link(s.heading, f'#{s.name}'))}</li>" for s in sections)
-    return f'<nav aria-label="Contents"><ul>{links}</ul></nav>'
-
-
 def _block(block: Block) -> str:
     """Return a block as HTML."""
     if isinstance(block, Paragraph):
@@ -253,20 +248,16 @@ def _block(block: Block) -> str:
             for address in block.pictures
         )
         return f"<figure>{pictures}<figcaption>{_text(block.caption)}</figcaption></figure>"
-    if isinstance(block, Film):
-        return _film(block)
+    if isinstance(block, Film):  # film.js draws its data, in which no tag can end
+        data = json.dumps(block.data, allow_nan=False, separators=(",", ":"))
+        data = data.replace("<", "\\u003c")
+        return (
+            '<figure class="film">'
+            f'<canvas role="img"{_attribute("aria-label", block.description)}></canvas>'
+            f'<script type="application/json">{data}</script>'
+            f"<figcaption>{_text(block.caption)}</figcaption></figure>"
+        )
     return _grid(block) if isinstance(block, Grid) else _table(block)
-
-
-def _film(film: Film) -> str:
-    """Return a film as HTML: its data, in which no tag can end, and where film.js draws."""
-    data = json.dumps(film.data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return (
-        '<figure class="film">'
-        f'<canvas role="img"{_attribute("aria-label", film.description)}></canvas>'
-        f'<script type="application/json">{data}</script>'
-        f"<figcaption>{_text(film.caption)}</figcaption></figure>"
-    )
 
 
 def _table(table: Table) -> str:

@@ -26,7 +26,7 @@ from delam_fem.model.discretise import require_kind
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.solids.meshing import cells_along, solid_mesh
 from delam_fem.numerics.harmonics import overdamped_from
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 
 def short_waves(case: Case) -> list[tuple[float, float]]:
@@ -261,8 +261,7 @@ class Ladder:
                 'converge: expected excitation.kind = "harmonic", because statistics need '
                 f'periods, given "{self.case.excitation.kind}"'
             )
-        if self.periods < 1:
-            raise CaseError(f"periods: expected at least 1, given {self.periods}")
+        require(self.periods >= 1, "periods", "at least 1", self.periods)
         _require_rising("steps", self.steps)
         if not self.meshes:
             raise CaseError("elements: expected at least one number or mesh file, given none")

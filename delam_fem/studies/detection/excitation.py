@@ -38,7 +38,7 @@ from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.linear import settling_periods
 from delam_fem.studies.modes import structure_modes
 from delam_fem.studies.options import Excite
-from delam_fem.studies.study import Finding, Picture, Place, Report, Study
+from delam_fem.studies.study import Finding, Picture, Report, Study
 from delam_fem.studies.sweeps.grid import Axis, ScanRecord
 from delam_fem.system.errors import CaseError
 
@@ -378,16 +378,14 @@ def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
     axes.set(yscale="log", ylabel="[–]", xlim=(f[0], f[-1]))
 
 
-def _excite(case: Case, options: Excite, place: Place) -> ExcitationMap:
-    """Compute a map with options of a user."""
-    return excitation_map(
+STUDY = Study(
+    Excite,
+    lambda case, options, place: excitation_map(
         case,
         np.linspace(options.lowest, options.highest, options.number),
         place.folder,
         noise_db=options.noise_db,
         spacing=options.spacing,
         **place.sweeping,
-    )
-
-
-STUDY = Study(Excite, _excite)
+    ),
+)

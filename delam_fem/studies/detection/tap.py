@@ -34,7 +34,7 @@ from delam_fem.studies.detection.detect import beside_intact, intact
 from delam_fem.studies.detection.indices import FALSE_CALLS
 from delam_fem.studies.options import Tap
 from delam_fem.studies.study import Finding, Place, Report, Study
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 FALLEN = 0.1
 """Share of the largest force at which the main pulse ends."""
@@ -181,8 +181,7 @@ def taps(case: Case, lamina: str, x: FloatArray) -> tuple[FloatArray, FloatArray
     Raises:
         CaseError: the case has no impactor or several, or one of the taps never touches.
     """
-    if len(case.impactor) != 1:
-        raise CaseError(f"impactor: tap: expected one, given {len(case.impactor)}")
+    require(len(case.impactor) == 1, "impactor: tap", "one", len(case.impactor))
     sensor = {"name": "tap", "quantity": "contact force", "impactor": 1}
     keys: dict[str, object] = {"sensor": [sensor], "impactor.1.lamina": lamina}
     if case.is_periodic:

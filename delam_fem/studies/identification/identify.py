@@ -32,12 +32,13 @@ from delam_fem.numerics.statistics import Table as Simulations
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import BLUE, VERMILLION
 from delam_fem.results.measured.reading import read_measured
+from delam_fem.results.scan import amplitudes
 from delam_fem.studies import options
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import completed
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 EVERY = "lamina.*."
 """Start of a key that stands for the same key of all laminae."""
@@ -79,8 +80,7 @@ class Unknown:
             low, high = (float(part.removesuffix("x") if is_relative else part) for part in parts)
         except ValueError:
             low = high = math.nan
-        if not key or not low < high:
-            raise CaseError(f"unknown: expected KEY=LOW:HIGH with LOW below HIGH, given {text!r}")
+        require(bool(key) and low < high, "unknown", "KEY=LOW:HIGH with LOW below HIGH", text)
         return cls(key, low, high, is_relative)
 
     def keys(self, case: Case) -> tuple[str, ...]:
@@ -271,16 +271,11 @@ def of_history(time: FloatArray, tips: FloatArray, frequency: float) -> tuple[Co
         )
     below_nyquist = math.ceil(0.5 / (frequency * float(np.median(np.diff(time))))) - 1
     most = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
-    fitted = max(HARMONICS, most)
-    unknowns = 2 * fitted + 1
-    angle = 2.0 * math.pi * frequency * time[:, None] * np.arange(1, fitted + 1)
-    columns = np.concatenate([np.sin(angle), np.cos(angle), np.ones((time.size, 1))], axis=1)
-    found, *_ = np.linalg.lstsq(columns, tips.T, rcond=None)
-    scatter = float(
-        np.std(tips.T - columns @ found) * math.sqrt(time.size / (time.size - unknowns))
-    )
-    sines, cosines = found[:HARMONICS].T, found[fitted : fitted + HARMONICS].T
-    return np.asarray(sines + 1j * cosines), scatter
+    frequencies = frequency * np.arange(1, max(HARMONICS, most) + 1)
+    found = amplitudes(tips.T, time, frequencies.tolist())
+    rest = tips - (found.T @ np.exp(2j * math.pi * np.outer(frequencies, time))).real
+    freedom = 1.0 - (2 * frequencies.size + 1) / time.size
+    return 1j * found[:HARMONICS].T, math.sqrt(float(rest.var(axis=1).mean()) / freedom)
 
 
 def invariant(harmonics: ComplexArray) -> FloatArray:

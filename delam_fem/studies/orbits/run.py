@@ -50,8 +50,8 @@ from delam_fem.studies.orbits.search import (
     start_of,
     usual,
 )
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.system.errors import CaseError
+from delam_fem.studies.study import Finding, Report, Study, Table
+from delam_fem.system.errors import CaseError, require
 from delam_fem.system.files import atomic_file
 
 LEAST_REACH = 1.15
@@ -65,7 +65,30 @@ def orbit_figure(found: Orbit) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.3), layout="constrained")
     motion, plane = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     _motion(motion, found)
-    _plane(plane, found)
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    plane.fill(np.cos(angle), np.sin(angle), color=GAP_COLOUR, zorder=0)
+    plane.plot(np.cos(angle), np.sin(angle), color=BASE_COLOUR, linewidth=1.0)
+    reach = LEAST_REACH
+    m = found.coarse.multipliers
+    cloud = m.samples[:: max(len(m.samples) // SHOWN, 1)].ravel()
+    plane.plot(cloud.real, cloud.imag, ".", color=BLUE, markersize=1.5, alpha=0.35)
+    plane.plot(
+        m.values.real, m.values.imag, "o", color=BLUE, markersize=5.0, markerfacecolor="none",
+        label=f"kicks of {100.0 * found.coarse.kick:.3g} %",
+    )  # fmt: skip
+    reach = max(reach, 1.1 * float(np.abs(m.values).max()))
+    if found.exact is not None:
+        mu = found.exact.values
+        plane.plot(mu.real, mu.imag, "x", color=BLACK, markersize=5.0, label="derivative")
+        reach = max(reach, 1.1 * float(np.abs(mu).max()))
+    plane.set(
+        xlim=(-reach, reach),
+        ylim=(-reach, reach),
+        aspect="equal",
+        xlabel="Re μ  [–]",
+        ylabel="Im μ  [–]",
+    )
+    plane.legend(loc="upper right", fontsize=8.0)
     numbers = found.numbers
     is_closed = found.exact is not None or found.coarse.solved.is_solved
     figure.suptitle(
@@ -86,34 +109,6 @@ def _motion(panel: Axes, found: Orbit) -> None:
         panel.plot(t[-1], 1e3 * u[-1, i], "o", color=colour, markersize=4.0)
     panel.set(xlabel="time / period of the drive  t/T  [–]", ylabel="tip displacement  q  [mm]")
     panel.legend(loc="best")
-
-
-def _plane(panel: Axes, found: Orbit) -> None:
-    """Draw the multipliers with bootstrap samples, and the exact ones."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    panel.fill(np.cos(angle), np.sin(angle), color=GAP_COLOUR, zorder=0)
-    panel.plot(np.cos(angle), np.sin(angle), color=BASE_COLOUR, linewidth=1.0)
-    reach = LEAST_REACH
-    m = found.coarse.multipliers
-    cloud = m.samples[:: max(len(m.samples) // SHOWN, 1)].ravel()
-    panel.plot(cloud.real, cloud.imag, ".", color=BLUE, markersize=1.5, alpha=0.35)
-    panel.plot(
-        m.values.real, m.values.imag, "o", color=BLUE, markersize=5.0, markerfacecolor="none",
-        label=f"kicks of {100.0 * found.coarse.kick:.3g} %",
-    )  # fmt: skip
-    reach = max(reach, 1.1 * float(np.abs(m.values).max()))
-    if found.exact is not None:
-        mu = found.exact.values
-        panel.plot(mu.real, mu.imag, "x", color=BLACK, markersize=5.0, label="derivative")
-        reach = max(reach, 1.1 * float(np.abs(mu).max()))
-    panel.set(
-        xlim=(-reach, reach),
-        ylim=(-reach, reach),
-        aspect="equal",
-        xlabel="Re μ  [–]",
-        ylabel="Im μ  [–]",
-    )
-    panel.legend(loc="upper right", fontsize=8.0)
 
 
 LEFT = 0.1
@@ -356,8 +351,7 @@ def orbit(
         CaseError: the drive is not periodic, the motion diverges, or P is out of range.
     """
     case = find_case(case)
-    if not 1 <= periods <= MOST_PERIODS:
-        raise CaseError(f"period: expected 1 to {MOST_PERIODS} periods, given {periods}")
+    require(1 <= periods <= MOST_PERIODS, "period", f"1 to {MOST_PERIODS} periods", periods)
     began = time.process_time()
     parameter = 1.0 / case.period
     try:
@@ -390,12 +384,11 @@ def orbit(
     )
 
 
-def _orbit(case: Case, given: options.Orbit, place: Place) -> Orbit:
-    """Find an orbit with options of a user."""
-    return orbit(
+STUDY = Study(
+    options.Orbit,
+    lambda case, given, place: orbit(
         case, periods=given.period, settle=given.settle, perturbations=kicks(given, case),
         kept=place.kept,
-    )  # fmt: skip
-
-
-STUDY = Study(options.Orbit, _orbit, takes_impactors=True)
+    ),
+    takes_impactors=True,
+)  # fmt: skip

@@ -196,7 +196,12 @@ class Schedule:
         """
         while True:
             if is_stopped():
-                self._call_back()
+                for future, (track, chunk) in list(self._flying.items()):
+                    if future.cancel():  # no worker has begun it
+                        del self._flying[future]
+                        track.put_back(chunk)
+                        if track not in self.ready:
+                            self.ready.append(track)
             else:
                 self._hand_out()
             if not self._flying:
@@ -304,12 +309,3 @@ class Schedule:
             if track.waiting.size and track not in self.ready:
                 self.ready.appendleft(track)
         return results
-
-    def _call_back(self) -> None:
-        """Cancel the chunks that no worker has begun, and return their points to their tracks."""
-        for future, (track, chunk) in list(self._flying.items()):
-            if future.cancel():
-                del self._flying[future]
-                track.put_back(chunk)
-                if track not in self.ready:
-                    self.ready.append(track)
