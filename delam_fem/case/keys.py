@@ -13,6 +13,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from textwrap import wrap
 from types import MappingProxyType, UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
@@ -52,6 +53,11 @@ class Key:
     default: Any
     meaning: str
 
+    @property
+    def has_unit(self) -> bool:
+        """Whether it is a number with a unit."""
+        return self.unit not in ("", "-")
+
 
 @dataclass(frozen=True)
 class Table:
@@ -81,6 +87,7 @@ class Table:
         return f"[[{self.name}]]" if self.is_array else f"[{self.name}]" if self.name else ""
 
 
+@cache
 def tables() -> tuple[Table, ...]:
     """Return all tables of a case file in their order; the first has the keys before any table."""
     fields = Case.model_fields
@@ -251,7 +258,7 @@ def _plain(schema: Schema, key: Key | None) -> Schema:
         del own["default"]
     if key is not None:
         own["description"] = key.meaning
-        if key.unit not in ("", "-") and own.get("type") == "number":
+        if key.has_unit and own.get("type") == "number":
             own = _with_unit(own)
     return own
 

@@ -274,6 +274,7 @@ class Tap(Measured):
             --channel, --units and --rate as for `measure read`.
     """
 
+    common = ("overwrite",)
     lamina: Annotated[str | None, Flag(metavar="NAME")] = None
     spacing: float = 0.01
     first: float = 0.0

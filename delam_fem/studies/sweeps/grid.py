@@ -11,6 +11,7 @@ import math
 import pickle
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -23,6 +24,7 @@ from pydantic_core import PydanticCustomError
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, CaseSource, find_case, load_case, preset
+from delam_fem.case.keys import tables
 from delam_fem.case.toml import Data, apply_overrides, message, read_toml, toml_text
 from delam_fem.case.values import (
     CountOrNone,
@@ -88,6 +90,18 @@ def _some_tables(value: object) -> object:
     return value
 
 
+def _in_si(value: object, units: list[str], name: str) -> object:
+    """Return a value in the first SI unit that fits the one that it carries.
+
+    Raises:
+        PydanticCustomError: none fits.
+    """
+    for unit in units[1:]:
+        with suppress(PydanticCustomError):
+            return in_si(value, unit, name)
+    return in_si(value, units[0], name)
+
+
 class Axis(Section):
     """An axis of a sweep: a key of the case and its values.
 
@@ -115,17 +129,18 @@ class Axis(Section):
         """Return the table with numbers in SI where its values carry a unit."""
         if not isinstance(data, dict):
             return data
-        last, own = str(data.get("key")).rsplit(".", 1)[-1], dict(data)
-        unit = UNITS.get(last, "")
-        if not unit and any(isinstance(own.get(name), str) for name in ("start", "stop")):
-            near = difflib.get_close_matches(last, UNITS, n=1)
+        key, own = str(data.get("key")), dict(data)
+        units = units_of(key)
+        if not units and any(isinstance(own.get(name), str) for name in ("start", "stop")):
+            names = [own.name for table in tables() for own in table.keys if own.has_unit]
+            near = difflib.get_close_matches(key.rpartition(".")[2], names, n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
             text = f"expected a key whose values have a unit, given {data.get('key')!r}{hint}"
             raise inconsistent("key", text)
-        for name in {"start", "stop", "values"} & set(own) if unit else ():
+        for name in {"start", "stop", "values"} & set(own) if units else ():
             value, is_list = own[name], isinstance(own[name], list | tuple)
             own[name] = (
-                [in_si(v, unit, name) for v in value] if is_list else in_si(value, unit, name)
+                [_in_si(v, units, name) for v in value] if is_list else _in_si(value, units, name)
             )
         return own
 
@@ -294,23 +309,29 @@ TAKEN = {
     "direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "error", "order", "scan_x",
 }  # fmt: skip
 """Names that an axis cannot have, because the result uses them."""
-UNITS = {
-    "frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "duration": "s",
-    "amplitude": "m", "tip": "m", "root": "m", "length": "m", "width": "m", "thickness": "m",
-    "density": "kg/m3", "young_modulus": "Pa", "bending_stiffness": "N m2",
-    "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
-    "displacement": "m", "velocity": "m/s", "start": "m", "end": "m", "opening": "m",
-    "acceleration": "m/s2", "position": "m", "mass": "kg", "sampling_rate": "Hz",
-    "refine_velocity": "m/s", "mass_per_length": "kg/m", "step": "s",
-}  # fmt: skip
-"""Units by the last part of a key; all other keys are numbers without a unit."""
+
+
+def units_of(key: str, kind: str = "") -> list[str]:
+    """Return the units that values of a key of a case can have; [] of pure numbers.
+
+    Args:
+        key: the key.
+        kind: kind of the case's excitation; "" if it is not known.
+    """
+    section, last = key.partition(".")[0], key.rpartition(".")[2]
+    found = (
+        own.unit.partition(" per ")[0]
+        for table in tables()
+        if table.name == section and (not kind or table.kind in ("", kind))
+        for own in table.keys
+        if own.name == last and own.has_unit
+    )
+    return list(dict.fromkeys(found))
 
 
 def unit_of(key: str, case: Case) -> str:
     """Return the unit of a key of a case, "1" of a pure number."""
-    if key == "excitation.amplitude" and case.excitation.acts_on == "force":
-        return "N"
-    return UNITS.get(key.rsplit(".", 1)[-1], "1")
+    return next(iter(units_of(key, case.excitation.kind)), "1")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem.case.files import preset
+from delam_fem.studies.sweeps import grid
 from delam_fem.studies.sweeps.grid import Sweep, load_sweep, sweep_of
 from delam_fem.system.errors import CaseError
 
@@ -234,6 +236,32 @@ def test_values_of_axes_may_carry_units() -> None:
     assert sweep.dimensions[0].values == (3.0, 3.5, 4.0)
     assert sweep.dimensions[1].values == (0.001, 0.002, 0.003)
     assert "mm" not in sweep.to_toml("paper")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "number"),
+    [
+        ("stop.1.gap", "0.5 mm", 5e-4),
+        ("impactor.1.spring", "2 N/cm", 200.0),
+        ("support.1.rotational_stiffness", "3 N cm", 0.03),
+        ("excitation.start", "5 ms", 5e-3),
+        ("delamination.1.start", "5 mm", 5e-3),
+        ("excitation.amplitude", "2 mm", 2e-3),
+        ("excitation.amplitude", "2 kN", 2000.0),
+        ("contact.penalty_stiffness", "1 N/mm", 1000.0),
+    ],
+)
+def test_each_key_has_its_own_unit(key: str, value: str, number: float) -> None:
+    assert grid.Axis.model_validate({"key": key, "values": [value]}).values == (number,)
+
+
+def test_the_unit_of_a_key_is_that_of_its_excitation() -> None:
+    blow = {"kind": "hammer", "amplitude": 10.0, "duration": 1e-3, "position": 0.3}
+    case = preset("paper").with_overrides({"excitation": blow})
+    assert grid.unit_of("excitation.start", case) == "s"
+    assert grid.unit_of("excitation.amplitude", case) == "N"
+    assert grid.unit_of("excitation.amplitude", preset("paper")) == "m"
+    assert grid.unit_of("contact.restitution", case) == "1"
 
 
 @pytest.mark.parametrize("value", ["5 mm", "5 Hzz", "5 rpm"])
