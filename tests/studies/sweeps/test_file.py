@@ -256,12 +256,12 @@ def test_each_key_has_its_own_unit(key: str, value: str, number: float) -> None:
 
 
 def test_the_unit_of_a_key_is_that_of_its_excitation() -> None:
-    blow = {"kind": "hammer", "amplitude": 10.0, "duration": 1e-3, "position": 0.3}
-    case = preset("paper").with_overrides({"excitation": blow})
-    assert grid.unit_of("excitation.start", case) == "s"
-    assert grid.unit_of("excitation.amplitude", case) == "N"
+    assert grid.units_of("excitation.amplitude") == ["m", "N"]
+    assert grid.units_of("excitation.amplitude", "hammer") == ["N"]
+    assert grid.units_of("excitation.start", "hammer") == ["s"]
     assert grid.unit_of("excitation.amplitude", preset("paper")) == "m"
-    assert grid.unit_of("contact.restitution", case) == "1"
+    assert grid.unit_of("stop.1.gap", preset("paper")) == "m"
+    assert grid.unit_of("contact.restitution", preset("paper")) == "1"
 
 
 @pytest.mark.parametrize("value", ["5 mm", "5 Hzz", "5 rpm"])
