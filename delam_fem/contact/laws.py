@@ -268,7 +268,8 @@ class Law:
         row = combination(self.name, scheme.name)
         is_coupled = self.is_coupled or row.kind == MOREAU
         slow = self.threshold_velocity if "threshold_velocity" in row.reads else -math.inf
-        return LawNumbers(row.kind, is_coupled, self.restitution, *self.spring, slow)
+        # whole numbers would be compiled for once more
+        return LawNumbers(row.kind, is_coupled, *map(float, (self.restitution, *self.spring, slow)))
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacki
     """List the pairs that an impulse may part.
 
     Args:
-        law: its kind and restitution e.
+        law: its numbers.
         n_pairs: number of all pairs.
         gap: gaps that the law examines, shape (n_pairs,) [m].
         rate: gap rates U̇, of the closed pairs at least, shape (n_pairs,) [m/s].
@@ -67,17 +67,18 @@ def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacki
         Number of these pairs, 0 if none of them needs an impulse; whether a pair begins or ceases
         to rest because of its gap alone.
     """
-    kind, restitution = law
     n, lacks, changes = 0, False, False
     for k in range(n_pairs):
         is_closed, rests = gap[k] <= 0.0, resting[k] != 0
-        if kind == PENALTY:
+        if law.kind == PENALTY:
             changes |= is_closed != rests
-        elif kind == IMPACTS and not is_closed:
+        elif law.kind == IMPACTS and not is_closed:
             changes |= rests
-        elif is_closed and (kind == MOREAU or (kind == IMPACTS and not rests and rate[k] < 0.0)):
+        elif is_closed and (
+            law.kind == MOREAU or (law.kind == IMPACTS and not rests and rate[k] < 0.0)
+        ):
             hit[n], before[n], after[n] = k, rate[k], free[k]
-            lacking[n] = free[k] + restitution * rate[k]
+            lacking[n] = free[k] + law.restitution * rate[k]
             lacks |= not lacking[n] >= 0.0  # also if it is no number
             n += 1
     return n if lacks else 0, changes
@@ -88,7 +89,7 @@ def decide(law, W, places, n, hit, before, after, lacking, impulse, change, memo
     """Find the impulses of n candidates, and their gap rates afterwards.
 
     Args:
-        law: its kind, whether impulses are coupled, its restitution e.
+        law: its numbers.
         W: entries, place of the first and length of a row of W; see `solve_among`.
         places: rows of W that belong to the candidates.
         n: number of the candidates.
@@ -104,19 +105,19 @@ def decide(law, W, places, n, hit, before, after, lacking, impulse, change, memo
         Number of pairs that are hit, the first entries; result of `solve_among`. With MOREAU a pair
         without an impulse is not hit.
     """
-    (kind, is_coupled, restitution), (entries, origin, stride) = law, W
-    if not is_coupled:
+    entries, origin, stride = W
+    if not law.is_coupled:
         for j in range(n):
             single = entries[origin + places[j] * (stride + 1)]
-            impulse[j] = -(1.0 + restitution) * before[j] / single
-            after[j] = -restitution * before[j]
+            impulse[j] = -(1.0 + law.restitution) * before[j] / single
+            after[j] = -law.restitution * before[j]
         return n, complementarity.SOLVED
     result = complementarity.solve_among(
         entries, origin, stride, places, n, lacking, impulse, change, memory
     )
     n_hit = 0
     for j in range(n):
-        if kind != MOREAU or impulse[j] > 0.0:
+        if law.kind != MOREAU or impulse[j] > 0.0:
             hit[n_hit], impulse[n_hit] = hit[j], impulse[j]
             before[n_hit], after[n_hit] = before[j], after[j] + change[j]
             n_hit += 1
@@ -128,7 +129,7 @@ def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: i
     """Write which pairs rest after n were hit into `resting`; return whether that has changed.
 
     Args:
-        law: its kind and threshold velocity [m/s].
+        law: its numbers.
         n_pairs: number of all pairs.
         gap: see `candidates`.
         n: number of the hit pairs.
@@ -137,14 +138,14 @@ def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: i
         after: see `decide`.
         resting: pairs that rest before; result, those that rest afterwards, shape (n_pairs,).
     """
-    (kind, threshold), is_changed = law, False
+    is_changed = False
     for k in range(n_pairs):
         rested = resting[k] != 0
-        rests = kind != MOREAU and gap[k] <= 0.0 and (kind == PENALTY or rested)
+        rests = law.kind != MOREAU and gap[k] <= 0.0 and (law.kind == PENALTY or rested)
         is_changed |= rests != rested
         resting[k] = rests
     for j in range(n):
-        if (before[j] > -threshold) if kind == MOREAU else (after[j] < threshold):
+        if (before[j] > -law.threshold) if law.kind == MOREAU else (after[j] < law.threshold):
             resting[hit[j]], is_changed = True, True
     return is_changed
 
@@ -159,8 +160,7 @@ class Rules:
             law: the numbers of the law.
             setting: the problem; impulses act through its compliance.
         """
-        self._of_candidates = law.kind, law.restitution
-        self._numbers = law.kind, law.is_coupled, law.restitution, law.threshold
+        self._law = law
         W = setting.compliance
         self._block = W.block if law.is_coupled else lambda pairs: np.diag(W.diagonal(pairs))
         self._hit = np.zeros(setting.n_pairs, dtype=np.int64)
@@ -171,12 +171,12 @@ class Rules:
         """Return the impulses and the new set of resting pairs, or None if nothing jumps."""
         gap, resting, hit, values = seen.gap, seen.resting, self._hit, self._values
         pre, free = seen.rate_pre(), seen.rate_free()
-        n, changes = _candidates(*self._of_candidates, gap, pre, free, resting, hit, values)
+        n, changes = _candidates(gap, pre, free, resting, hit, values, *self._law)
         if not n and not changes:
             return None
         pairs, now = hit[:n].copy(), self._resting
         W = self._block(pairs) if n else values  # which nobody reads then
-        n, result, is_changed = _decide(*self._numbers, W, gap, n, hit, values, resting, now)
+        n, result, is_changed = _decide(W, gap, n, hit, values, resting, now, *self._law)
         complementarity.require_solved(result)
         if n < pairs.size:
             pairs = hit[:n].copy()
@@ -185,26 +185,29 @@ class Rules:
 
 
 @kept
-def _candidates(kind, restitution, gap, rate, free, resting, hit, values):  # type: ignore[no-untyped-def]
-    """Call `candidates` from Python; the rows of `values` are its results."""
-    law, results = (kind, restitution), (hit, values[0], values[1], values[2])
+def _candidates(gap, rate, free, resting, hit, values, *numbers):  # type: ignore[no-untyped-def]
+    """Call `candidates` from Python, with the numbers of the law one by one: a tuple costs more.
+
+    The rows of `values` are its results.
+    """
+    law, results = LawNumbers(*numbers), (hit, values[0], values[1], values[2])
     return candidates(law, gap.size, gap, rate, free, resting, *results)
 
 
 @kept
-def _decide(kind, is_coupled, restitution, threshold, W, gap, n, hit, values, resting, now):  # type: ignore[no-untyped-def]
+def _decide(W, gap, n, hit, values, resting, now, *numbers):  # type: ignore[no-untyped-def]
     """Decide about n candidates with the compliance W, shape (n, n); `now` gets the resting pairs.
 
     Returns:
         Number of hit pairs, the first entries; result of `solve_among`; whether other pairs rest.
     """
     before, after, lacking, impulse = values[0], values[1], values[2], values[3]
-    result = complementarity.SOLVED
+    law, result = LawNumbers(*numbers), complementarity.SOLVED
     if n:
-        law, flat = (kind, is_coupled, restitution), (W.ravel(), 0, n)
+        flat = W.ravel(), 0, n
         work = np.empty(n), complementarity.fresh(n)
         of_pairs = hit, before, after, lacking, impulse
         n, result = decide(law, flat, np.arange(n), n, *of_pairs, *work)
     now[:] = resting
-    changed = renew_resting((kind, threshold), gap.size, gap, n, hit, before, after, now)
+    changed = renew_resting(law, gap.size, gap, n, hit, before, after, now)
     return n, result, changed

@@ -299,9 +299,8 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     before, after, lacking = memory.rate_pre, memory.rate_post, memory.residual
     free = memory.free if law.kind == MOREAU else memory.rate
     n, changes = candidates(
-        (law.kind, law.restitution), n_pairs, gap, memory.rate, free, resting, hit, before, after,
-        lacking,
-    )  # fmt: skip
+        law, n_pairs, gap, memory.rate, free, resting, hit, before, after, lacking
+    )
     if n == 0 and not changes:
         return COMPLETED
     if n:
@@ -312,9 +311,8 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
             complementarity.forget(memory.again, hit, n)
         W = memory.compliance, system.coarseness * n_pairs * n_pairs, n_pairs
         n, result = decide(
-            (law.kind, law.is_coupled, law.restitution), W, hit, n, hit, before, after, lacking,
-            memory.impulse, memory.change, memory.again,
-        )  # fmt: skip
+            law, W, hit, n, hit, before, after, lacking, memory.impulse, memory.change, memory.again
+        )
         if result != complementarity.SOLVED:
             return -result
     if n:
@@ -323,7 +321,7 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
         else:
             energy = _apply_impulses(system, law, memory, n)
         _note(memory, log, tick, n, energy)
-    if renew_resting((law.kind, law.threshold), n_pairs, gap, n, hit, before, after, resting):
+    if renew_resting(law, n_pairs, gap, n, hit, before, after, resting):
         if law.kind == MOREAU:
             memory.counts[N_RESTING] = 1
         else:  # the list is still that of the springs before
