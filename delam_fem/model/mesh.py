@@ -45,7 +45,17 @@ def node_coordinates(case: Case) -> FloatArray:
         for points, cells in _lamina_lines(path, [lamina.name for lamina in case.lamina])
     )
     for other in others:
-        _require_opposite(path, first, other, length)
+        for k, (a, b) in enumerate(zip(first, other, strict=False)):
+            if abs(a - b) > NODE_TOLERANCE * length:
+                raise CaseError(
+                    f"mesh.file: {path}: expected opposite nodes on the two laminae, but node {k} "
+                    f"is at x = {a:.9g} m on the first and {b:.9g} m on the second"
+                )
+        if len(first) != len(other):
+            raise CaseError(
+                f"mesh.file: {path}: expected the same number of nodes on both laminae, given "
+                f"{len(first)} and {len(other)}"
+            )
     require_edges(case, first, f"mesh.file: {path}")
     return first
 
@@ -189,18 +199,3 @@ def _lamina_nodes(path: Path, x: FloatArray, cells: IntArray, length: float) -> 
         )
     result[0], result[-1] = 0.0, length
     return result
-
-
-def _require_opposite(path: Path, first: FloatArray, second: FloatArray, length: float) -> None:
-    """Raise a CaseError unless the nodes of the two laminae are opposite."""
-    for k, (a, b) in enumerate(zip(first, second, strict=False)):
-        if abs(a - b) > NODE_TOLERANCE * length:
-            raise CaseError(
-                f"mesh.file: {path}: expected opposite nodes on the two laminae, but node {k} is "
-                f"at x = {a:.9g} m on the first and {b:.9g} m on the second"
-            )
-    if len(first) != len(second):
-        raise CaseError(
-            f"mesh.file: {path}: expected the same number of nodes on both laminae, given "
-            f"{len(first)} and {len(second)}"
-        )

@@ -335,7 +335,16 @@ def basis_of(
     """
     rows = o.gap_matrix if loads is None else sp.vstack([o.gap_matrix, loads], format="csr")
     pieces = [_piece(o, rows, body, modes) for body in bodies(o, shift)]
-    kept = _kept(pieces, most)
+    # how many residual shapes each body keeps
+    weights = np.sort(np.concatenate([piece.weights for piece in pieces]))[::-1]
+    normal = sum(piece.squares.size for piece in pieces)
+    room = weights.size if most is None else most - normal
+    if room < 0:
+        raise ValueError(
+            f"coordinates: expected at least {normal}, the number of normal modes, given {most}"
+        )
+    least = weights[room - 1] if 0 < room <= weights.size else np.inf if room == 0 else 0.0
+    kept = [int((piece.weights >= least).sum()) for piece in pieces]
     columns, squares, damping, is_mode, numbers = [], [], [], [], []
     body_of_dof, error = np.empty(o.n_dofs, dtype=np.int64), 0.0
     for number, (piece, k) in enumerate(zip(pieces, kept, strict=True)):
@@ -365,28 +374,17 @@ def basis_of(
     )
 
 
-def _kept(pieces: list[_Piece], most: int | None) -> list[int]:
-    """Return the number of residual shapes that each body keeps.
-
-    Raises:
-        ValueError: there are more normal modes than `most` coordinates.
-    """
-    weights = np.sort(np.concatenate([piece.weights for piece in pieces]))[::-1]
-    normal = sum(piece.squares.size for piece in pieces)
-    room = weights.size if most is None else most - normal
-    if room < 0:
-        raise ValueError(
-            f"coordinates: expected at least {normal}, the number of normal modes, given {most}"
-        )
-    least = weights[room - 1] if 0 < room <= weights.size else np.inf if room == 0 else 0.0
-    return [int((piece.weights >= least).sum()) for piece in pieces]
-
-
 def _piece(o: Operators, rows: sp.csr_matrix, body: Body, modes: int) -> _Piece:
     """Return a body with its modes and residual shapes for loads at the rows of pairs."""
     lowest, found = body.modes(max(modes, COMPARED))
     squares, vectors = lowest[:modes], found[:, :modes]
-    loads = _loads(o, rows, body)
+    H = rows[:, body.dofs]  # the loads of B1 that act on the body follow
+    stiff, inertia = o.base.stiffness[body.dofs], o.base.mass[body.dofs]
+    columns = [stiff]
+    if not o.base.is_force:
+        columns.append(inertia - body.mass @ body.solve(stiff))
+    loads = sp.hstack([H.T, sp.csc_matrix(np.column_stack(columns))], format="csc")
+    loads = loads[:, np.flatnonzero(abs(loads).sum(axis=0))]
     flexibility, shapes = body.static(loads, vectors)
     energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
     there = energy > NOTHING * flexibility
@@ -417,17 +415,6 @@ def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray
         factor = np.linalg.cholesky(_gram(result, body.stiffness @ result))
         result = result @ np.linalg.inv(factor).T  # the factor is nearly 1
     return result, weights
-
-
-def _loads(o: Operators, rows: sp.csr_matrix, body: Body) -> sp.csc_matrix:
-    """Return the loads of B1 that act on a body, CSC (n, k)."""
-    H = rows[:, body.dofs]
-    stiff, inertia = o.base.stiffness[body.dofs], o.base.mass[body.dofs]
-    columns = [stiff]
-    if not o.base.is_force:
-        columns.append(inertia - body.mass @ body.solve(stiff))
-    loads = sp.hstack([H.T, sp.csc_matrix(np.column_stack(columns))], format="csc")
-    return loads[:, np.flatnonzero(abs(loads).sum(axis=0))]
 
 
 def _ritz(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -190,7 +190,9 @@ def _piece(
     """
     M, C, K = matrices
     if modes >= dofs.size:
-        modes = _rank(M)
+        size = M.diagonal()  # there are as many modes as independent motions that have mass
+        scale = sp.diags(1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)))
+        modes = int(np.linalg.matrix_rank((scale @ M @ scale).toarray(), MASSLESS, hermitian=True))
     frequencies, vectors = lowest(K, M, min(max(modes, 2), dofs.size))
     vectors = normalised(vectors, M)
     squares = (2.0 * np.pi * frequencies) ** 2
@@ -211,13 +213,6 @@ def _piece(
     shapes = np.zeros((o.n_dofs, squares.size))
     shapes[dofs] = vectors
     return squares, alpha + beta * squares, beta, shapes, residual[:, :-1], residual[:, -1]
-
-
-def _rank(M: sp.csc_matrix) -> int:
-    """Return the number of independent motions that have mass."""
-    size = M.diagonal()
-    scale = sp.diags(1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)))
-    return int(np.linalg.matrix_rank((scale @ M @ scale).toarray(), MASSLESS, hermitian=True))
 
 
 def _rayleigh(

@@ -95,7 +95,17 @@ def draw_rolling(numbers: Numbers) -> Figure:
     for axes, run in zip(rows[1].subplots(1, 2), (main, study.stiff), strict=True):
         _draw_contact_line(axes, run)
     left, right = rows[2].subplots(1, 2)
-    _draw_energy(left, main)
+    energy = main.energy
+    parts = np.array([energy.stored, energy.damped, energy.impact]) / energy.stored[0]
+    names = ("in the strip", "lost to damping", "lost at impacts")
+    left.stackplot(1e3 * energy.time, parts, labels=names, colors=(BASE_COLOUR, SKY, VERMILLION))
+    shown = main.landing[0] + main.period * np.array(SHOWN_ENERGY)
+    left.set(
+        title=f"thin strip, {main.method}, {main.x.size} elements",
+        xlabel="time after the release  [ms]", xlim=1e3 * shown,
+        ylabel="share of the energy  [–]", ylim=(0.0, 1.0),
+    )  # fmt: skip
+    left.legend(loc="lower right")
     show(
         right,
         *(
@@ -173,21 +183,6 @@ def _draw_contact_line(axes: Axes, run: Rolling) -> None:
         ylabel="place  x  [mm]", ylim=(0.0, 1.03e3 * run.lamina.length),
         legend="upper left" if direction > 0.0 else "center right",
     )  # fmt: skip
-
-
-def _draw_energy(axes: Axes, run: Rolling) -> None:
-    """Draw the stored and the lost energy over time."""
-    energy = run.energy
-    parts = np.array([energy.stored, energy.damped, energy.impact]) / energy.stored[0]
-    names = ("in the strip", "lost to damping", "lost at impacts")
-    axes.stackplot(1e3 * energy.time, parts, labels=names, colors=(BASE_COLOUR, SKY, VERMILLION))
-    shown = run.landing[0] + run.period * np.array(SHOWN_ENERGY)
-    axes.set(
-        title=f"thin strip, {run.method}, {run.x.size} elements",
-        xlabel="time after the release  [ms]", xlim=1e3 * shown,
-        ylabel="share of the energy  [–]", ylim=(0.0, 1.0),
-    )  # fmt: skip
-    axes.legend(loc="lower right")
 
 
 def _draw_ladder(axes: Axes, study: RollingStudy) -> None:

@@ -85,7 +85,13 @@ def history(
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
     if not case.is_massless:  # there impacts take no energy
-        _add_heat(data, recorder, layout)
+        # the mean power that impacts and contact dampers take at each pair over the window
+        heat = np.sum([record.damped for record in recorder.window], axis=0)
+        np.subtract.at(heat, recorder.impacts().hit, data["event_energy"].to_numpy())
+        heat /= data.sizes["time"] * recorder.time_step
+        add(data, heat=_of_interfaces(layout, heat))
+        if layout.stops:
+            add(data, stop_heat=heat[layout.stops[0].first_pair :])
     for signal in signals(recorder, structure, case):
         data = with_sensor(data, signal)
     data.attrs = {
@@ -205,16 +211,6 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, sta
         add(data, event_node=node[hit])
     energy = work + rest * p / total
     add(data, event_impulse=p, event_velocity_before=impacts.rate_pre, event_energy=energy)
-
-
-def _add_heat(data: xr.Dataset, recorder: Recorder, layout: Layout) -> None:
-    """Add the mean power that impacts and contact dampers take at each pair over the window."""
-    heat = np.sum([record.damped for record in recorder.window], axis=0)
-    np.subtract.at(heat, recorder.impacts().hit, data["event_energy"].to_numpy())
-    heat /= data.sizes["time"] * recorder.time_step
-    add(data, heat=_of_interfaces(layout, heat))
-    if layout.stops:
-        add(data, stop_heat=heat[layout.stops[0].first_pair :])
 
 
 def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:

@@ -289,7 +289,18 @@ def load(
             found["case"] = case.to_toml()
     except (ValueError, KeyError) as error:  # a CaseError is a ValueError
         raise _damaged(path, error) from None
-    _require_origin(path, found, expected)
+    for key, wanted in expected.items():  # version, engine, scheme, number of ranks, case
+        if found[key] == wanted:
+            continue
+        if key == "case":
+            raise CaseError(
+                f"resume: {path} belongs to another case; run with the settings of the "
+                "interrupted run, or without --resume"
+            )
+        raise CaseError(
+            f"resume: {path} is of {key} {found[key][:40]!r}, expected {wanted!r}; run with the "
+            f"{key} of the interrupted run, or without --resume"
+        )
     try:
         return _restored(data, engine, recorder, motion)
     except (ValueError, KeyError, IndexError, TypeError) as error:
@@ -337,22 +348,6 @@ def _damaged(path: Path, error: Exception) -> CaseError:
         f"checkpoint: {path} is damaged or no checkpoint ({reason}); run without --resume or "
         "--extend to compute everything again, with --overwrite in the same folder"
     )
-
-
-def _require_origin(path: Path, found: Mapping[str, str], origin: Mapping[str, str]) -> None:
-    """Refuse the checkpoint of another version, engine, scheme, number of ranks or case."""
-    for key, expected in origin.items():
-        if found[key] == expected:
-            continue
-        if key == "case":
-            raise CaseError(
-                f"resume: {path} belongs to another case; run with the settings of the "
-                "interrupted run, or without --resume"
-            )
-        raise CaseError(
-            f"resume: {path} is of {key} {found[key][:40]!r}, expected {expected!r}; run with the "
-            f"{key} of the interrupted run, or without --resume"
-        )
 
 
 def _restored(

@@ -173,7 +173,12 @@ def response(data: xr.Dataset, axis: DiagramAxis) -> Figure:
         if np.isfinite(computed).any():  # what is linear may leave the panel
             panel.set_ylim(0.0, HEADROOM * float(np.nanmax(computed)) or None)
         if axis.key == "excitation.frequency":
-            _linear(panel, data, axis, i)
+            case = Case.from_toml(data.attrs["case"])
+            f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
+            if not case.is_apart:
+                f = np.linspace(f[0], f[-1], STACK_POINTS)
+            alone = 1e3 * linear_amplitudes(case, f)[i]
+            panel.plot(f, alone, ":", color=BASE_COLOUR, linewidth=1.3, label="linear, no contact")
 
     return _of_laminae(data, axis, draw, 3.0, "half peak-to-peak  $q_{{{}}}$ [mm]")
 
@@ -269,16 +274,6 @@ def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None
         panel.axvspan(
             middles[start], middles[stop], color=GAP_COLOUR, linewidth=0.0, zorder=0, label=label
         )
-
-
-def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
-    """Draw the amplitude without contact, of the exact cantilever or of the bonded stack."""
-    case = Case.from_toml(data.attrs["case"])
-    f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
-    if not case.is_apart:
-        f = np.linspace(f[0], f[-1], STACK_POINTS)
-    amplitude = 1e3 * linear_amplitudes(case, f)[i]
-    panel.plot(f, amplitude, ":", color=BASE_COLOUR, linewidth=1.3, label="linear, no contact")
 
 
 def _mark_points(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:

@@ -108,7 +108,16 @@ class Pool:
         if isinstance(kind, Executor):
             self.executor, self.n_workers = kind, workers or size_of(kind)
         elif kind == "mpi":
-            self.executor, self.n_workers = _mpi_executor()
+            from delam_fem.system.mpi import MPI
+
+            n_workers = MPI.COMM_WORLD.size - 1
+            if n_workers < 1:
+                raise CaseError(
+                    f"executor: expected at least 2 MPI processes, given 1; use {MPI_COMMAND}"
+                )
+            from mpi4py.futures import MPIPoolExecutor  # default_name looks for this module
+
+            self.executor, self.n_workers = MPIPoolExecutor(), n_workers
         else:
             self.n_workers = 1 if kind == "serial" else workers or n_cores()
             self.executor = Serial() if kind == "serial" else _process_pool(self.n_workers)
@@ -272,15 +281,3 @@ def _status(process: Any) -> int:
     while process.exitcode is None:
         process.join(0.1)
     return int(process.exitcode)
-
-
-def _mpi_executor() -> tuple[Executor, int]:
-    """Return the executor on all other MPI ranks, and their number."""
-    from delam_fem.system.mpi import MPI
-
-    n_workers = MPI.COMM_WORLD.size - 1
-    if n_workers < 1:
-        raise CaseError(f"executor: expected at least 2 MPI processes, given 1; use {MPI_COMMAND}")
-    from mpi4py.futures import MPIPoolExecutor  # default_name looks for this module
-
-    return MPIPoolExecutor(), n_workers

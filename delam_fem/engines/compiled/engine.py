@@ -273,8 +273,14 @@ class Compiled(Engine):
         self.memory.counts[[N_EVENTS, N_HITS]] = 0
         run = partial(self._run, self.address, self._address, first)
         done, step, ending = run((0, 0), n_periods)
-        while ending == state.FULL:
-            self._enlarge()
+        while ending == state.FULL:  # twice the room for events
+            old = self._events
+            self._events = Columns.room(2 * old.ticks.size, 2 * old.hit.size)
+            for name, before, after in zip(_OF_EVENTS, old, self._events, strict=True):
+                after[: before.size] = before
+                self._table[_PLACES[name]] = after.ctypes.data
+            sizes = self._events.ticks.size, self._events.hit.size
+            self._table[[_PLACES["n_events"], _PLACES["n_hits"]]] = sizes
             done, step, ending = run((done, step), n_periods)
         block.end(done, self._events, recorder)
         self._spare = cast("Block | None", recorder.take(block))
@@ -318,13 +324,3 @@ class Compiled(Engine):
             impulses=recorder.impulse,
             effort=recorder.effort,
         )
-
-    def _enlarge(self) -> None:
-        """Double the event buffers."""
-        old = self._events
-        self._events = Columns.room(2 * old.ticks.size, 2 * old.hit.size)
-        for name, before, after in zip(_OF_EVENTS, old, self._events, strict=True):
-            after[: before.size] = before
-            self._table[_PLACES[name]] = after.ctypes.data
-        sizes = self._events.ticks.size, self._events.hit.size
-        self._table[[_PLACES["n_events"], _PLACES["n_hits"]]] = sizes

@@ -49,7 +49,13 @@ def lattice(case: Case) -> SolidMesh:
     _require_size(case, x.size - 1, is_3d=is_3d)
     bonded = bonded_cells(case, x)
     if is_3d:
-        _require_widths(case, bonded)
+        for i, (lower, upper) in enumerate(pairwise(case.lamina)):
+            if bonded[i].any() and lower.width != upper.width:
+                raise CaseError(
+                    f"lamina.{upper.name}.width: expected the width {lower.width!r} of lamina "
+                    f"{lower.name}, to which it is bonded, given {upper.width!r}; give the model "
+                    "your own mesh in mesh.file"
+                )
     vertices = _vertices(case, x.size, bonded, is_3d=is_3d)
     n_points = 1 + max(int(own.max()) for own in vertices)
     points = np.empty((n_points, 3 if is_3d else 2))
@@ -104,22 +110,6 @@ def _require_size(case: Case, n: int, *, is_3d: bool) -> None:
             f"mesh.elements: expected at most {MOST_DOFS} unknowns, given about {dofs} from "
             f"{n} cells along x, model.layers = {model.layers}{strips}, model.degree = {p}"
         )
-
-
-def _require_widths(case: Case, bonded: BoolArray) -> None:
-    """Check that bonded laminae have the same width, so that their vertices meet.
-
-    Raises:
-        CaseError: bonded laminae have different widths.
-    """
-    for i, lower in enumerate(case.lamina[:-1]):
-        upper = case.lamina[i + 1]
-        if bonded[i].any() and lower.width != upper.width:
-            raise CaseError(
-                f"lamina.{upper.name}.width: expected the width {lower.width!r} of lamina "
-                f"{lower.name}, to which it is bonded, given {upper.width!r}; give the model your "
-                "own mesh in mesh.file"
-            )
 
 
 def _vertices(case: Case, n: int, bonded: BoolArray, *, is_3d: bool) -> list[IntArray]:
@@ -235,7 +225,15 @@ class _Reader:
         self.case = case
         self.path = path
         self.given = given
-        self.cell = self._kind()
+        wanted = _OF_KIND[self.case.model.kind]
+        has = {block.type for block in self.given.cells if len(block.data)}
+        found = [cell for cell in wanted if has & {*_KINDS[cell][0]}]
+        if len(found) != 1:
+            raise self._error(
+                f"expected cells of one kind, {wanted[0]}s or {wanted[1]}s, for model.kind = "
+                f'"{self.case.model.kind}", found: {", ".join(sorted(has)) or "none"}'
+            )
+        self.cell = found[0]
 
     def mesh(self) -> SolidMesh:
         """Return the mesh; see `solid_mesh`."""
@@ -284,18 +282,6 @@ class _Reader:
 
     def _error(self, text: str) -> CaseError:
         return CaseError(f"mesh.file: {self.path}: {text}")
-
-    def _kind(self) -> str:
-        """Return the kind of the cells."""
-        wanted = _OF_KIND[self.case.model.kind]
-        has = {block.type for block in self.given.cells if len(block.data)}
-        found = [cell for cell in wanted if has & {*_KINDS[cell][0]}]
-        if len(found) != 1:
-            raise self._error(
-                f"expected cells of one kind, {wanted[0]}s or {wanted[1]}s, for model.kind = "
-                f'"{self.case.model.kind}", found: {", ".join(sorted(has)) or "none"}'
-            )
-        return found[0]
 
     def _require_size(self, n_cells: int) -> None:
         """Check that the unknowns are not too many."""

@@ -324,26 +324,20 @@ def _of_sheet(sheet: Sheet, units: str | None, rate: float | None) -> list[Chann
     if k < 0:
         kind, points = "time", np.arange(sheet.columns[0].values.size) / float(rate or 1.0)
     else:
-        points = _axis_points(sheet, sheet.columns[k], kind, units)
+        label = f"{sheet.label}, column {shown(sheet.columns[k].name)}"
+        unit, _ = _unit_in(label, sheet.columns[k], units if kind == "x" else AXIS_UNITS[kind], "x")
+        points = np.asarray(sheet.columns[k].values.real * unit.factor, dtype=np.float64)
+        steps = np.flatnonzero(~(np.diff(points) > 0.0))
+        if steps.size:
+            raise CaseError(
+                f"{label}: expected the {kind} to increase, given {points[steps[0] + 1]:.6g} after "
+                f"{points[steps[0]]:.6g}"
+                + ("; without times, --rate gives the samples per second" if kind == "time" else "")
+            )
     others = [column for i, column in enumerate(sheet.columns) if i != k]
     if not others:
         raise CaseError(f"{sheet.label}: expected a column beside the {kind}, given none")
     return [_channel(sheet, column, kind, points, units) for column in others]
-
-
-def _axis_points(sheet: Sheet, column: Column, kind: str, units: str | None) -> FloatArray:
-    """Return the values of an axis in SI."""
-    label = f"{sheet.label}, column {shown(column.name)}"
-    unit, _ = _unit_in(label, column, units if kind == "x" else AXIS_UNITS[kind], "x")
-    points = np.asarray(column.values.real * unit.factor, dtype=np.float64)
-    steps = np.flatnonzero(~(np.diff(points) > 0.0))
-    if steps.size:
-        raise CaseError(
-            f"{label}: expected the {kind} to increase, given {points[steps[0] + 1]:.6g} after "
-            f"{points[steps[0]]:.6g}"
-            + ("; without times, --rate gives the samples per second" if kind == "time" else "")
-        )
-    return points
 
 
 def _unit_in(label: str, column: Column, units: str | None, kind: str) -> tuple[Unit, str]:

@@ -275,12 +275,7 @@ def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
             np.repeat(parameter[own], q.shape[1]), q[own].ravel(), "o", color=colour,
             markerfacecolor=face, markersize=3.2, markeredgewidth=0.9, zorder=3,
         )  # fmt: skip
-    _events(panel, data, q)
-
-
-def _events(panel: Axes, data: xr.Dataset, q: FloatArray) -> None:
-    """Mark each event with its interval, at the height of the points beside it."""
-    for k in range(data.sizes["event"]):
+    for k in range(data.sizes["event"]):  # at the height of the points beside it
         kind, point = str(data["event_kind"][k].item()), int(data["event_point"][k])
         at = float(data["event_parameter"][k])
         low, high = float(data["event_low"][k]), float(data["event_high"][k])

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
@@ -64,7 +63,14 @@ def orbit_figure(found: Orbit) -> Figure:
     """Return a figure with the tips over the orbit's periods, and the multipliers."""
     figure = Figure(figsize=(WIDTH, 4.3), layout="constrained")
     motion, plane = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    _motion(motion, found)
+    u = found.passage.history
+    names = [lamina.name for lamina in found.case.lamina]
+    t = found.periods * np.arange(1, len(u) + 1) / len(u)
+    for i, (name, colour) in enumerate(zip(names, lamina_colours(len(names)), strict=True)):
+        motion.plot(t, 1e3 * u[:, i], color=colour, label=name)
+        motion.plot(t[-1], 1e3 * u[-1, i], "o", color=colour, markersize=4.0)
+    motion.set(xlabel="time / period of the drive  t/T  [–]", ylabel="tip displacement  q  [mm]")
+    motion.legend(loc="best")
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     plane.fill(np.cos(angle), np.sin(angle), color=GAP_COLOUR, zorder=0)
     plane.plot(np.cos(angle), np.sin(angle), color=BASE_COLOUR, linewidth=1.0)
@@ -97,18 +103,6 @@ def orbit_figure(found: Orbit) -> Figure:
         f"{numbers['residual_error']:.1e}: {found.stability}"
     )
     return figure
-
-
-def _motion(panel: Axes, found: Orbit) -> None:
-    """Draw the displacements of the tips over the periods of the orbit."""
-    u = found.passage.history
-    names = [lamina.name for lamina in found.case.lamina]
-    t = found.periods * np.arange(1, len(u) + 1) / len(u)
-    for i, (name, colour) in enumerate(zip(names, lamina_colours(len(names)), strict=True)):
-        panel.plot(t, 1e3 * u[:, i], color=colour, label=name)
-        panel.plot(t[-1], 1e3 * u[-1, i], "o", color=colour, markersize=4.0)
-    panel.set(xlabel="time / period of the drive  t/T  [–]", ylabel="tip displacement  q  [mm]")
-    panel.legend(loc="best")
 
 
 LEFT = 0.1
