@@ -43,10 +43,9 @@ counts how often what is printed is right.
 - "**Falls short**": do not rely on it there.
 
 Not all truths are blind. Rules of `orbit` (the least distance of a doubled orbit, kicks of orbits
-of period 2), of `converge` (a small last difference may be chance) and of `resonance` were changed
-after a first count on some of the same truths, and the counts are those after the change. The
-verdicts of `orbit` were counted in several runs, those on orbits of period 2 with a later cap on
-kicks than the others, and six orbits from 3.59 to 3.72 Hz again when they were found.
+of period 2, what small kicks say), of `converge` (a small last difference may be chance) and of
+`resonance` were changed after a first count on some of the same truths, and the counts are those
+after the change.
 """
 DIFFERENT = {
     "EI ± 5 %": "EI",
@@ -79,21 +78,15 @@ WHY_NOT = {
 }
 """Why a part lacks a rig."""
 UNCOUNTED = {
-    "`orbit find`: intervals of multipliers of laminae": "no exact truth is known; docs/orbits.md "
-    "has a decay over many periods",
-    "`orbit follow`: intervals of grazings, of Neimark–Sacker points": "a grazing has the points "
-    "beside it; for the others toy maps alone have been tried",
-    "`orbit follow`: doublings and folds of laminae": "a truth costs minutes; docs/orbits.md has "
-    "those of two presets and of the strips, and what steps ten and forty times finer say of one",
-    "Lyapunov exponents of laminae": "no exact truth is known",
-    "`sweep`: kinds of motion": "rules with fixed thresholds; no share is promised",
-    "`detect excite`: ratio to the limit, share of calls": "of simulated scans at the frequencies "
-    "of the map; nothing is promised between them or on a rig",
-    "`detect pod`: a90": "a middle, without an interval",
-    "`detect modulate`: calls of delaminated plates": "no share is promised",
+    "Multipliers, doublings, folds and Lyapunov exponents of laminae": "no exact truth is known; "
+    "docs/orbits.md has those of two presets and of the strips, a decay over many periods, and "
+    "what steps ten and forty times finer say of one doubling",
+    "`orbit follow`: grazings": "the points beside it are the interval",
+    "`sweep`: kinds of motion; `detect pod`: a90; `detect modulate`: calls of delaminated plates; "
+    "`converge`: contact work, distortion, other harmonics": "no share is promised, no interval "
+    "is given",
     "`measure response --poles`: scatter of poles": "over the orders of the fit, in brackets; no "
     "interval: twice the scatter held 24 of 77 frequencies and 28 of 77 damping ratios",
-    "`converge`: contact work, distortion, other harmonics": "no interval is given",
     "`converge`: solids": "a truth costs many minutes",
 }
 """What is printed and has no count, and why."""

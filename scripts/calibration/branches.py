@@ -1,10 +1,11 @@
-"""`orbit follow`: intervals of doublings and folds.
+"""`orbit follow`: intervals of doublings, folds and Neimark–Sacker points.
 
-Branches of maps whose doublings and folds are known in closed form. Oscillators with one stop,
-x'' + x = cos ωt, x ≤ s, restitution e, over ω: s and e are drawn for each truth, and their exact
-motions are followed, without steps. Hénon's maps x' = 1 − λx² + y, y' = bx, in coordinates that are
-drawn, too, with jumps of 1e-4 … 1e-3 of the state. Where no event of its kind is found, or
-several, the truth counts as undecided.
+Branches of maps whose events are known in closed form. Oscillators with one stop, x'' + x = cos ωt,
+x ≤ s, restitution e, over ω: s and e are drawn for each truth, and their exact motions are
+followed, without steps. Hénon's maps x' = 1 − λx² + y, y' = bx, in coordinates that are drawn, too,
+with jumps of 1e-4 … 1e-3 of the state. Delayed logistic maps x' = λx(1 − (1 − c)y − cx), y' = x,
+with such coordinates and jumps. Where no event of its kind is found, or several, the truth counts
+as undecided.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ from delam_fem.studies.branches.continuation import Event, events_of, first_poin
 from delam_fem.studies.orbits.maps import Nature, Passage, Slow
 from delam_fem.studies.orbits.newton import Ensemble
 
-DOUBLING, FOLD = "period doubling", "fold"
-TRUTHS = {"oscillators": (200, 1), "Hénon's maps with jumps": (200, 1)}
-"""Truths of the long and of the short form."""
+DOUBLING, FOLD, TORUS = "period doubling", "fold", "Neimark-Sacker"
+NAMES = {TORUS: "Neimark–Sacker point"}
+TRUTHS = 200
 NOMINAL = 0.95
 ROUGHNESS = (1e-4, 1e-3)
 
@@ -74,19 +75,25 @@ def jumps(x: FloatArray, y: FloatArray) -> FloatArray:
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return how often the interval of an event contains it."""
+    families = (
+        ("oscillators", of_oscillator, (DOUBLING, FOLD)),
+        ("Hénon's maps with jumps", of_henon, (DOUBLING, FOLD)),
+        ("delayed logistic maps with jumps", of_logistic, (TORUS,)),
+    )
     found = []
-    for number, (name, truths) in enumerate(TRUTHS.items()):
-        drawn = (of_oscillator, of_henon)[number]
-        for kind in (DOUBLING, FOLD):
+    for number, (name, drawn, kinds) in enumerate(families):
+        for kind in kinds:
             rng = np.random.default_rng([29, number, kind == FOLD])
-            ends = [judged(kind, *drawn(kind, rng)) for _ in range(truths[not is_long])]
+            truths = TRUTHS if is_long else 1
+            ends = [judged(kind, *drawn(kind, rng)) for _ in range(truths)]
             known = [(event, exact) for event, exact in ends if event is not None]
             inside = sum(event.low <= exact <= event.high for event, exact in known)
             width = [(event.high - event.low) / exact for event, exact in known]
             note = f"median width {100.0 * abs(float(np.median(width))):.2g} %" if width else ""
+            what = f"interval of a {NAMES.get(kind, kind)}, {name}"
             found.append(
-                Row(f"interval of a {kind}, {name}", OWN, NOMINAL, inside, len(ends),
-                    len(ends) - len(known), at_least=True, note=note)
+                Row(what, OWN, NOMINAL, inside, truths, truths - len(known), at_least=True,
+                    note=note)
             )  # fmt: skip
     return found
 
@@ -145,16 +152,42 @@ def henon(
     b: float, rough: float, start: float, rng: np.random.Generator
 ) -> tuple[Plane, FloatArray]:
     """Return Hénon's map with jumps in coordinates of its own, and its fixed point at λ = start."""
-    turned = np.linalg.qr(rng.standard_normal((2, 2)))[0] * np.exp(rng.uniform(-0.5, 0.5, (2, 1)))
-    back = np.linalg.inv(turned)
+
+    def image(x: FloatArray, y: FloatArray, a: float) -> list[FloatArray]:
+        return [1.0 - a * x**2 + y, b * x]
+
+    x = fixed(b, start)
+    return turned(image, rough, np.array([x, b * x]), rng)
+
+
+def of_logistic(
+    kind: str, rng: np.random.Generator
+) -> tuple[Plane, FloatArray, continuation.Path, float]:
+    """Return a rough map, a state, the range of λ, and where multipliers are e^{±iθ}."""
+    c, rough = rng.uniform(-0.4, 0.4), float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
+    exact = 1.0 + 1.0 / (1.0 - c)
+    before, behind = rng.uniform(0.1, 0.3, 2)
+
+    def image(x: FloatArray, y: FloatArray, a: float) -> list[FloatArray]:
+        return [a * x * (1.0 - (1.0 - c) * y - c * x), x]
+
+    path = continuation.Path(exact - before, exact + behind)
+    return *turned(image, rough, np.full(2, 1.0 - 1.0 / path.start), rng), path, exact
+
+
+def turned(
+    smooth: Callable[[FloatArray, FloatArray, float], list[FloatArray]], rough: float,
+    state: FloatArray, rng: np.random.Generator,
+) -> tuple[Plane, FloatArray]:  # fmt: skip
+    """Return a smooth map with jumps in coordinates that are drawn, and a state in them."""
+    there = np.linalg.qr(rng.standard_normal((2, 2)))[0] * np.exp(rng.uniform(-0.5, 0.5, (2, 1)))
+    back = np.linalg.inv(there)
 
     def image(states: FloatArray, a: float) -> FloatArray:
         x, y = (states @ back.T).T
-        smooth = np.stack([1.0 - a * x**2 + y, b * x], axis=-1)
-        return (smooth + rough * jumps(x, y)) @ turned.T
+        return (np.stack(smooth(x, y, a), axis=-1) + rough * jumps(x, y)) @ there.T
 
-    x = fixed(b, start)
-    return Plane(image), turned @ np.array([x, b * x])
+    return Plane(image), there @ state
 
 
 def fixed(b: float, a: float) -> float:

@@ -11,8 +11,9 @@ two to choose from. Records that differ have one tip that is wrong, a wrong cloc
 another frequency. "Differs" is right if a finding of the kind that it should have is about the
 wrong tip. Which tip is late without the base, or a period of the drive late, nobody can tell: there
 it may be about the other tip. Records of rigs that differ from the run have the base, whose clock
-and start are judged alone; how many of them get "differs" is in the note. Laminae that are apart
-have rigid clamps: `support.rotational_stiffness` is that of bonded beams.
+and start are judged alone; how many of them get "differs" is in the note. Rows of records that are
+not of the run's own motion have 100 truths. No share of "differs" is printed; 100 % is the aim.
+Laminae that are apart have rigid clamps: `support.rotational_stiffness` is that of bonded beams.
 """
 
 from __future__ import annotations

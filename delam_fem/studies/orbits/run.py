@@ -161,7 +161,7 @@ class Orbit(Finding):
         coarse = self.coarse
         if not coarse.solved.is_solved:
             return "undecided"
-        votes = {coarse.multipliers.stability}
+        votes = {coarse.stability}
         if self.exact is not None and not self.nature.is_stepped:
             largest = float(abs(self.exact.values[0]))
             votes.add(stability_of(largest, largest))
@@ -259,6 +259,8 @@ class Orbit(Finding):
         lines.append(
             f"A motion from beside the orbit runs on to {100.0 * self.coarse.away:.2g} % of the "
             "state away."
+            + " It stays, and larger kicks decay: the steps hold the small ones."
+            * (self.coarse.stability != m.stability)
         )
         if (multiple := self.coarse.multiple) is not None:
             lines.append(

@@ -93,14 +93,17 @@ class Multipliers:
     @property
     def largest(self) -> tuple[float, float]:
         """Interval of the largest modulus: it contains those of `samples` and of `larger`."""
-        ends = [interval(np.abs(rows).max(axis=1)) for rows in (self.samples, self.larger)]
-        low, high = np.transpose(ends)
-        return float(low.min()) - BENT, float(high.max()) + BENT
+        return _outer(self.samples, self.larger)
 
     @property
     def stability(self) -> Stability:
         """Stability by the interval of the largest modulus: below 1, above 1 or on both sides."""
         return stability_of(*self.largest)
+
+    @property
+    def of_larger(self) -> Stability:
+        """Stability by all kicks together and by the larger half, without the smaller half."""
+        return stability_of(*_outer(self.samples[: len(self.larger)], self.larger))
 
     @property
     def doubling(self) -> FloatArray:
@@ -178,6 +181,12 @@ def interval(samples: FloatArray) -> tuple[float, float]:
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(samples, [tail, 1.0 - tail])
     return float(low), float(high)
+
+
+def _outer(*samples: ComplexArray) -> tuple[float, float]:
+    """Return an interval of the largest modulus that contains that of each set of samples."""
+    low, high = np.transpose([interval(np.abs(rows).max(axis=1)) for rows in samples])
+    return float(low.min()) - BENT, float(high.max()) + BENT
 
 
 def largest_pair(values: ComplexArray) -> complex:
@@ -277,6 +286,17 @@ class Coarse:
     multipliers: Multipliers
     away: float
     multiple: Multiple | None
+
+    @property
+    def stability(self) -> Stability:
+        """Stability by the decay of kicks, and by the motion beside the orbit where it is open.
+
+        Steps hold small kicks. If these alone leave the stability open, and the motion stays as
+        near as the map jumps, the orbit is stable.
+        """
+        stays = self.multiple is None and self.away < LEAST_DISTANCE
+        found = self.multipliers
+        return found.of_larger if stays and found.of_larger == "stable" else found.stability
 
 
 @dataclass(frozen=True)

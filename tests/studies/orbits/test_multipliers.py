@@ -7,7 +7,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from delam_fem.studies.orbits.search import BENT, by_modulus, matched, multipliers
+from delam_fem.studies.orbits.newton import Solved
+from delam_fem.studies.orbits.search import (
+    BENT,
+    LEAST_DISTANCE,
+    Coarse,
+    Multiple,
+    by_modulus,
+    matched,
+    multipliers,
+)
 
 ROTATION = np.array([[0.4, -0.6], [0.6, 0.4]])
 
@@ -57,6 +66,38 @@ def test_the_interval_contains_what_larger_kicks_say() -> None:
     low, high = given.largest
     assert low == pytest.approx(0.9 - BENT, abs=1e-9) and high == pytest.approx(1.0 + BENT)
     assert (np.abs(given.samples) > 0.93).all() and given.stability == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("factor", "away", "multiple", "expected"),
+    [
+        (0.9, 0.9, None, "stable"),
+        (0.9, 1.1, None, "undecided"),
+        (0.9, 0.9, Multiple(2, 0.006), "undecided"),
+        (1.0, 0.9, None, "undecided"),
+    ],
+)
+def test_a_motion_that_stays_decides_where_small_kicks_alone_are_held(
+    factor: float, away: float, multiple: Multiple | None, expected: str
+) -> None:
+    """Kicks decay by a factor until they are below 0.05; then their signs turn alone."""
+    found = [decays(np.diag([-0.9, -0.9]), 0.0)[0, 0]]
+    for _ in range(60):
+        d = found[-1]
+        is_held = np.linalg.norm(d, axis=1, keepdims=True) < 0.05
+        found.append(np.where(is_held, -d, -factor * d))
+    given = multipliers(np.array([[a, b] for a, b in pairwise(found)]))
+    assert given.stability == "undecided"
+    at = Solved(
+        np.ones(2),
+        1.0,
+        1.0,
+        residual=0.0,
+        residual_error=0.0,
+        uncertainty=np.zeros(2),
+        iterations=1,
+    )
+    assert Coarse(at, 0.02, given, away * LEAST_DISTANCE, multiple).stability == expected
 
 
 @pytest.mark.parametrize(
