@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.contact.laws import Setting
+from delam_fem.contact.laws import NO_BLOCK, Setting
 
 
 @dataclass
@@ -30,6 +30,7 @@ class Matrix:
     """A compliance given by hand."""
 
     W: np.ndarray
+    recent = NO_BLOCK
 
     def diagonal(self, pairs: np.ndarray) -> np.ndarray:
         return self.W[pairs, pairs]

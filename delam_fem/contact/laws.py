@@ -98,8 +98,16 @@ class Kinematics(Protocol):
         """Return gap rates if no impulse acted, shape (n_pairs,) [m/s]."""
 
 
+NO_BLOCK = np.empty(0, np.int64), np.empty((0, 0))
+"""No pairs, and their block of a compliance."""
+
+
 class Compliance(Protocol):
     """W = H B⁻¹ Hᵀ, where B is the matrix through which impulses act."""
+
+    @property
+    def recent(self) -> tuple[IntArray, FloatArray]:
+        """The pairs that `block` was asked for last and their block, or `NO_BLOCK`."""
 
     def diagonal(self, pairs: IntArray) -> FloatArray:
         """Return W_kk of some pairs, shape (k,) [1/kg]."""

@@ -29,6 +29,7 @@ from delam_fem.contact import complementarity
 from delam_fem.contact.laws import (
     IMPACTS,
     MOREAU,
+    NO_BLOCK,
     PENALTY,
     Decision,
     Kinematics,
@@ -45,6 +46,9 @@ law sees them. The tolerance is proportional to the motion: with closed delamina
 excitation gives exactly twice the response. The scheme itself lets gaps overrun by about Δt times
 the gap rate.
 """
+
+NOTHING, OTHERS = -1, -2
+"""Results of an examination: nothing jumps; the candidates are other pairs than those given."""
 
 
 @njit
@@ -160,8 +164,7 @@ class Rules:
             law: the numbers of the law.
             setting: the problem; impulses act through its compliance.
         """
-        self._law = law
-        W = setting.compliance
+        self._law, self._W = law, (W := setting.compliance)
         self._block = W.block if law.is_coupled else lambda pairs: np.diag(W.diagonal(pairs))
         self._hit = np.zeros(setting.n_pairs, dtype=np.int64)
         self._values = np.zeros((4, setting.n_pairs))  # U̇, U̇_free and U̇⁺, what is lacking, p
@@ -169,45 +172,52 @@ class Rules:
 
     def examine(self, seen: Kinematics) -> Decision | None:
         """Return the impulses and the new set of resting pairs, or None if nothing jumps."""
-        gap, resting, hit, values = seen.gap, seen.resting, self._hit, self._values
-        pre, free = seen.rate_pre(), seen.rate_free()
-        n, changes = _candidates(gap, pre, free, resting, hit, values, *self._law)
-        if not n and not changes:
-            return None
-        pairs, now = hit[:n].copy(), self._resting
-        W = self._block(pairs) if n else values  # which nobody reads then
-        n, result, is_changed = _decide(W, gap, n, hit, values, resting, now, *self._law)
-        complementarity.require_solved(result)
-        if n < pairs.size:
+        hit, values, now = self._hit, self._values, self._resting
+        about = seen.gap, seen.rate_pre(), seen.rate_free(), seen.resting, hit, values, now
+        known = self._W.recent if self._law.is_coupled else NO_BLOCK
+        n, result, is_changed = _examine(*known, *about, *self._law)
+        if result == OTHERS:
             pairs = hit[:n].copy()
+            n, result, is_changed = _examine(pairs, self._block(pairs), *about, *self._law)
+        if result == NOTHING:
+            return None
+        complementarity.require_solved(result)
         of_hit = values[:, :n].copy()
-        return Decision(pairs, of_hit[3], of_hit[0], of_hit[1], now.copy() if is_changed else None)
+        resting = now.copy() if is_changed else None
+        return Decision(hit[:n].copy(), of_hit[3], of_hit[0], of_hit[1], resting)
 
 
 @kept
-def _candidates(gap, rate, free, resting, hit, values, *numbers):  # type: ignore[no-untyped-def]
-    """Call `candidates` from Python, with the numbers of the law one by one: a tuple costs more.
+def _examine(pairs, W, gap, rate, free, resting, hit, values, now, *numbers):  # type: ignore[no-untyped-def]
+    """Make the three steps of a decision, called from Python: a tuple for the law would cost more.
 
-    The rows of `values` are its results.
-    """
-    law, results = LawNumbers(*numbers), (hit, values[0], values[1], values[2])
-    return candidates(law, gap.size, gap, rate, free, resting, *results)
-
-
-@kept
-def _decide(W, gap, n, hit, values, resting, now, *numbers):  # type: ignore[no-untyped-def]
-    """Decide about n candidates with the compliance W, shape (n, n); `now` gets the resting pairs.
+    Args:
+        pairs: some pairs, shape (k,).
+        W: their compliance, shape (k, k).
+        gap: see `candidates`.
+        rate: see `candidates`.
+        free: see `candidates`.
+        resting: see `candidates`.
+        hit: see `candidates`.
+        values: results: U̇, U̇⁺, what is lacking and p of the hit pairs, shape (4, n_pairs).
+        now: result: pairs that rest from now on.
+        numbers: `LawNumbers`.
 
     Returns:
-        Number of hit pairs, the first entries; result of `solve_among`; whether other pairs rest.
+        Number of hit pairs, the first entries; result of `solve_among`, NOTHING, or OTHERS if not
+        `pairs`, but the first entries are the candidates; whether other pairs rest.
     """
     before, after, lacking, impulse = values[0], values[1], values[2], values[3]
     law, result = LawNumbers(*numbers), complementarity.SOLVED
+    of_pairs = hit, before, after, lacking
+    n, changes = candidates(law, gap.size, gap, rate, free, resting, *of_pairs)
+    if not n and not changes:
+        return 0, NOTHING, False
+    if n and (n != pairs.size or (pairs != hit[:n]).any()):
+        return n, OTHERS, False
     if n:
-        flat = W.ravel(), 0, n
         work = np.empty(n), complementarity.fresh(n)
-        of_pairs = hit, before, after, lacking, impulse
-        n, result = decide(law, flat, np.arange(n), n, *of_pairs, *work)
+        n, result = decide(law, (W.ravel(), 0, n), np.arange(n), n, *of_pairs, impulse, *work)
     now[:] = resting
     changed = renew_resting(law, gap.size, gap, n, hit, before, after, now)
     return n, result, changed

@@ -20,7 +20,7 @@ from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS, SCHEMES
 from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Structure
-from delam_fem.model.linear import DENSE_DOFS, slowest_decay
+from delam_fem.model.linear import slowest_decay
 from delam_fem.model.mesh import NODE_TOLERANCE
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.harmonics import (
@@ -90,8 +90,8 @@ def decay_of_operators(operators: Operators | DistributedOperators) -> float:
     if isinstance(operators, DistributedOperators):
         return 0.0
     try:
-        decay = slowest_decay(operators, is_floating=operators.n_dofs <= DENSE_DOFS)
-    except (np.linalg.LinAlgError, RuntimeError):  # many dofs that nothing holds, or no mass
+        decay = slowest_decay(operators)
+    except (np.linalg.LinAlgError, RuntimeError):  # nothing holds them, or no mass
         return 0.0
     return decay if np.isfinite(decay) else 0.0
 

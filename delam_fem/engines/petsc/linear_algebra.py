@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
+from delam_fem.contact.laws import NO_BLOCK
 from delam_fem.model.operators import DistributedOperators, matrix, with_near_null
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -382,10 +383,6 @@ def added(values: list[float], comm: MPI.Intracomm) -> list[float]:
     return values if comm.size == 1 else np.sum(comm.allgather(values), axis=0).tolist()
 
 
-ROOM = 100_000
-"""Number of entries up to which blocks of pairs are kept: contact returns to the same pairs."""
-
-
 class LazyCompliance:
     """H B^-1 H^T of a factorised matrix B; each column is computed when it is first needed."""
 
@@ -400,8 +397,7 @@ class LazyCompliance:
         self._columns = np.empty((0, n))  # one below the other, in the order of their computation
         self._place = np.full(n, -1)
         self._n_known = 0
-        self._blocks: dict[bytes, FloatArray] = {}
-        self._room = ROOM
+        self.recent: tuple[IntArray, FloatArray] = NO_BLOCK
 
     def _require(self, pairs: IntArray) -> None:
         missing = pairs[self._place[pairs] < 0]
@@ -423,20 +419,15 @@ class LazyCompliance:
 
     def block(self, pairs: IntArray) -> FloatArray:
         """Return the rows and columns of some pairs, shape (k, k)."""
-        key = pairs.tobytes()
-        found = self._blocks.get(key)
-        if found is None:
-            self._require(pairs)
-            found = self._columns[self._place[pairs], pairs[:, None]]
-            self._room -= pairs.size**2
-            if self._room < 0:
-                self._blocks, self._room = {}, ROOM
-            self._blocks[key] = found
-        return found
+        self._require(pairs)
+        self.recent = pairs, self._columns[self._place[pairs], pairs[:, None]]
+        return self.recent[1]
 
 
 class LumpedCompliance:
     """H D^-1 H^T of the lumped mass D; pairs of different nodes do not influence one another."""
+
+    recent = NO_BLOCK
 
     def __init__(self, operators: DistributedOperators) -> None:
         """Compute the matrix, which is sparse (collective)."""

@@ -189,6 +189,11 @@ class _PresentCompliance:
         """Store the first one; the stepper replaces it when it chooses another size."""
         self.present = present
 
+    @property
+    def recent(self) -> tuple[IntArray, FloatArray]:
+        """The pairs that `block` was asked for last and their block, or `NO_BLOCK`."""
+        return self.present.recent
+
     def diagonal(self, pairs: IntArray) -> FloatArray:
         """Return W_kk of some pairs, shape (k,) [1/kg]."""
         return self.present.diagonal(pairs)

@@ -330,6 +330,17 @@ def test_sets_at_other_rates_are_interpolated_and_said_so(tmp_path: Path) -> Non
     assert "interpolated" in "\n".join(lines(data))
 
 
+def test_sets_of_other_lengths_keep_what_they_share(tmp_path: Path) -> None:
+    some = slice(32, 97, 2)  # files hold their first time with six digits
+    late = uff_set("late", 1e3 * THIN[some], x=TIME[some], abscissa_inc=2.0 / RATE,
+                   abscissa_min=TIME[32], rsp_node=2)  # fmt: skip
+    data = read_measured(write_uff(tmp_path / "m.uff", uff_set("fast", 1e3 * THICK), late))
+    n = data.sizes["time"]
+    assert 64 <= n <= 65  # the last one differs in the seventh digit
+    assert is_close(data["time"], TIME[32 : 32 + n], 1e-5)
+    assert is_close(data["sensor_fast"], THICK[32 : 32 + n], 1e-4)
+
+
 @pytest.mark.parametrize("keep", [0.4, 0.9])
 @pytest.mark.parametrize("binary", [0, 1])
 def test_files_that_are_cut_off_are_refused(tmp_path: Path, keep: float, binary: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
@@ -324,6 +325,11 @@ def test_the_command_computes_once_and_draws(tmp_path: Path) -> None:
     assert (out / "sweep.nc").stat().st_mtime_ns == computed
     with xr.open_dataset(out / "sweep.nc", engine="h5netcdf") as data:
         assert data.attrs["outcome"] == "completed"
+        data.attrs |= {"n_missing": 1}
+        shutil.copytree(out, tmp_path / "part")
+        data.load().to_netcdf(tmp_path / "part" / "sweep.nc", engine="h5netcdf")
+    _, text = run("show", "diagram", "response", tmp_path / "part")
+    assert "the diagram shows 3 of 4 points" in text
 
 
 @pytest.mark.parametrize(
