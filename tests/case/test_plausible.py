@@ -7,6 +7,7 @@ import re
 import tomllib
 from typing import Any
 
+import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
@@ -66,6 +67,15 @@ def test_one_number_gives_one_warning(key: str, value: object, expected: str) ->
     assert len(found) == 1
 
     assert re.search(expected, found[0]), found[0]
+
+
+@pytest.mark.parametrize(("frequency", "lamina"), [(0.00325, 0), (3250.0, 1)])
+def test_the_frequency_of_a_lamina_stands_beside_that_of_the_drive(
+    frequency: float, lamina: int
+) -> None:
+    case = preset("paper", {"excitation.frequency": frequency})
+    firsts = sorted(own.angular_frequencies(1)[0] / (2.0 * np.pi) for own in case.lamina)
+    assert f"first frequency {firsts[lamina]:.3g} Hz" in warnings(case)[0]
 
 
 def test_lengths_in_mm_are_told() -> None:

@@ -21,7 +21,7 @@ import delam_fem
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
 from delam_fem.cli.app import GROUPS, app
-from delam_fem.cli.console import PlainProgress, progress
+from delam_fem.cli.console import LONGEST, PlainProgress, _shortened, progress
 from delam_fem.system.errors import CaseError
 
 PERIODS = 20
@@ -431,3 +431,11 @@ def test_the_command_gives_blas_one_thread(given: dict[str, str], number: str) -
     told, threads = process.stdout.split()
     assert told == number
     assert 1 <= int(threads) <= int(number)
+
+
+def test_a_very_long_line_loses_its_middle() -> None:
+    short, long = 300 * "ab ", 10 * "0123456789" + 3000 * "x" + "end"
+    assert _shortened(short) == short
+    told = _shortened(long)
+    assert len(told) == LONGEST + 3
+    assert told.startswith("0123") and told.endswith("xend") and " … " in told

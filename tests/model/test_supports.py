@@ -142,3 +142,17 @@ def test_supports_survive_files_and_overrides() -> None:
 def test_bad_supports_are_told(supports: list[dict[str, Any]], expected: str) -> None:
     with pytest.raises(CaseError, match=expected):
         case_of(*supports)
+
+
+@pytest.mark.parametrize(
+    ("inner", "rigid"),
+    [
+        ({"kind": "pinned"}, 1),
+        ({"kind": "pinned", "rotational_stiffness": 5.0}, 0),
+        ({"kind": "clamped"}, 0),
+        ({"kind": "spring", "stiffness": 100.0}, 1),
+    ],
+)
+def test_what_inner_supports_leave_free_of_a_beam(inner: dict[str, object], rigid: int) -> None:
+    ends = {"start": "free", "end": "free"}
+    assert case_of(ends, {"position": 0.3 * L} | inner).n_rigid == rigid

@@ -130,3 +130,9 @@ def test_a_window_across_the_checkpoint_has_the_same_numbers_with_divided_steps(
     timing = {"wall_seconds": None, "microseconds_per_step": None}
     assert again.summary | timing == whole.summary | timing
     assert whole.summary["steps"] > 24 * 40  # some are divided
+
+
+def test_of_a_long_error_the_first_line_is_told(tmp_path: Path) -> None:
+    told = str(checkpoint._damaged(tmp_path / "c", ValueError("what is wrong\nwhere")))
+    assert "(what is wrong)" in told and "where)" not in told
+    assert "(ValueError)" in str(checkpoint._damaged(tmp_path / "c", ValueError()))

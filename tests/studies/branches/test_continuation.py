@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import golden
 import numpy as np
@@ -18,6 +20,7 @@ from delam_fem.studies.branches.continuation import (
     events_of,
     first_point,
     followed,
+    grazings,
     why_lost,
 )
 from delam_fem.studies.branches.follow import Branch, Branches, of
@@ -129,3 +132,24 @@ def test_a_branch_that_is_lost_says_why() -> None:
     )  # fmt: skip
     assert ending == "lost" and 0.2 < points[-1].parameter < 0.25
     assert "diverge" in why_lost(ensemble, points[-1], path)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "places"),
+    [
+        ([2.0, 1.0, -1.0, -2.0], [2.5]),
+        ([2.0, 0.0, -1.0, 1.0], [1.5, 3.5]),
+        ([1.0, np.nan, -1.0, -1.0], []),
+        ([0.0, 0.0, -1.0, 0.0], []),
+    ],
+)
+def test_grazings_are_where_tips_begin_or_cease_to_touch(
+    gaps: list[float], places: list[float]
+) -> None:
+    points: Any = [
+        SimpleNamespace(gaps=np.array([gap]), parameter=float(i)) for i, gap in enumerate(gaps, 1)
+    ]
+    found = grazings(points)
+    assert [event.parameter for event in found] == places
+    assert all(event.high - event.low == 1.0 for event in found)
+    assert [event.index for event in found] == [int(place) for place in places]

@@ -256,7 +256,9 @@ def test_without_a_limit_nothing_is_compared_with_it() -> None:
     assert NO_LIMIT not in page(whole(ladder()), "far")
 
 
-def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None:
+def test_every_finished_rung_is_kept(
+    tmp_path: Path, counted: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
     on = ladder(meshes=(20, 40), steps=(1000,))
     kept = []
 
@@ -269,7 +271,9 @@ def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None
     assert [rung.key for rung in on.rungs()] == counted
     content = json.loads((tmp_path / RESULT).read_text("utf-8"))
     assert content["delam_fem"]
+    caplog.clear()
     assert load_results(tmp_path / RESULT)[0] == found.results
+    assert "damaged" not in caplog.text
     assert found.results["newton@newmark 40 1000"].outcome == "diverged"
 
 

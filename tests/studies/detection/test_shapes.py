@@ -91,3 +91,11 @@ def test_what_is_not_the_drives_harmonic_stays() -> None:
     left = Shapes(x, F, (2.0,), other[None] + 0j, 1e-3).without_drive({2.0: x**2 + 0j})
     left = np.diff(left.order(2.0), 2)
     assert np.linalg.norm(left - np.diff(other, 2)) < 0.5 * np.linalg.norm(left)
+
+
+def test_a_record_may_begin_late() -> None:
+    times = 40.0 + np.arange(16 * 20) / (20 * F)
+    found = shapes_of(field_of(times, KNOWN), times, F, X)
+    assert found.n_lines == shapes_of(field_of(times - 40.0, KNOWN), times - 40.0, F, X).n_lines
+    for k, V in KNOWN.items():
+        np.testing.assert_allclose(found.order(k), V, atol=1e-10)
