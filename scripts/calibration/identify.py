@@ -2,7 +2,8 @@
 
 The rig and the four unknowns of [identification](identification.md): `paper`, 10 elements, 300
 steps per period, tips at 1.25 and 3.25 Hz with noise of 0.1 mm, 1,000 simulations. The stiffness of
-the thick lamina is drawn within ± 10 %, and what four times as many steps change is added in part.
+the thick lamina is drawn within ± 10 %, and what four times as many steps and twice as many
+elements change is added in part.
 *As modelled*: the simulations of the table, 200 after 200 left out of it. The note has the median
 width, that of the prior (both of 90 %), and at how many truths the program says that the motions
 are like those of no simulation. Damping is sought itself, from half to twice that of the preset.
@@ -24,7 +25,6 @@ from delam_fem.numerics.statistics import Table, uniform
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.identification import identify
 from delam_fem.studies.identification.identify import (
-    FINER,
     Experiment,
     Unknown,
     drawn,
@@ -58,6 +58,7 @@ RIGS: dict[str, dict[str, float]] = {
     "EI of the thick lamina − 5 %": {THICK: 0.95 * 1.51},
     "2,400 steps per period, towards the rigid limit": {STEPS: 2400},
     "20 elements, not 10": {"mesh.elements": 20},
+    "40 elements, not 10": {"mesh.elements": 40},
     "EI of the thick lamina + 20 %, beyond the prior": {THICK: 1.2 * 1.51},
     NOISY: {},
     SHAKER: {},
@@ -74,7 +75,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     also = drawn(given.uncertain, given.case, size, 2)
     exact = given.simulate(parameters, folder / "table", also=also, executor="serial")
     more = {key: values[:repeated] for key, values in also.items()}
-    more[STEPS] = np.full(repeated, FINER * given.case.steps_per_period)
+    more |= identify.finer_than(given.case, repeated)
     finer = given.simulate(parameters[:repeated], folder / "finer", also=more, executor="serial")
     whole = given.table(exact, parameters, 3, finer)
     part = np.arange(len(whole.parameters)) // left_out  # 20 truths of a short form are enough

@@ -306,12 +306,18 @@ def noisy(harmonics: ComplexArray, noise: float, rng: np.random.Generator) -> Co
     return np.asarray(harmonics + noise * (parts[0] + 1j * parts[1]))
 
 
-FINER = 4
-"""Factor on the steps per period in simulations that are repeated."""
 LIKE = 5
-"""Number of repeated simulations of which one says what finer steps change."""
+"""Number of repeated simulations of which one says what finer steps and elements change."""
 BEYOND = 1.5
-"""Largest multiple of that change: infinitely many steps change more than `FINER` times as many."""
+"""Largest multiple of that change: infinitely many steps change more than four times as many."""
+
+
+def finer_than(case: Case, number: int) -> dict[str, FloatArray]:
+    """Return keys of simulations that are repeated: four times the steps, twice the elements."""
+    keys = {"time.steps_per_period": 4 * case.steps_per_period}
+    if case.mesh.elements is not None:
+        keys["mesh.elements"] = 2 * case.mesh.elements
+    return {key: np.full(number, value) for key, value in keys.items()}
 
 
 @dataclass(frozen=True)
@@ -424,15 +430,15 @@ class Experiment:
     ) -> Simulations:  # fmt: skip
         """Return the simulations with noise as a table for the inference.
 
-        A rig has no time steps. So each simulation is changed by what finer steps change in one of
-        the `LIKE` repeated simulations with the nearest parameters, times a random number between 0
-        and `BEYOND`.
+        A rig has no steps and elements. So each simulation is changed by what finer ones change in
+        one of the `LIKE` repeated simulations with the nearest parameters, times a random number
+        between 0 and `BEYOND`.
 
         Args:
             harmonics: harmonics of the simulations, see `simulate`.
             parameters: values of the unknowns, shape (n, n_unknowns).
             seed: seed of the noise.
-            finer: harmonics of the first simulations with finer steps; None: none are repeated.
+            finer: harmonics of the first simulations with `finer_than`; None: none are repeated.
 
         Raises:
             CaseError: too few simulations were completed.
@@ -454,7 +460,7 @@ class Experiment:
 def _discrepancy(
     finer: ComplexArray, harmonics: ComplexArray, parameters: FloatArray, rng: np.random.Generator
 ) -> ComplexArray:
-    """Return the change of all simulations that stands for finer steps; see `Experiment.table`."""
+    """Return the change of all simulations that finer ones stand for; see `Experiment.table`."""
     change = finer - harmonics[: len(finer)]
     whole = np.flatnonzero(np.isfinite(change).reshape(len(change), -1).all(axis=1))
     if whole.size == 0:
@@ -569,7 +575,8 @@ def identify(
         directory: folder of the simulations; those that it has are used again.
         measured: files with the tips, one per frequency; None: the case simulates the measurement.
         simulations: number of simulations, with parameters from the prior.
-        finer: number of these that are repeated with finer steps, to know what steps change.
+        finer: number of these that are repeated with finer steps and elements, to know what these
+            change.
         checks: number of simulations that serve as observations to check the intervals.
         seed: of the prior and of the noise.
         executor: see `run_sweep`.
@@ -588,12 +595,11 @@ def identify(
     also = drawn(experiment.uncertain, experiment.case, simulations, seed + 3)
     simulate = partial(experiment.simulate, executor=executor, workers=workers, progress=progress)
     harmonics = simulate(parameters, directory / "simulations", also=also)
-    steps = np.full(min(finer, simulations), FINER * experiment.case.steps_per_period)
-    some = {key: values[: steps.size] for key, values in also.items()}
-    repeated = None
-    if steps.size:
-        more = {"time.steps_per_period": steps}
-        repeated = simulate(parameters[: steps.size], directory / "finer", also=some | more)
+    finer, repeated = min(finer, simulations), None
+    if finer:
+        some = {key: values[:finer] for key, values in also.items()}
+        more = finer_than(experiment.case, finer)
+        repeated = simulate(parameters[:finer], directory / "finer", also=some | more)
     if observed is None:
         truth = np.array([experiment.truth])
         exact = experiment.simulate(truth, directory / "observation", executor="serial")[0]
