@@ -185,6 +185,7 @@ def record(directory: Path) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     command = [
         sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider",
+        "--numprocesses=auto", "--dist=worksteal",
         "-m", "not nightly and not once", "--cov=delam_fem", "--cov-context=test", "--cov-report=",
         f"--junit-xml={directory / 'tests.xml'}",
     ]  # fmt: skip
