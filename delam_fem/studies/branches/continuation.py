@@ -10,14 +10,17 @@ multiplier crosses the unit circle between two points at which its side is certa
 interval lies on that side). A line is fitted through these and the points between, for each
 bootstrap sample; the zeros of the lines give λ with its interval. The interval also contains all
 points between, and the zeros of parabolas through a further point, because the test function is
-curved. A fold is where λ turns. Grazing, where the tips begin to touch, is an event of its own: the
-map has no derivative there, and nothing is interpolated across it.
+curved. A point beside which a motion alternates for good lies behind a doubling, although kicks,
+which the steps hold, may say that it does not: the interval then begins at the last point beside
+which no motion does. A fold is where λ turns. Grazing, where the tips begin to touch, is an event
+of its own: the map has no derivative there, and nothing is interpolated across it.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -29,6 +32,7 @@ from delam_fem.studies.orbits.newton import Border, Ensemble, Guess, Solved, by_
 from delam_fem.studies.orbits.search import (
     Multipliers,
     Stability,
+    alternating,
     interval,
     multipliers,
     run_on,
@@ -43,6 +47,10 @@ TURNED = 3.0
 """Standard errors by which λ must turn back to make a fold."""
 LEAST_TURN = 0.003
 """Share of the range of λ by which λ must turn back to make a fold."""
+LASTS = 0.8
+"""Share of a motion that alternates from which on it does so for good. Jumps before a doubling make
+motions alternate whose phase is lost in time: of 118 such points of Hénon's maps the largest share
+is 0.56, at points of strips behind a doubling it is 0.91 to 0.99."""
 BESIDE = 2
 """Points on either side of a fold through which a parabola is fitted."""
 TWO_SIDES = 2.0
@@ -106,6 +114,8 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
     """
     side = np.array([_side(row) for row in tests])
     certain = np.flatnonzero(side)
+    is_behind = np.array([kind == "period doubling" and p.alternation > LASTS for p in points])
+    sure = np.flatnonzero((side < 0) | (side > 0) & ~is_behind)
     place = lengths(points, span)
     parameters = np.array([point.parameter for point in points])
     found = []
@@ -128,7 +138,10 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
         # half of the samples is from kicks of all sizes, half from small ones (`multipliers`)
         every, small = (float(np.median(part)) for part in np.array_split(at[1:], 2))
         beyond = 2.0 * small - every  # still smaller kicks may change λ as much again
-        ends = [*interval(at), *crossed, beyond, *parameters[a + 1 : b]]  # between: no side
+        # points between have no side; next to them motions may alternate, up to a sure point
+        first, last = sure[sure <= a].max(initial=0), sure[sure >= b].min(initial=len(points) - 1)
+        open_ = [*parameters[first:a], *parameters[a + 1 : b], *parameters[b + 1 : last + 1]]
+        ends = [*interval(at), *crossed, beyond, *open_]
         low, high = float(min(ends)), float(max(ends))
         found.append(Event(kind, float(at[0]), low - error, high + error, after))
     return found
@@ -250,6 +263,8 @@ class Point:
         gaps: smallest gap between the tips in each period, shape (P,) [m].
         doubled: distance of states P periods apart of the motion that runs on from the point, if
             it repeats after a multiple of P only, relative to the state; 0 otherwise.
+        alternation: share of that motion that alternates, see `alternating`; 0 where `doubled` is
+            0 or a multiplier lies beyond 1.
     """
 
     state: FloatArray
@@ -269,6 +284,7 @@ class Point:
     high: FloatArray
     gaps: FloatArray
     doubled: float
+    alternation: float
 
     @property
     def scale(self) -> float:
@@ -321,6 +337,11 @@ def measured(
     units = np.append(np.full(y.size, scale), span)
     gaps = seen.gaps if seen.gaps.size else np.full(ensemble.periods, seen.smallest_gap)
     error = at.uncertainty[-1] * span if at.uncertainty.size > y.size else 0.0
+    decays = kicked.decays(at.state, at.parameter, scale)
+    alternation = 0.0
+    if multiple is not None and multipliers(decays).stability != "unstable":
+        with suppress(ArithmeticError):
+            alternation = alternating(ensemble, at)
     return Point(
         at.state,
         at.parameter,
@@ -329,7 +350,7 @@ def measured(
         at.residual_error,
         float(error),
         derivatives,
-        kicked.decays(at.state, at.parameter, scale),
+        decays,
         slope,
         tangent(derivatives.mean(axis=0), slope * span / scale, heading / units),
         step,
@@ -339,6 +360,7 @@ def measured(
         seen.high,
         gaps,
         0.0 if multiple is None else multiple.distance,
+        alternation,
     )
 
 

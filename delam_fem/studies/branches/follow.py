@@ -344,7 +344,9 @@ FOLDER = "points"
 EVERY = 10
 """Points between two lines of progress."""
 _ABOUT = "about.txt"
-_NUMBERS = ("parameter", "residual", "residual_error", "parameter_error", "step", "doubled")
+_NUMBERS = (
+    "parameter", "residual", "residual_error", "parameter_error", "step", "doubled", "alternation",
+)  # fmt: skip
 
 
 class PointJournal:

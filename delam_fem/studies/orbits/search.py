@@ -240,6 +240,8 @@ SETTLE, RESETTLE = 300, 40
 """Periods before a motion counts as settled, and after its grid is shifted."""
 SAMPLE = 48
 """Periods, or multiples of P, whose mean state the coarse search starts from."""
+LONG = 1000
+"""The same where it is asked how long a motion alternates; even."""
 MULTIPLES = range(2, LONGEST + 1)
 """Multiples of P after which a motion may repeat that has left an orbit of P periods."""
 LEAST_DISTANCE = 5e-3
@@ -432,10 +434,34 @@ def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
         ArithmeticError: the motion diverges.
     """
     map_, slow = ensemble.map, ensemble.map.slow
-    aside = np.full(slow.size, BESIDE * ensemble.perturbations.kick * at.scale)
-    state = settled(map_, at.parameter, at.state + slow.lifted(aside), SETTLE)
-    states, multiple = sampled(map_, at.parameter, state, ensemble.periods)
+    states, multiple = sampled(map_, at.parameter, _beside(ensemble, at), ensemble.periods)
     return rms_distance(slow.of(states), slow.of(at.state)) / at.scale, multiple
+
+
+def alternating(ensemble: Ensemble, at: Guess) -> float:
+    """Return the share of a motion beside an orbit that alternates from one P to the next.
+
+    It is |mean (-1)^n d_n| over `LONG` states P periods apart, relative to the rms of their
+    distances d_n from their mean. A motion of twice the period has 1. One that jumps of the map
+    make alternate loses its phase in time, and has nearly 0.
+
+    Raises:
+        ArithmeticError: the motion diverges.
+    """
+    map_, state, found = ensemble.map, _beside(ensemble, at), []
+    for _ in range(LONG):
+        state = settled(map_, at.parameter, state, ensemble.periods)
+        found.append(map_.slow.of(state))
+    away = np.array(found) - np.mean(found, axis=0)
+    signs = (-1.0) ** np.arange(LONG)
+    return float(np.linalg.norm(signs @ away / LONG) / np.sqrt((away**2).sum(axis=1).mean()))
+
+
+def _beside(ensemble: Ensemble, at: Guess) -> FloatArray:
+    """Return the state to which a motion runs on that begins beside an orbit."""
+    slow = ensemble.map.slow
+    aside = np.full(slow.size, BESIDE * ensemble.perturbations.kick * at.scale)
+    return settled(ensemble.map, at.parameter, at.state + slow.lifted(aside), SETTLE)
 
 
 def within(ensemble: Ensemble, at: Guess, multiple: Multiple | None) -> Ensemble:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from toys import Cubic, DelayedLogistic, Toy
+from toys import Cubic, DelayedLogistic, Henon, Toy
 
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.branches.continuation import (
+    LASTS,
     Event,
     Path,
     crossings,
@@ -50,13 +51,20 @@ def test_the_curvature_is_in_the_interval() -> None:
     assert found.high - found.low < 0.02
 
 
-def along(values: list[float], spread: float = 1e-3) -> list[Any]:
-    """Return points at λ = 0, 1, … at which the test function has given values ± spread."""
+def along(values: list[float], spread: float = 1e-3, alternate: tuple[int, ...] = ()) -> list[Any]:
+    """Return points at λ = 0, 1, … at which the test function has given values ± spread.
+
+    Args:
+        values: of the function.
+        spread: half the width of its samples.
+        alternate: numbers of points beside which motions alternate for good.
+    """
     samples = np.linspace(-spread, spread, 41)
     return [
         SimpleNamespace(
             parameter=float(k), parameter_error=0.0, x=lambda span, k=k: np.array([k / span]),
             multipliers=SimpleNamespace(doubling=np.r_[value, value + samples]),
+            alternation=0.9 if k in alternate else 0.6,
         )
         for k, value in enumerate(values)
     ]  # fmt: skip
@@ -83,3 +91,44 @@ def test_the_interval_contains_all_points_whose_side_is_open() -> None:
     tests = np.array([point.multipliers.doubling for point in points])
     (found,) = crossings("period doubling", tests, points, 1.0)
     assert found.low <= 2.0 < found.parameter < 4.0 <= found.high
+
+
+@pytest.mark.parametrize(
+    ("alternate", "ends"),
+    [
+        ((), (2.9, 4.1)),
+        ((2, 3), (1.0, 4.1)),  # the kicks of two points see a function > 0 behind the doubling
+        ((0, 1, 2, 3), (0.0, 4.1)),
+        ((1,), (2.9, 4.1)),  # not beside it
+    ],
+)
+@pytest.mark.parametrize("way", [1, -1])
+def test_the_interval_reaches_to_where_no_motion_alternates(
+    alternate: tuple[int, ...], ends: tuple[float, float], way: int
+) -> None:
+    """In either direction of the branch, and for period doublings alone."""
+    points = along([0.5, 0.4, 0.3, 0.2, -0.2, -0.3, -0.4], alternate=alternate)[::way]
+    tests = np.array([point.multipliers.doubling for point in points])
+    (found,) = crossings("period doubling", tests, points, 1.0)
+    low, high = ends
+    assert low <= found.low < 3.5 < found.high <= high
+    assert 3 not in alternate or found.low == low
+    (torus,) = crossings("Neimark-Sacker", tests, points, 1.0)
+    assert torus.high - torus.low < 1.0
+
+
+@pytest.mark.parametrize(
+    ("offset", "low", "high"),
+    [
+        (-0.02, 0.01, 0.5),  # jumps change the phase
+        (0.005, LASTS, 1.0),  # a motion of period 2 keeps it
+        (0.01, 0.0, 0.0),  # the multiplier is known: it is not asked
+    ],
+)
+def test_jumps_do_not_make_a_motion_alternate_for_good(
+    offset: float, low: float, high: float
+) -> None:
+    map_, a = Henon(1e-3), Henon.doubling + offset
+    point = first_point(Ensemble(map_, 1, Perturbations()), map_.fixed(a), Path(a, a + 1.0))
+    assert point.doubled > 0.0
+    assert low <= point.alternation <= high
