@@ -49,8 +49,8 @@ LEAST_TURN = 0.003
 """Share of the range of λ by which λ must turn back to make a fold."""
 LASTS = 0.8
 """Share of a motion that alternates from which on it does so for good. Jumps before a doubling make
-motions alternate whose phase is lost in time: of 118 such points of Hénon's maps the largest share
-is 0.56, at points of strips behind a doubling it is 0.91 to 0.99."""
+motions alternate whose phase is lost in time: of over a hundred such points of Hénon's maps all but
+one have at most 0.56; at points of strips behind a doubling it is 0.91 to 0.99."""
 BESIDE = 2
 """Points on either side of a fold through which a parabola is fitted."""
 TWO_SIDES = 2.0
