@@ -21,7 +21,7 @@ from delam_fem.system.errors import CaseError
 
 CASE = {
     "time.mass": "lumped",
-    "mesh.elements": 4,
+    "mesh.elements": 10,
     "time.steps_per_period": 100,
     "time.periods": 15,
     "output.window_periods": 4,
