@@ -52,7 +52,6 @@ def write_tips(path: Path, given: Experiment) -> None:
     )  # fmt: skip
 
 
-@pytest.mark.usefixtures("pictures")
 @pytest.mark.slow
 def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: Path) -> None:
     given = experiment()
