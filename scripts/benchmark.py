@@ -546,8 +546,8 @@ def markdown(figures: dict[str, Any]) -> str:
         "`scripts/benchmark.py -o docs` writes this page; `--limit PROGRAM` adds the table beside "
         "a bare loop. All numbers are from one run on "
         "one machine, each the fastest of several repeats. Times are in µs per step of processor "
-        "time of the thread that steps (one of OpenBLAS that waits for work would be counted "
-        "else), at 1000 steps per period and 3.25 Hz from rest, with ledger and record. When the "
+        "time of the thread that steps (threads of OpenBLAS use a processor while they wait), "
+        "at 1000 steps per period and 3.25 Hz from rest, with ledger and record. When the "
         f"run began, {figures['load']:.1f} other processes were at work on the machine's "
         f"{figures['cores']} cores: where that is not nearly 0, times are too long, and steps/s "
         "and sweeps say little.\n",

@@ -15,14 +15,28 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.numerics.statistics import uniform
-from delam_fem.results.scan import surface_of
+from delam_fem.numerics.types import FloatArray
+from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.indices import CONFIDENCE, mark, repeated
 from delam_fem.studies.detection.infer import prior_of
-from delam_fem.studies.detection.population import Specimen, population
+from delam_fem.studies.detection.population import Population, Specimen, population
 
 NOISE_DB, REPETITIONS, TRUTHS = 40.0, 60, 250
 NOISY = "noise differs from point to point (log-normal, σ 0.7)"
+
+
+def scanned(
+    rig: str, runs: Population, k: int, drive: dict[float, FloatArray], rng: np.random.Generator
+) -> Shapes:
+    """Return the shapes of one structure as a rig shows them, without those of the drive."""
+    noise, lines = (
+        (NOISE_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES)
+        if rig == NOISY
+        else (NOISE_DB, np.inf)
+    )
+    shapes = runs.shapes(k, noise, rng, lines)
+    return (shaken(shapes, drive, rng) if rig == SHAKER else shapes).without_drive(drive)
 
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
@@ -51,15 +65,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         inside, widths = np.zeros((0, 2), dtype=bool), []
         for k in np.flatnonzero(np.isfinite(runs.rms)).tolist():
             drive = drive_responses(whole, surface, runs.x, specimens[k].frequency, (2.0,))
-            noise, lines = (
-                (NOISE_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES)
-                if rig == NOISY
-                else (NOISE_DB, np.inf)
-            )
-            shapes = runs.shapes(k, noise, rng, lines)
-            if rig == SHAKER:
-                shapes = shaken(shapes, drive, rng)
-            shapes = shapes.without_drive(drive)
+            shapes = scanned(rig, runs, k, drive, rng)
             if not mark("curvature", shapes).is_detected:
                 continue
             again = repeated("curvature", shapes, shapes.noise, repetitions=REPETITIONS)

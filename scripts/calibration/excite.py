@@ -12,7 +12,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from calibration.infer import N_LINES, SHAKER, rigs, shaken
+from calibration.ends import NOISE_DB, NOISY, scanned
+from calibration.infer import rigs
 from calibration.row import OWN, Row
 
 import delam_fem as df
@@ -25,9 +26,8 @@ from delam_fem.studies.detection.indices import mark
 from delam_fem.studies.detection.infer import prior_of
 from delam_fem.studies.detection.population import Specimen, population
 
-NOISE_DB, TRUTHS = 40.0, 200
+TRUTHS = 200
 FREQUENCIES = np.linspace(100.0, 300.0, 11)
-NOISY = "noise differs from point to point (log-normal, σ 0.7)"
 BETWEEN = "at another frequency, between the neighbours"
 
 
@@ -87,13 +87,6 @@ def ratios(
     found = []
     for k, specimen in enumerate(specimens):
         drive = drive_responses(whole, surface, runs.x, specimen.frequency, (2.0,))
-        noise, lines = (
-            (NOISE_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES)
-            if rig == NOISY
-            else (NOISE_DB, np.inf)
-        )
-        shapes = runs.shapes(k, noise, rng, lines)
-        if rig == SHAKER:
-            shapes = shaken(shapes, drive, rng)
-        found.append(float(mark("curvature", shapes.without_drive(drive)).over_limits.max()))
+        shapes = scanned(rig, runs, k, drive, rng)
+        found.append(float(mark("curvature", shapes).over_limits.max()))
     return np.array(found)
