@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.legend import Legend
 from matplotlib.spines import Spine
+from scipy import sparse
 
 from delam_fem.results.figures.style import styled
 from delam_fem.system.files import json_ready
@@ -42,6 +44,8 @@ TINY = 1e-11
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[+-]?\d+)?")
 TIMED = re.compile("processor|seconds|assembly|cost of a step|needs about")
 """What differs from run to run, and from machine to machine."""
+MANY = 1_000_000
+"""Sparse matrices are told by their entries up to this size."""
 FEW = 6
 """Arrays of at most so many values are told in full."""
 
@@ -101,6 +105,37 @@ def told(value: Any, name: str = "") -> str:
         if isinstance(value, list) and not all(isinstance(own, str) for own in value):
             return told({str(k): own for k, own in enumerate(value)}, name)
         return f"{name.lstrip('.')}: {value!r}"
+
+
+def of_object(value: Any, name: str = "") -> str:
+    """Return what an object holds, a line for each array, number and text in it."""
+    here = f"{name.lstrip('.')}:"
+    if is_dataclass(value):
+        own = {field.name: getattr(value, field.name) for field in fields(value)}
+        return "\n".join(of_object(inner, f"{name}.{key}") for key, inner in own.items())
+    if isinstance(value, dict):
+        return "\n".join(of_object(inner, f"{name}.{key}") for key, inner in value.items())
+    if sparse.issparse(value):
+        if value.shape[0] * value.shape[1] > MANY:  # what it makes of a vector
+            shape, vector = f"{here} {value.shape} to", np.cos(np.arange(value.shape[1]))
+            return f"{shape} {numbers(value @ vector)}; {numbers(value.diagonal())}"
+        value = value.toarray()
+    if value is None or isinstance(value, (str, bool, int)):
+        return f"{here} {value!r}"
+    try:
+        array = np.asarray(value, dtype=np.complex128)
+    except (TypeError, ValueError):
+        if isinstance(value, (list, tuple)):
+            lines = [of_object(inner, f"{name}.{k}") for k, inner in enumerate(value)]
+            return "\n".join(lines or [f"{here} none"])
+        return f"{here} {type(value).__name__}"
+    shape = " × ".join(map(str, array.shape)) + (" of " if array.ndim else "")
+    imaginary = f" + i {numbers(array.imag)}" if array.imag.any() else ""
+    line = f"{here} {shape}{numbers(array.real)}{imaginary}"
+    if array.ndim == 2 and array.size > FEW:  # rows may have different units
+        scale = np.maximum(np.abs(array).max(axis=1, keepdims=True), TINY)
+        line += f"; {numbers(array.real / scale)}"
+    return line
 
 
 def colour(value: Any) -> str:
