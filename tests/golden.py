@@ -138,6 +138,24 @@ def of_object(value: Any, name: str = "") -> str:
     return line
 
 
+def values_of(values: Any) -> str:
+    """Return an array of real or complex numbers, or of texts, in words."""
+    array = np.asarray(values)
+    if array.dtype.kind == "c":
+        return f"{numbers(array.real)}; imaginary {numbers(array.imag)}"
+    return numbers(array) if array.dtype.kind in "fiub" else f"{array.ravel().tolist()}"
+
+
+def of_dataset(data: Any) -> str:
+    """Return the variables of a dataset with their dimensions and attributes, and its own."""
+    lines = [told(dict(data.attrs))]
+    for name, own in data.variables.items():
+        about = ", ".join(f"{key} {value!r}" for key, value in own.attrs.items())
+        kind = "" if name in data.data_vars else " coordinate"
+        lines += [f"{name}{dict(own.sizes)}{kind}: {about}", f"  {values_of(own.to_numpy())}"]
+    return "\n".join(filter(None, lines))
+
+
 def colour(value: Any) -> str:
     """Return one colour, or all that differ, as hexadecimal numbers."""
     if value is None or (isinstance(value, str) and value in ("none", "auto")):

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+import golden
 import h5py
 import numpy as np
 import pytest
@@ -16,11 +17,17 @@ from synthetic import small_case, synthetic_history
 
 import delam_fem as df
 from delam_fem.case.gap import read_gap_table
+from delam_fem.results.measured.channels import Channel, unit_of
 from delam_fem.results.measured.reading import (
+    EQUAL,
+    HEADING,
+    assigned,
+    dataset,
     lines,
     read_measured,
     rows,
     scan,
+    variable_of,
     write_all,
     write_measured,
 )
@@ -427,3 +434,188 @@ def test_the_ends_of_frequencies_and_places_are_told() -> None:
         "frequency: 3 values, 1 to 7 Hz",
         "x: 3 values, 0.1 to 0.4 m",
     ]
+
+
+# ---- datasets
+
+
+def channel(
+    name: str,
+    values: np.ndarray,
+    unit: str = "mm",
+    axis: str = "time",
+    points: np.ndarray | None = None,
+    **about: object,
+) -> Channel:
+    """Return a channel of 8 samples, or of more points."""
+    si = unit_of(unit, name)
+    points = 0.5 + 0.25 * np.arange(len(values)) if points is None else points
+    return Channel(
+        name=name, values=values * si.factor, axis=axis, points=points, si=si,
+        source=f"file, {name}", **about,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+A, B = 2.0 + np.sin(np.arange(8.0)), np.cos(3.0 * np.arange(8.0)) - 1.0
+
+
+def test_the_dataset_of_all_kinds_is_the_stored_one(stored: Callable[..., None]) -> None:
+    channels = [
+        channel("tip velocity thin", B, "mm/s"), channel("Tip_thick", A),
+        channel("tip displacement thin", B), channel("tip acceleration thin", A, "g"),
+        channel("base", A), channel("FORCE", B, "kN"), channel("mid @ a/b", A, "N", position=0.12,
+        lamina="thin"), channel("sensor_x", B, "m/s2"), channel("odd", A, "kg"),
+        channel("h", A + 1j * B, "mm/N", "frequency", kind="response"),
+        channel("k", B + 2j * A, "m/s/N", "frequency", kind="response"),
+        channel("k", A, "1", "frequency", kind="coherence"),
+        channel("Gap 1", A, axis="x"), channel("gap 2", B, axis="x"), channel("more", A, axis="x"),
+    ]  # fmt: skip
+    data = dataset(channels, ["one note", "another"])
+    one = dataset([*channels[9:10], channel("gap", A, axis="x", points=np.arange(8.0) ** 2)])
+    told = [golden.of_dataset(data), "", golden.of_dataset(one), ""]
+    told += [" | ".join(row) for own in (data, one) for row in (HEADING, *rows(own))]
+    stored("\n".join([*told, *lines(data), *lines(one)]))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "variable"),
+    [
+        ("tip a", "mm", "tip_displacement"), ("tip_a", "m/s", "tip_velocity"),
+        ("tip a", "g", "sensor_tip_a"), ("tips", "mm", "sensor_tips"), ("Base", "mm",
+        "base_displacement"), ("base", "m/s", "sensor_base"), ("Base_Displacement", "um",
+        "base_displacement"), ("force", "N", "force"), ("force", "V", "sensor_force"),
+        (" a b/c@0.1-d ", "N", "sensor_a_b_c@0.1-d"), ("sensor_a", "N", "sensor_a"),
+    ],
+)  # fmt: skip
+def test_variables_of_histories(name: str, unit: str, variable: str) -> None:
+    assert variable_of(channel(name, A, unit)) == variable
+
+
+def refusal(call: Callable[[], object]) -> str:
+    with pytest.raises(CaseError) as error:
+        call()
+    return str(error.value)
+
+
+def test_messages_of_datasets_are_exact() -> None:
+    a = channel("a", A)
+    assert refusal(lambda: dataset([a, a])) == (
+        "channel 'a': expected different names, given it twice: file, a and file, a; --channel "
+        "NAME=… renames one"
+    )
+    late = channel("late", A, points=2.4 + 0.25 * np.arange(8))
+    assert refusal(lambda: dataset([a, late])) == (
+        "file, a and other channels: expected a common range of time, given none"
+    )
+    for unit, words in (("N", "force"), ("kg", "quantity in kg")):
+        gap = channel("gap", A, unit, "x")
+        assert refusal(lambda gap=gap: dataset([gap])) == (
+            f"file, gap: expected a gap in a unit of length over x, given a {words}"
+        )
+    for step in (0.99e-12, 1.01e9):
+        wrong = channel("w", A, points=step * np.arange(8))
+        assert refusal(lambda wrong=wrong: dataset([wrong])) == (
+            "file, w: expected steps of time between 1e-12 and 1e+09 in SI units, given "
+            f"{step:g}; is the unit right?"
+        )
+    for step in (1.01e-12, 0.99e9):
+        assert dataset([channel("w", A, points=step * np.arange(8))]).sizes["time"] == 8
+    assert refusal(read_measured) == "expected at least one file of measurements, given none"
+    for rate in (0.0, -1.0, np.inf):
+        told = f"--rate: expected a positive number of samples per second, given {rate:g}"
+        assert refusal(lambda rate=rate: read_measured("a.csv", rate=rate)) == told
+    assert refusal(lambda: read_measured("a.csv", rate=0.5)) == "a.csv: there is no such file"
+
+
+def test_axes_within_a_millionth_of_a_step_are_the_same() -> None:
+    first, points = channel("a", A), 0.5 + 0.25 * np.arange(8)
+    for share, is_same in ((0.9, True), (1.1, False)):
+        for k, sign in ((0, 1.0), (7, -1.0), (3, 1.0)):
+            moved = points.copy()
+            moved[k] += sign * share * EQUAL * 0.25
+            notes = dataset([first, channel("b", B, points=moved)]).attrs["notes"]
+            assert (notes == "") == is_same, (share, k)
+    [note] = dataset([first, channel("b", B[:7], points=points[:7])]).attrs["notes"].splitlines()
+    assert note == (
+        "channels over different values of time: interpolated to a step of 0.25 from 0.5 to 2"
+    )
+
+
+def test_channels_are_interpolated_to_the_finest_step_that_all_have() -> None:
+    """Cubics are exact by cubic splines; ends within a millionth of a step belong to the range."""
+
+    def cubic(t: np.ndarray) -> np.ndarray:
+        return 2.0 - t + 0.5 * t**3
+
+    coarse, fine = 1.0 + 0.5 * np.arange(7), 0.4 + 0.2 * np.arange(15)
+    for shift, n in ((0.9 * EQUAL * 0.2, 14 - 2), (1.1 * EQUAL * 0.2, 14 - 3)):
+        moved = fine.copy()
+        moved[3] -= shift  # 1 less a little, where the coarse one begins
+        data = dataset([
+            channel("a", cubic(coarse), "m", points=coarse),
+            channel("b", 3.0 * cubic(moved), "m", points=moved),
+        ])  # fmt: skip
+        time = data["time"].to_numpy()
+        assert time.size == n and time[-1] == pytest.approx(3.2)
+        np.testing.assert_array_equal(time, moved[-n:])
+        np.testing.assert_allclose(data["sensor_a"], cubic(np.maximum(time, 1.0)), rtol=1e-12)
+        np.testing.assert_allclose(data["sensor_b"], 3.0 * cubic(time), rtol=1e-12)
+    shared = coarse[1:3] + 1e-3  # half a second in common with b, more than its step
+    data = dataset([channel("a", A[:3], points=np.r_[coarse[:2], 2.0]),
+                    channel("b", B, points=shared[0] - 0.3 + 0.1 * np.arange(8))])  # fmt: skip
+    assert data.sizes["time"] == 8
+
+
+def test_scans_are_sorted_and_of_one_lamina() -> None:
+    data = dataset([
+        channel("c", A, "mm/s", position=0.3, lamina="low"),
+        channel("a", B, "mm/s", position=0.1, lamina="up"),
+        channel("b", A + B, "mm/s", position=0.2, lamina="low"),
+        channel("d", A, "mm", position=0.05, lamina="low"), channel("e", A, "mm/s"),
+        channel("h", A, "m/s", "frequency", position=0.4, kind="response"),
+    ])  # fmt: skip
+    field = scan(data, "velocity")
+    assert field.name == "velocity" and field.attrs == {"units": "m/s", "long_name": "velocity"}
+    assert field["channel"].to_numpy().tolist() == ["a", "b", "c"]
+    assert field["lamina"].to_numpy().tolist() == ["up", "low", "low"]
+    assert field["position"].to_numpy().tolist() == [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(field, 1e-3 * np.array([B, A + B, A]).T)
+    low = scan(data, "velocity", "low")
+    np.testing.assert_array_equal(low, field[:, 1:])
+    assert refusal(lambda: scan(data, "displacement", "up")) == (
+        "measurement: expected channels of displacement with a position on the lamina 'up', found "
+        "none; --channel NAME=SOURCE:UNIT@POSITION/LAMINA gives one"
+    )
+    assert "position, found none" in refusal(lambda: scan(data, "strain"))
+
+
+def test_assigned_channels() -> None:
+    assert assigned(None) == {} and assigned({"a": "b"}) == {"a": "b"}
+    assert assigned([" a = col2:mm", "b=c=d"]) == {"a": "col2:mm", "b": "c=d"}
+    for text in ("a", "a=", "=b", " =b", "a= "):
+        told = f"--channel: expected NAME=SOURCE, given {text!r}"
+        assert refusal(lambda text=text: assigned([text])) == told
+    told = "--channel: expected different names, given 'a' twice"
+    assert refusal(lambda: assigned(["a=b", " a =c"])) == told
+
+
+def test_measurements_come_back_from_their_files(tmp_path: Path) -> None:
+    """Whatever the suffix; with assignments they are files like others."""
+    data = dataset([channel("a", A), channel("h", A + 1j * B, "mm/N", "frequency")])
+    for suffix in (".nc", ".nc4"):
+        path = write_measured(data, tmp_path / f"m{suffix}")
+        xr.testing.assert_identical(read_measured(path), data)
+        assert read_measured(path)["response"].attrs == data["response"].attrs
+    again = read_measured(path, channels={"b": "sensor_a:m"})
+    np.testing.assert_allclose(again["sensor_b"], data["sensor_a"])
+    plain = dataset([channel("a", A)])
+    assert write_all(plain, tmp_path / "out") == [tmp_path / "out" / "measured.nc"]
+    assert (tmp_path / "out" / "measured.nc").is_file()
+
+
+def test_each_gap_has_a_table_of_its_own(tmp_path: Path) -> None:
+    data = dataset([channel("gap a/b", A[:2], axis="x"), channel("gap c", B[:2], axis="x")])
+    names = ["measured.nc", "gap-gap a_b.csv", "gap-gap c.csv"]
+    assert [path.name for path in write_all(data, tmp_path)] == names
+    text = (tmp_path / names[2]).read_text(encoding="utf-8")
+    assert text == f"x [m],gap [m]\n0.5,0.0\n0.75,{float(data['gap0'][1, 1])!r}\n"

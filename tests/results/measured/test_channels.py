@@ -1,0 +1,244 @@
+"""Columns of files as channels in SI: axes, units, places, and the parts of responses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import golden
+import numpy as np
+import pytest
+
+from delam_fem.results.measured.channels import (
+    QUANTITIES,
+    Channel,
+    Column,
+    Sheet,
+    assignment,
+    axis_of,
+    channels_of,
+    heading,
+    joined,
+    length_of,
+    matrix_columns,
+    of_quantity,
+    unit_of,
+)
+from delam_fem.system.errors import CaseError
+
+N = 8
+TIME = 0.5 + 0.25 * np.arange(N)
+ONE, TWO = 2.0 + np.sin(TIME), -1.0 + np.cos(3.0 * TIME)
+
+
+def of_channels(channels: list[Channel]) -> str:
+    """Return everything that channels hold, two lines for each."""
+    return "\n".join(
+        f"{own.name!r} {own.kind} over {own.axis} at {own.position} {own.lamina!r}, unit "
+        f"{own.unit!r} {own.quantity!r}, {own.si.factor:.8g} {own.si.units} {own.si.quantity!r} "
+        f"({own.source})\n  {golden.values_of(own.points)}: {golden.values_of(own.values)}"
+        for own in channels
+    )
+
+
+def message(call: Callable[[], object]) -> str:
+    """Return the message of a refusal."""
+    with pytest.raises(CaseError) as error:
+        call()
+    return str(error.value)
+
+
+UNITS = (
+    "m", "mm", "um", "µm", "in", "mm/s", "m/s", "m/s2", "m/s²", "m/s^2", "g", "G", "gn", "N", "kN",
+    "N s", "N m", "um/m", "µm/m", "1", "", "%", "ms", "Hz", "mV", "V", "m/N", "um/N", "(mm)/(N)",
+    "m/s/N", "m/s2/N", "g_0/N", "kg", "Pa", "MPa", "degree", "deg", "[mm]", "m2", "1/m", "mm3",
+    "s-2", "rad/s", "V/N",
+)  # fmt: skip
+
+
+def test_units_are_the_stored_ones(stored: Callable[..., None]) -> None:
+    told = []
+    for text in UNITS:
+        own = unit_of(text, "a")
+        told.append(f"{text!r}: {own.factor:.8g} {own.units!r} {own.quantity!r}")
+    stored("\n".join(told))
+    for quantity, (units, _) in QUANTITIES.items():
+        same = of_quantity(quantity)
+        assert (same.factor, same.units, same.quantity) == (1.0, units, quantity)
+        if units not in ("Hz",):  # pint counts in turns
+            own = unit_of(units, "a")
+            assert (own.factor, own.quantity) == (1.0, quantity)
+
+
+def test_units_that_are_none_are_refused() -> None:
+    start = "label: expected a unit such as mm, m/s, m/s2, g, N or um/m, given "
+    assert message(lambda: unit_of("mmm", "label")) == f"{start}'mmm'"
+    for text in ("m**", "mm (10 % and more"):
+        given = message(lambda text=text: unit_of(text, "label")).removeprefix(start)
+        assert given.startswith(f"{text!r} (") and len(given) <= len(repr(text)) + 80
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("thick [mm]", ("thick", "mm")), ("thick (mm)", ("thick", "mm")), ("a", ("a", None)),
+        ('"a b [ m/s ]"', ("a b", "m/s")), ("a []", ("a", "")), (" a()", ("a", "")),
+        ("a [m] b", ("a [m] b", None)), ("a(b) [m]", ("a(b)", "m")),
+    ],
+)  # fmt: skip
+def test_headings(text: str, found: tuple[str, str | None]) -> None:
+    assert heading(text) == found
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "axis"),
+    [
+        ("t", None, "time"), (" Zeit ", None, "time"), ("f", None, "frequency"),
+        ("X", None, "x"), ("pos", None, "x"), ("a", None, ""), ("a", "s", "time"),
+        ("a", "min", "time"), ("a", "µs", "time"), ("freq. axis", "Hz", "frequency"),
+        ("freq. axis", "kHz", "frequency"), ("freq. axis", "mm", ""), ("a", "Hz", ""),
+    ],
+)  # fmt: skip
+def test_axes(name: str, unit: str | None, axis: str) -> None:
+    assert axis_of(name, unit) == axis
+
+
+def test_rows_of_a_matrix_are_numbered_from_one() -> None:
+    table = np.array([ONE, TWO, ONE * TWO])
+    assert [own.name for own in matrix_columns("a", ONE)] == ["a"]
+    assert [own.name for own in matrix_columns("a", table)] == ["a_1", "a_2", "a_3"]
+    named = matrix_columns("a", table[:2], ["p", "q"], "mm")
+    assert [(own.name, own.unit) for own in named] == [("p", "mm"), ("q", "mm")]
+    np.testing.assert_array_equal(named[1].values, TWO)
+    with pytest.raises(ValueError, match="zip"):
+        matrix_columns("a", table, ["p", "q"])
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("a", ("a", {})), (" col2 ", ("col2", {})), ("a:mm", ("a", {"unit": "mm"})),
+        ("a:", ("a", {"unit": ""})), ("a:m/s@120 mm/upper part",
+         ("a", {"unit": "m/s", "position": 0.12, "lamina": "upper part"})),
+        ("a@-1.5e-1", ("a", {"position": -0.15})), ("a b@2in", ("a b", {"position": 0.0508})),
+    ],
+)  # fmt: skip
+def test_assignments(text: str, found: tuple[str, dict[str, object]]) -> None:
+    source, says = assignment(text, "label")
+    assert source == found[0]
+    assert says == pytest.approx(found[1]) if "lamina" not in says else says == found[1]
+
+
+def test_places_that_are_none_are_refused() -> None:
+    assert message(lambda: assignment("", "--channel a")) == (
+        "--channel a: expected SOURCE, SOURCE:UNIT or SOURCE:UNIT@POSITION/LAMINA, given ''"
+    )
+    assert message(lambda: length_of("here", "label")) == (
+        "label: expected a position such as 0.12 or 120mm, given 'here'"
+    )
+    assert message(lambda: length_of("3 s", "label")) == (
+        "label: expected a position in a unit of length, given '3 s'"
+    )
+    assert length_of("-.5", "label") == -0.5 and length_of("2.5e1cm", "label") == 0.25
+
+
+def sheet(*columns: Column, label: str = "file", **about: object) -> Sheet:
+    return Sheet(label, columns, **about)  # type: ignore[arg-type]
+
+
+def test_channels_are_the_stored_ones(stored: Callable[..., None]) -> None:
+    t, ms = Column("t", TIME, None), Column("Time", TIME, "ms")
+    f, x = Column("f", 10.0 * TIME, "kHz"), Column("x", TIME, None)
+    cases: dict[str, tuple[list[Sheet], dict[str, str], str | None, float | None]] = {
+        "times first": ([sheet(t, Column("a", ONE, "mm"), Column("b", TWO))], {}, "m/s", None),
+        "times last": ([sheet(Column("a", ONE, "g"), ms)], {}, None, None),
+        "no times, the first column": ([sheet(Column("p", TIME, "s"), Column("q", ONE, "N"))], {},
+                                       None, None),
+        "first column without a name": ([sheet(Column("col1", TIME, None),
+                                               Column("col2", ONE, None))], {}, "um", None),
+        "a rate": ([sheet(Column("a", ONE, "mm"), Column("b", TWO, "mm"))], {}, None, 4.0),
+        "a rate in the file": ([sheet(Column("a", ONE, "mm"), rate=8.0)], {}, None, None),
+        "a rate for another": ([sheet(Column("a", ONE, "mm"), rate=8.0)], {}, None, 2.0),
+        "places in names": ([sheet(t, Column("v@0.12/upper", ONE, "m/s"),
+                                   Column("w @ 30mm", TWO, "m/s"), Column("z@-.5/p q", ONE, "m"),
+                                   Column("u@0.2", TWO, "m", position=0.4, lamina="low"))],
+                            {}, None, None),
+        "assigned": ([sheet(t, Column("a", ONE, "mm"), Column("B", TWO, None))],
+                     {"tip": "a:um@0.5/upper", "other": "b:N", "none": "col2"}, None, None),
+        "by its set": ([sheet(t, Column("a", ONE, "mm"), alias="set3"),
+                        sheet(t, Column("a", TWO, "mm"), alias="set5")],
+                       {"third": "set3", "fifth": "set5:m"}, None, None),
+        "over x": ([sheet(x, Column("gap", ONE, None))], {}, "cm", None),
+        "over f": ([sheet(f, Column("h", ONE + 1j * TWO, "mm/N"))], {}, None, None),
+        "SI by words": ([sheet(t, *(Column(f"The {word} there", ONE, "SI") for word in (
+            "velocity", "ACCELERATION", "force", "strain", "rest")),
+            Column("velocity", TWO, "SI", "strain"))], {}, None, None),
+        "SI over f": ([sheet(f, Column("h", ONE, "SI"), Column("k", ONE, None))], {}, "SI", None),
+        "SI over x": ([sheet(Column("x", TIME, "SI"), Column("k", ONE, None))], {}, "SI",
+                      None),
+    }  # fmt: skip
+    told = []
+    for name, (sheets, given, units, rate) in cases.items():
+        says = {key: assignment(text, key) for key, text in given.items()}
+        told += [f"# {name}", of_channels(channels_of(sheets, says, units, rate))]
+    stored("\n".join(told))
+
+
+def test_messages_of_channels_are_exact() -> None:
+    t, a = Column("t", TIME, "s"), Column("a", ONE, "mm")
+    falling = TIME.copy()
+    falling[3] = falling[2]
+    refused = {
+        "file, column 't': expected the time to increase, given 1 after 1; without times, --rate "
+        "gives the samples per second": (sheet(Column("t", falling, "s"), a),),
+        "file, column 'x': expected the x to increase, given 1 after 1": (
+            sheet(Column("x", falling, "m"), a),),
+        "file, column 'f': expected the frequency to increase, given 1.25 after 1.5": (
+            sheet(Column("f", TIME[[0, 1, 2, 4, 3]], "Hz"), Column("a", ONE[:5], "mm")),),
+        "file: expected a column beside the time, given none": (sheet(t),),
+        "file, column 'b': no unit; expected one in the heading, as in 'b [mm]', or an option such "
+        "as --units mm": (sheet(t, Column("b", ONE, None)),),
+        "file, column 'b': expected finite numbers, given none at sample 3": (
+            sheet(t, Column("b", np.where(np.arange(N) >= 2, np.nan, ONE), "mm")),),
+    }  # fmt: skip
+    for told, sheets in refused.items():
+        assert message(lambda sheets=sheets: channels_of(sheets, {}, None, None)) == told
+    two = [sheet(t, a), sheet(t, Column("b", TWO, "mm"))]
+    assert message(lambda: channels_of(two, {"q": ("c", {}), "p": ("d", {})}, None, None)) == (
+        "--channel p: there is no column 'd'; the files have t, a, t, b"
+    )
+    assert message(lambda: channels_of(two, {"q": ("col2", {})}, None, None)) == (
+        "--channel q: col2 is not clear with several tables; use the names of the columns, or "
+        "measure the files one by one"
+    )
+    many = sheet(t, *(Column(f"name_{k:02d}", ONE, "mm") for k in range(60)))
+    told = message(lambda: channels_of([many], {"q": ("col62", {})}, None, None))
+    names = ", ".join(["t", *(f"name_{k:02d}" for k in range(60))])[:300]
+    assert told == f"--channel q: there is no column 'col62'; the files have {names}"
+    found = channels_of([many], {"q": ("col61", {})}, None, None)
+    assert [own.name for own in found[-2:]] == ["name_58", "q"]
+    twins = sheet(t, Column("A", ONE, "mm"), Column("a", TWO, "mm"))
+    for given, values in (("A", ONE), ("a", TWO)):
+        own = channels_of([twins], {"q": (given, {})}, None, None)
+        [q] = [channel for channel in own if channel.name == "q"]
+        np.testing.assert_array_equal(q.values, 1e-3 * values)
+    both = sheet(t, Column("Ab", ONE, "mm"), Column("aB", TWO, "mm"))
+    assert "no column 'AB'" in message(lambda: channels_of([both], {"q": ("AB", {})}, None, None))
+    assert "no column 'col0'" in message(
+        lambda: channels_of([both], {"q": ("col0", {})}, None, None)
+    )
+
+
+def test_parts_are_joined_to_the_stored_responses(stored: Callable[..., None]) -> None:
+    f = Column("f", TIME, "Hz")
+    columns = [
+        Column("p real", ONE, "mm/N"), Column("p_imag", TWO, "mm/N"),
+        Column("p-Coherence", ONE, "1"), Column("q Re", ONE, "m/N"), Column("q im", TWO, "m/N"),
+        Column("q mag", TWO, "m/N"),
+        Column("r amplitude", ONE, "m/N"), Column("r phase", 60.0 * TWO, "deg"),
+        Column("s Magnitude", ONE, "m/N"), Column("s.coh", TWO, "1"),
+        Column("u imaginary", TWO, "m/N"), Column("w", ONE + 2j * TWO, "m/N"), Column("w phase",
+        TWO, "1"), Column("z", TWO, "1", kind="coherence"),
+    ]  # fmt: skip
+    over_time = sheet(Column("t", TIME, "s"), Column("a real", ONE, "mm"))
+    found = channels_of([sheet(f, *columns), over_time], {}, None, None)
+    stored(of_channels(joined(found)))
