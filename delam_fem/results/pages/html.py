@@ -12,13 +12,11 @@ import base64
 import json
 import re
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from html import escape
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -320,9 +318,6 @@ def _attribute(name: str, value: str) -> str:
 Report: TypeAlias = Callable[[int, int], None]
 """Function of the numbers of finished and of all periods, points or runs."""
 
-LEAST_SECONDS = 0.1
-"""Least time between two pictures of a bar [s]."""
-
 
 @contextmanager
 def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | None]:
@@ -337,7 +332,17 @@ def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | No
     elif not progress:
         yield None
     elif (shell := sys.modules.get("IPython")) and getattr(shell.get_ipython(), "kernel", None):
-        yield NotebookBar(unit)
+        from tqdm import tqdm
+
+        with tqdm(unit=f" {unit}s", file=sys.stdout) as bar:
+
+            def tell(done: int, total: int) -> None:
+                if bar.total is None:  # what is resumed does not start at 0
+                    bar.initial = bar.n = done
+                bar.total = total
+                bar.update(done - bar.n)
+
+            yield tell
     else:
         from rich.console import Console
         from rich.progress import Progress
@@ -345,43 +350,3 @@ def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | No
         with Progress(console=Console(stderr=True)) as bar:
             task = bar.add_task(f"{unit}s", total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-class NotebookBar:
-    """A bar of progress in the output of a notebook's cell, without widgets.
-
-    Attributes:
-        unit: name of what is counted.
-    """
-
-    def __init__(self, unit: str) -> None:
-        """Prepare a bar that is not shown yet."""
-        self.unit = unit
-        self._start: tuple[float, int] | None = None
-        self._shown = 0.0
-        self._handle: Any = None
-
-    def __call__(self, done: int, total: int) -> None:
-        """Show the numbers of finished and of all units, not too often."""
-        notebook = import_module("IPython.display")  # of the kernel that runs this
-        now = time.monotonic()
-        if self._start is None:
-            self._start = now, done
-        if done < total and self._handle is not None and now - self._shown < LEAST_SECONDS:
-            return
-        self._shown = now
-        picture = notebook.HTML(self._html(done, total, now))
-        if self._handle is None:
-            self._handle = notebook.display(picture, display_id=True)
-        else:
-            self._handle.update(picture)
-
-    def _html(self, done: int, total: int, now: float) -> str:
-        """Return the bar, and the time that is left once that is known [s]."""
-        begin, first = self._start or (now, done)
-        new = done - first
-        left = f", {(total - done) * (now - begin) / new:.0f} s left" if new and now > begin else ""
-        return (
-            f'<progress value="{done}" max="{total}"></progress> {self.unit} {done} of {total}'
-            f"{left if done < total else ''}"
-        )
