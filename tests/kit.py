@@ -14,7 +14,7 @@ from covertable import make
 from typer.testing import CliRunner, Result
 
 from delam_fem.cli.app import app
-from delam_fem.system.kernels import _Outermost
+from delam_fem.system.caches import _Outermost
 
 SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
 """Overrides that make a preset quick."""

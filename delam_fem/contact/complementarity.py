@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit
 
 TOLERANCE = 1e-13
 """A residual below this number times the largest |q| is round-off (for a few dozen pairs)."""

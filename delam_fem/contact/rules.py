@@ -36,7 +36,7 @@ from delam_fem.contact.laws import (
     LawNumbers,
     Setting,
 )
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit
 
 CLOSED = 1e-4
 """A gap below this fraction of Δt times the largest gap rate is closed, if pairs touch at rest.

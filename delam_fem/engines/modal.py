@@ -53,7 +53,7 @@ from delam_fem.simulation.recorder import (
     Recorder,
 )
 from delam_fem.simulation.refinement import SAFETY
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit
 
 DRIVE_WORK, MODAL_LOSS, CREEP_LOSS, CONTACT_LOSS = range(4)
 """Indices into `Memory.totals`."""

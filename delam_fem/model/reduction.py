@@ -24,13 +24,12 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
 from delam_fem.contact.laws import combination
+from delam_fem.model.attached import StrainRows, striking_rows, with_start
 from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
 from delam_fem.model.discretise import assemble, require_bending, require_mass
 from delam_fem.model.layout import Interface, Layout, Reading, Structure
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.sensors import StrainRows
-from delam_fem.model.stops import striking_rows, with_start
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
 from delam_fem.system.files import read_arrays, write_arrays

@@ -41,7 +41,7 @@ from delam_fem.contact.laws import Decision
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.types import BoolArray, ByteArray, FloatArray, IntArray
 from delam_fem.simulation.refinement import Span
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit
 
 
 class Energies(NamedTuple):

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from delam_fem.numerics.types import IntArray
+from delam_fem.system.caches import kept, njit
 from delam_fem.system.errors import require, require_number
-from delam_fem.system.kernels import kept, njit
 
 SAFETY = 2.0
 """Safety s of F1; tests/verification/test_refinement.py shows what other values do."""

@@ -73,8 +73,8 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
                     "models: expected a model before modes, the one that it reduces, for example "
                     "plane-stress,modes"
                 )
+            from delam_fem.model.attached import struck
             from delam_fem.model.reduction import reduced_case
-            from delam_fem.model.stops import struck
 
             whole = found[-1]
             reduction = reduced_case(whole.case, modes, full=whole.structure)

@@ -1,1 +1,1 @@
-"""What the package asks of the machine: files, caches, kernels, MPI, guarded imports."""
+"""What the package asks of the machine: files, compiled code, MPI, guarded imports."""

@@ -12,7 +12,7 @@ import numpy as np
 from trials.schemes import BOUNDED, CLOSED, END, MOREAU
 
 from delam_fem.contact.complementarity import SOLVED, solve_into
-from delam_fem.system.kernels import njit
+from delam_fem.system.caches import njit
 
 
 @njit

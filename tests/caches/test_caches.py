@@ -16,12 +16,11 @@ from numba.core.codegen import JITCodeLibrary
 from project import ROOT
 
 from delam_fem.system import caches
-from delam_fem.system.caches import opened, sealed
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit, opened, sealed
 
 KERNEL = """
 import logging, sys
-from delam_fem.system.kernels import kept
+from delam_fem.system.caches import kept
 
 logging.basicConfig(level=logging.DEBUG if "-v" in sys.argv else logging.WARNING)
 logging.getLogger("numba").setLevel(logging.WARNING)
@@ -320,7 +319,7 @@ def test_only_the_outermost_function_becomes_machine_code(
 
 NAMESAKES = """
 import sys
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit
 
 
 def times(factor):

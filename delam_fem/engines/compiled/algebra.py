@@ -19,7 +19,7 @@ from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.lanes import R, Z, fma, lane, load, splat, store
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit
 
 
 class Rows(NamedTuple):

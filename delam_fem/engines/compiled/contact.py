@@ -38,7 +38,7 @@ from delam_fem.engines.compiled.state import (
     RELEASED,
     SLOT,
 )
-from delam_fem.system.kernels import njit
+from delam_fem.system.caches import njit
 
 RELATIVE_RESIDUAL = 1e-14
 """Relative residual of the conjugate gradients for spring forces; the energy ledger must close."""

@@ -53,7 +53,7 @@ from numba.extending import intrinsic, models, overload, register_model
 
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.kernels import njit
+from delam_fem.system.caches import njit
 
 WIDTH = 4
 """Number of doubles in a vector."""

@@ -52,7 +52,7 @@ from delam_fem.engines.compiled.lanes import (
 from delam_fem.engines.compiled.state import IS_SEEN
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.kernels import njit
+from delam_fem.system.caches import njit
 
 WHOLE = 1e-12
 """Largest difference of the sum of the weights of both ends from 1."""

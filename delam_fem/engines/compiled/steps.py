@@ -35,7 +35,7 @@ from delam_fem.engines.compiled.state import (
 from delam_fem.engines.compiled.system import Problem
 from delam_fem.simulation.recorder import N_BASE, add_flows, write_period
 from delam_fem.simulation.refinement import SAFETY, base_within
-from delam_fem.system.kernels import kept, njit
+from delam_fem.system.caches import kept, njit
 
 OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
 """Contact states of a pair in a frame; see simulation/recorder.py."""

@@ -53,6 +53,7 @@ from delam_fem.case.sections import (
     PointMass,
     open_ends,
 )
+from delam_fem.model.attached import StrainRows, struck, with_sensors
 from delam_fem.model.layout import (
     BASE,
     CURVATURE,
@@ -77,8 +78,6 @@ from delam_fem.model.layout import (
 )
 from delam_fem.model.linear import elastic, kept_closed
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.sensors import StrainRows, with_sensors
-from delam_fem.model.stops import struck
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError

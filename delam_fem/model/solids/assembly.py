@@ -18,6 +18,7 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.model import operators as distributed
+from delam_fem.model.attached import StrainRows
 from delam_fem.model.beams import closed_form, network
 from delam_fem.model.beams.network import completed, layout_of, parts_of
 from delam_fem.model.layout import (
@@ -33,7 +34,6 @@ from delam_fem.model.layout import (
 )
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
-from delam_fem.model.sensors import StrainRows
 from delam_fem.model.solids import facing
 from delam_fem.model.solids.body import (
     Body,
