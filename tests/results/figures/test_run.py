@@ -1,5 +1,7 @@
+from collections.abc import Callable
 from pathlib import Path
 
+import golden
 import numpy as np
 import pytest
 import stack
@@ -12,7 +14,7 @@ from matplotlib.text import Text
 from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
-from delam_fem import Case
+from delam_fem import Case, preset
 from delam_fem.results.fields.derived import scalars_of
 from delam_fem.results.figures import run as contact_figures
 from delam_fem.results.figures import run as figures
@@ -25,6 +27,7 @@ from delam_fem.results.figures.style import (
     lamina_colours,
     styled,
 )
+from delam_fem.results.schema import add
 
 EVERY_LAMINA = ("tip_histories", "phase_portraits", "spectra")
 
@@ -315,3 +318,117 @@ def test_the_layout_is_found_once_and_is_that_of_the_figure(
     assert len(layouts) == 1
     difference = np.abs(pixels(tmp_path / f"{name}.png") - pixels(tmp_path / "itself.png"))
     assert difference.mean() < 1e-3
+
+
+def forced(history: xr.Dataset) -> xr.Dataset:
+    """Return a history of a force at a point, with contact dampers and without inner energies."""
+    n = history.sizes["period"]
+    add(history, force=2.0 + np.cos(history["time"].to_numpy()))
+    add(history, energy_force_work=np.linspace(0.001, 0.004, n))
+    add(history, energy_contact_damping_loss=np.linspace(0.0005, 0.002, n))
+    add(history, energy_spring=np.zeros(n))
+    return history
+
+
+def with_stops(history: xr.Dataset) -> xr.Dataset:
+    """Return a history of a lamina on two stops and one impactor, of which some are struck."""
+    frames, last = history.sizes["frame"], float(history["time"][-1])
+    add(history, stop_lamina=[1, 1, 1, 2], stop_node=[2, 3, 5, 4], stop_number=[1, 2, 3, 1])
+    state = np.zeros((frames, 4), dtype=np.int8)
+    state[-5:, 1], state[-3:, 3], state[-9:, 0] = 2, 2, 1
+    add(history, stop_state=state, stop_heat=[0.0, 2e-3, 1e-3, 4e-3])
+    n = history.sizes["event"]
+    add(history, event_stop=np.resize([-1, 0, 1, 2, 3], n))
+    add(history, event_interface=np.where(history["event_stop"] < 0, 1, -1))
+    history["event_time"].to_numpy()[:] = np.linspace(0.8, 0.999, n) * last
+    return history
+
+
+def drawn(history: xr.Dataset, case: Case, names: tuple[str, ...]) -> str:
+    """Return the descriptions of some figures."""
+    found = figures.figures_of(history)
+    with styled():
+        return "\n\n".join(golden.describe(found[name](history, case)) for name in names)
+
+
+def test_a_force_and_dampers_are_drawn_as_stored(stored: Callable[..., None]) -> None:
+    case = small_case()
+    history = forced(synthetic_history(case))
+    history["gap0"] = 1e-4 * history["gap0"]  # small gaps have finer shades
+    history["displacement"] = 1e-4 * history["displacement"]
+    add(history, heat=np.array([0.0, 1e-3, 0.0, 3e-3, 2e-3, 1e-3]))
+    stored(drawn(history, case, ("tip_histories", "contact_line", "energy_ledger")))
+
+
+@pytest.mark.parametrize("size", [3.0, 0.03, 0.0299])
+def test_shades_of_gaps_become_finer_by_powers_of_ten(size: float) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    history["displacement"] = 0.0 * history["displacement"]
+    history["gap0"] = 1e-3 * size * history["gap0"] / float(history["gap0"].max())
+    image = draw("contact_line", history, case).axes[0].collections[0]
+    factor = {3.0: 1.0, 0.03: 0.01, 0.0299: 0.001}[size]
+    np.testing.assert_allclose(image.norm.boundaries, factor * contact_figures.GAP_LEVELS)
+
+
+def test_stops_and_impactors_are_drawn_as_stored(stored: Callable[..., None]) -> None:
+    recorded = three_laminae()
+    history = with_stops(recorded.history())
+    case = recorded.case.model_copy(update={"stop": (None, None)})
+    alone = with_stops(recorded.history()).isel(lamina=[1], interface=slice(0, 0))
+    alone["stop_lamina"] = 0 * alone["stop_lamina"]
+    stored(drawn(history, case, ("contact_line",)))
+    stored(drawn(alone, case, ("contact_line", "tip_histories")), "-alone")
+
+
+def test_bonded_parts_are_hatched_as_stored(stored: Callable[..., None]) -> None:
+    """Two delaminations of one interface; the laminae are bonded at neither end or at one."""
+    case = small_case()
+    history, embedded = synthetic_history(case), preset("embedded").delamination[0]
+    names = tuple(str(name) for name in history["lamina"].to_numpy())
+    ends = {"two": ((0.3, 0.45), (0.0, 0.12)), "one": ((0.2, 0.685),), "other": ((0.1, 0.2),)}
+    told = []
+    for kind, own in ends.items():
+        between = names if kind != "other" else ("a", "b")
+        found = tuple(
+            embedded.model_copy(update={"between": between, "start": a, "end": b}) for a, b in own
+        )
+        bonded = case.model_copy(update={"gap": None, "delamination": found})
+        told.append(drawn(history, bonded, ("contact_line",)))
+    stored("\n\n".join(told))
+
+
+@pytest.mark.parametrize("kind", ["base", "still", "force", "sweep"])
+def test_runs_of_operators_are_drawn_as_stored(kind: str, stored: Callable[..., None]) -> None:
+    case = small_case(**SWEEP) if kind == "sweep" else small_case()
+    history = synthetic_history(case).drop_vars(["tip_node", "gap0", "x"])
+    if kind in ("still", "force"):
+        history["base_displacement"] = 0.0 * history["base_displacement"]
+    if kind == "force":
+        history = forced(history)
+    if kind == "base":  # the first step that is shown belongs to the figure, those before do not
+        shown = history["time"][-HISTORY_PERIODS * STEPS :]
+        history["event_time"].to_numpy()[:3] = float(shown[0]) * np.array([1.0, 1.0 - 1e-9, 1.01])
+    if kind == "still":
+        history = history.isel(event=slice(0, 0))
+    stored(drawn(history, case, ("probe_histories", "phase_portraits", "energy_ledger")))
+
+
+def test_figures_of_a_run_are_those_that_it_has() -> None:
+    history = synthetic_history(small_case())
+    assert list(figures.figures_of(history)) == list(figures.FIGURES)
+    single = history.isel(lamina=[0])
+    assert list(figures.figures_of(single)) == [k for k in figures.FIGURES if k != "contact_line"]
+    add(single, stop_number=[1])
+    assert list(figures.figures_of(single)) == list(figures.FIGURES)
+    operators = history.drop_vars("tip_node")
+    assert list(figures.figures_of(operators)) == list(figures.OF_PROBES)
+    nothing = operators.isel(lamina=slice(0, 0))
+    assert list(figures.figures_of(nothing)) == ["energy_ledger"]
+    plots = figures.Plots(history, small_case())
+    assert dir(plots) == sorted(figures.FIGURES)
+    with pytest.raises(AttributeError) as error:
+        plots.nothing  # noqa: B018
+    assert str(error.value) == f"no figure 'nothing'; there are {', '.join(figures.FIGURES)}"
+    with pytest.raises(AttributeError, match=r"no figure '_x'; there are $"):
+        plots._x  # noqa: B018
