@@ -152,6 +152,22 @@ def test_a_netcdf_file_without_an_axis_or_of_rubbish_is_refused(tmp_path: Path) 
     assert told.startswith(start) and len(told) <= len(start) + 81 and "\n" not in told
 
 
+def test_of_the_reasons_of_libraries_a_line_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError(reason + "\nand more")
+
+    (path := tmp_path / "a.mat").write_bytes(b"anything")
+    monkeypatch.setattr(xr, "load_dataset", fail)
+    monkeypatch.setattr("scipy.io.loadmat", fail)
+    for reason in ("in short", 12 * "a word "):
+        for read, kind in ((load_netcdf, "NetCDF"), (read_matlab, "MATLAB")):
+            with pytest.raises(CaseError) as error:
+                read(path)  # type: ignore[operator]
+            assert str(error.value) == f"{path}: damaged, or no {kind} file ({reason[:80]})"
+
+
 # ---- MATLAB
 
 
@@ -291,8 +307,8 @@ def test_binary_sets_of_any_width_and_order(
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("stray", [b"\n", b"\r\n", b"\n\n"])
 def test_stray_line_ends_are_counted_and_left_out(tmp_path: Path, order: str, stray: bytes) -> None:
-    """The values begin and end with a byte that may be a line end; the other side is wrong."""
-    path, values = tmp_path / "m.uff", ONE.copy()
+    """The values begin or end with a byte that may be a line end; the other side is wrong."""
+    path, values = tmp_path / "m.uff", 2.0 ** np.arange(N)  # most bytes are 0: the order tells
     low = b"\n\x00\x00\x00\x00\x00\xf0?"  # least byte first: begins like a line end
     values[0] = np.frombuffer(low, "<f8")[0]
     values[-1] = np.frombuffer(b"?\xf0\x00\x00\x00\x00\x00\n", ">f8")[0]
@@ -302,6 +318,14 @@ def test_stray_line_ends_are_counted_and_left_out(tmp_path: Path, order: str, st
         [sheet] = read_universal(path)
         assert sheet.notes == (f"{len(stray)} stray bytes about its binary data left out",)
         np.testing.assert_array_equal(sheet.columns[1].values, values)
+
+
+def test_a_binary_set_without_values_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.uff"
+    path.write_bytes(b"".join(binary(np.zeros(0), kind=4)) + b"    -1\n")
+    with pytest.raises(CaseError) as error:
+        read_universal(path)
+    assert str(error.value) == f"{path}: set 1 has 0 of 0 values; the file is cut off"
 
 
 def test_stray_bytes_about_single_precision(tmp_path: Path) -> None:

@@ -1,9 +1,25 @@
 """The course of a run, with which a record is aligned."""
 
+from collections.abc import Callable
+
+import golden
 import numpy as np
 import pytest
+import xarray as xr
+from scipy.interpolate import CubicSpline
+from scipy.stats import linregress
 
-from delam_fem.results.overlay.alignment import Course, aligned
+from delam_fem.results.overlay.alignment import (
+    MOST_SAMPLES,
+    Alignment,
+    Course,
+    aligned,
+    best_start,
+    correlation,
+    gains,
+    matched,
+)
+from delam_fem.system.errors import CaseError
 
 N, CYCLES, PERIOD = 200, 6, 0.5
 
@@ -43,3 +59,186 @@ def test_phases_that_drift_enlarge_the_errors_of_start_and_clock() -> None:
 def test_a_motion_at_rest_has_no_delays() -> None:
     time = PERIOD / N * np.arange(1, CYCLES * N + 1)
     assert Course.of(time, np.zeros((1, time.size)), PERIOD).scatter(1) == 0.0
+
+
+# ---- courses
+
+
+def chirp(time: np.ndarray) -> np.ndarray:
+    """Return two channels that do not repeat, of different sizes and means."""
+    phase = 2.0 * np.pi * (3.0 * time + time**2)
+    return np.array([np.sin(phase) + 4.0, 0.02 * np.cos(0.7 * phase) - 0.01 * time])
+
+
+def test_a_course_that_does_not_repeat_is_known_in_its_window_alone() -> None:
+    time = 5.0 + np.arange(101) / 100.0
+    course, spline = Course.of(time, chirp(time), None), CubicSpline(time, chirp(time), axis=1)
+    assert (course.start, course.end, course.period) == (5.0, 6.0, None)
+    at = np.array([4.999, 5.0, 5.123, 5.5, 6.0, 6.001])
+    for derivative in (0, 1, 2):
+        found = course.at(at, derivative)
+        assert np.isnan(found[:, [0, 5]]).all()
+        wanted = spline(at[1:5], derivative)
+        np.testing.assert_allclose(found[:, 1:5], wanted, rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(course.only([1]).at(at, derivative), found[1:])
+    np.testing.assert_array_equal(course.at(at), course.at(at, 0))
+    assert course.scatter(0) == course.scatter(1) == 0.0
+
+
+def test_the_last_whole_cycles_are_averaged() -> None:
+    """Seventy steps before them do not count; the last step ends a cycle."""
+    time = 8.0 + PERIOD / N * np.arange(1, 3 * N + 71)
+    phase = 2.0 * np.pi * (time - time[-1]) / PERIOD
+    gain = np.r_[np.full(70, 99.0), np.repeat([1.0, 3.0, 5.0], N)]
+    course = Course.of(time, (gain * np.cos(phase))[None], PERIOD, 2)
+    assert course.start == pytest.approx(time[-1] - PERIOD, abs=1e-12)
+    assert (course.end, course.period, course.multiple) == (time[-1], PERIOD, 2)
+    assert course.cycles is not None and course.cycles.shape == (1, 3, N)
+    np.testing.assert_allclose(course.cycles[0, 2], 2.0 * np.cos(phase[-N:]), atol=1e-12)
+    at = time[-1] + np.array([0.0, 0.1, 7.3, -2.7]) * PERIOD
+    np.testing.assert_allclose(
+        course.at(at)[0], 3.0 * np.cos(2.0 * np.pi * (at - time[-1]) / PERIOD), atol=1e-6
+    )
+    assert course.scatter(0) == pytest.approx(2.0 / 3.0, rel=1e-9)  # of 1/3, 1 and 5/3
+
+
+def test_instants_at_which_a_record_may_begin() -> None:
+    time = 5.0 + np.arange(101) / 100.0
+    periodic = Course.of(time, chirp(time), 0.5, 3)
+    np.testing.assert_allclose(periodic.starts(time, 4), 5.5 + 0.5 * np.arange(12) / 12)
+    once = Course.of(time, chirp(time), None)
+    for since, step in (
+        (np.arange(0.0, 0.4, 0.03), 0.03),
+        (np.arange(0.0, 0.4, 0.001), 1.399 / 64),
+    ):
+        span = since[-1]  # 70 % of the shorter record may lie outside
+        wanted = np.arange(5.0 - 0.7 * span, 6.0 - span + 0.7 * span, step)
+        np.testing.assert_allclose(once.starts(since, 2), wanted, rtol=1e-12)
+    long = np.arange(0.0, 3.0, 0.05)
+    wanted = np.arange(5.0 - 0.7, 6.0 - long[-1] + 0.7, 3.95 / 64)
+    assert wanted.size == 0
+    np.testing.assert_allclose(once.starts(long, 2), np.arange(5.0, 6.0, 3.95 / 64), rtol=1e-12)
+
+
+def test_gain_and_mean_are_those_of_a_regression() -> None:
+    rng = np.random.default_rng(2)
+    computed = rng.normal(2.0, 3.0, 40)
+    measured = 1.5 * computed - 0.7 + rng.normal(0.0, 0.4, 40)
+    found = linregress(computed, measured)
+    wanted = (found.slope, found.intercept, found.stderr)
+    assert gains(measured, computed) == pytest.approx(wanted, rel=1e-10)
+    computed[[3, 7]] = np.nan
+    kept = np.isfinite(computed)
+    found = linregress(computed[kept], measured[kept])
+    wanted = (found.slope, found.intercept, found.stderr)
+    assert gains(measured, computed) == pytest.approx(wanted, rel=1e-10)
+    gain, mean, error = gains(np.array([1.0, 3.0]), np.array([0.0, 4.0]))
+    assert (gain, mean, error) == (0.5, 1.0, 0.0)
+    gain, mean, _ = gains(np.array([1.0, 3.0]), np.array([4.0, 4.0]))
+    assert (gain, mean) == (0.0, 2.0)
+
+
+def test_correlations_are_summed() -> None:
+    a, b = chirp(np.linspace(0.0, 1.0, 60)), chirp(np.linspace(0.1, 1.1, 60))
+    own = [np.corrcoef(p, q)[0, 1] for p, q in zip(a, b, strict=True)]
+    assert correlation(a, b) == correlation(a, b, 1) == pytest.approx(sum(own), rel=1e-12)
+    assert correlation(a, b, 2) == pytest.approx(own[0] ** 2 + own[1] ** 2, rel=1e-12)
+    still = np.array([a[0], 0.0 * a[1]])
+    assert correlation(still, b) == pytest.approx(own[0], rel=1e-12)
+    for n_known, is_enough in ((9, True), (8, False)):  # 15 % of 60
+        b[1, n_known:] = np.nan
+        assert np.isfinite(correlation(a, b)) == is_enough
+
+
+@pytest.mark.parametrize("n", [MOST_SAMPLES, MOST_SAMPLES + 1, 3 * MOST_SAMPLES])
+def test_of_long_records_some_samples_find_the_best_start(n: int) -> None:
+    time = 5.0 + np.arange(101) / 100.0
+    course = Course.of(time, chirp(time), None)
+    t = 40.0 + 0.4 * np.arange(n) / n
+    trial = Alignment(0.0, 40.0, 1.25)
+    measured = course.at(5.3 + 1.25 * (t - 40.0))
+    starts = np.arange(5.0, 5.5, 0.05)
+    assert best_start(t, measured, course, trial, starts) == pytest.approx(5.3)
+    measured[0] = -measured[0]
+    assert best_start(t, measured, course, trial, starts, power=2) == pytest.approx(5.3)
+    assert best_start(t, -measured, course, trial, starts) != pytest.approx(5.3)
+
+
+def test_alignments_are_the_stored_ones(stored: Callable[..., None]) -> None:
+    """Records of both courses by clocks that are wrong, with noise, from any beginning."""
+    rng, told = np.random.default_rng(5), []
+    window = 5.0 + np.arange(1, 601) / 300.0
+    late = np.repeat([0.003, -0.001, 0.0], 200)
+    doubled = np.array([
+        np.sin(3.0 * np.pi * (window - late)) + 0.4 * np.cos(6.0 * np.pi * (window - late)),
+        0.02 * np.cos(3.0 * np.pi * (window - late)) + 0.3,
+    ])  # fmt: skip
+    for name, course, start, rate in (
+        ("periodic", Course.of(window, doubled, 2.0 / 3.0), 6.5, 1.003),
+        ("without scatter", Course.of(window[-200:], doubled[:, -200:], 2.0 / 3.0), 6.9, 0.98),
+        ("once", Course.of(window, chirp(window - 5.0), None), 5.5, 1.01),
+    ):
+        t = 70.0 + np.arange(450) / 500.0
+        clean = course.at(start + rate * (t - 70.0))
+        noise = np.array([[0.05], [0.001]]) * rng.normal(size=clean.shape)
+        for is_rate_free in (True, False):
+            given = rate + 0.002 if is_rate_free else rate
+            own = aligned(t, clean + noise, course, given, is_rate_free=is_rate_free)
+            told.append(f"{name} {is_rate_free}: {own.start:.6g} {own.first} {own.rate:.6g} "
+                        f"{own.start_error:.3g} {own.rate_error:.3g}")  # fmt: skip
+            np.testing.assert_array_equal(
+                own.on_clock_of_run(t), own.start + own.rate * (t - own.first)
+            )
+        [one] = [aligned(t, (clean + noise)[:1], course.only([0]), rate, is_rate_free=False,
+                         starts=np.array([start - 0.02, start + 0.3]))]  # fmt: skip
+        told.append(f"one channel: {one.start:.6g} {one.rate:.6g} {one.start_error:.3g}")
+        np.testing.assert_allclose(one.start, start, atol=6.0 * one.start_error)
+    stored("\n".join(told))
+
+
+# ---- what a run and a measurement share
+
+
+def run_and_record() -> tuple[xr.Dataset, xr.Dataset]:
+    time = np.arange(6) / 10.0
+    tips = np.array([time, 2.0 * time + 1.0])
+    history = xr.Dataset(
+        {"tip_displacement": (("lamina", "time"), tips), "tip_velocity": (("lamina", "time"),
+         np.where(tips > 1.9, np.inf, tips)), "base_displacement": ("time", -time),
+         "sensor_slow": ("sensor_slow_time", np.arange(4.0) ** 3), "other": ("x", [1.0])},
+        {"time": time, "lamina": ["low", "up"], "sensor_slow_time": np.arange(4) / 5.0},
+    )  # fmt: skip
+    names = {"tip up": ("tip_displacement", "mm", "up"), "tip no": ("tip_displacement", "mm", "no"),
+             "base": ("base_displacement", "m", ""), "v": ("tip_velocity", "m/s", "up"),
+             "slow": ("sensor_slow", "N", ""), "none": ("sensor_none", "N", ""),
+             "other": ("other", "N", ""), "h": ("response", "m/N", "")}  # fmt: skip
+    variables, units, laminae = zip(*names.values(), strict=True)
+    t = 9.0 + np.arange(4) / 10.0
+    data = xr.Dataset(
+        {"tip_displacement": (("lamina", "time"), np.array([t, -t])), "base_displacement":
+         ("time", 3.0 * t), "tip_velocity": (("lamina", "time"), np.array([t, t])),
+         "sensor_slow": ("time", t**2), "sensor_none": ("time", t), "other": ("time", t),
+         "response": ("frequency", [1.0]), "channel_variable": ("channel", list(variables)),
+         "channel_units": ("channel", list(units)), "channel_lamina": ("channel", list(laminae))},
+        {"time": t, "lamina": ["up", "no"], "channel": list(names)},
+    )  # fmt: skip
+    return history, data
+
+
+def test_channels_are_matched_by_variable_and_lamina(stored: Callable[..., None]) -> None:
+    history, data = run_and_record()
+    stored(golden.of_object(matched(history, data)))
+
+
+def test_what_shares_nothing_is_refused() -> None:
+    history, data = run_and_record()
+    with pytest.raises(CaseError, match=r"^measurement: expected histories over the time, found n"):
+        matched(history, data.drop_vars("time"))
+    for channels, told in ((["tip no", "none"], "tip no, none"), (["h"], "none")):
+        with pytest.raises(CaseError) as error:
+            matched(history, data.sel(channel=channels))
+        assert str(error.value) == (
+            f"measurement: none of its channels ({told}) is in the run, which has tip_displacement,"
+            " tip_velocity, base_displacement with the laminae low, up; name them by --channel "
+            "'tip LAMINA=SOURCE:UNIT' or --channel 'NAME=SOURCE:UNIT'"
+        )
