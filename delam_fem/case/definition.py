@@ -572,22 +572,31 @@ class Case(Section):
     @property
     def unread(self) -> tuple[str, ...]:
         """Keys that the case sets although a run does not use them, as overrides name them."""
-        read = self._read_contact_keys
-        keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - read)]
-        if not self.is_periodic and "periods" in self.time.model_fields_set:
-            keys.append("time.periods")
-        keys += [
+        idle = self._idle
+        if self.is_massless:
+            idle += [("time", "refine_velocity"), ("time", "scheme")]
+        given = (
+            f"{section}.{key}"
+            for section, key in idle
+            if key in getattr(self, section).model_fields_set
+        )
+        seeds = (
             f"sensor.{own.name}.seed"
             for own in self.sensor
             if "seed" in own.model_fields_set and not own.noise
+        )
+        return (*given, *seeds)
+
+    @property
+    def _idle(self) -> list[tuple[str, str]]:
+        """Sections and keys that a run does not read with this law, model and excitation."""
+        read = self._read_contact_keys
+        return [
+            *(("contact", key) for key in sorted(Contact.model_fields) if key not in read),
+            *([] if self.is_periodic else [("time", "periods")]),
+            *([] if self.time.periods == "settled" else [("time", "most_periods")]),
+            *(("model", key) for key in sorted(Model.model_fields) if key not in self.model.reads),
         ]
-        if self.time.periods != "settled" and "most_periods" in self.time.model_fields_set:
-            keys.append("time.most_periods")
-        keys += [f"model.{key}" for key in self.model.unread]
-        if self.is_massless:
-            unread = {"scheme", "refine_velocity"} & self.time.model_fields_set
-            keys += [f"time.{key}" for key in sorted(unread)]
-        return tuple(keys)
 
     @property
     def _read_contact_keys(self) -> set[str]:
@@ -715,24 +724,15 @@ class Case(Section):
         Keys that the run does not read are left out, unless the case sets them.
         """
         data = self.model_dump(exclude_none=True)
-        kept = self._read_contact_keys | self.contact.model_fields_set
-        data["contact"] = {k: value for k, value in data["contact"].items() if k in kept}
-        if not self.is_periodic:
-            for section, key in _OF_PERIODS:
-                if key not in getattr(self, section).model_fields_set:
-                    del data[section][key]
-        for key in ("delamination", "point_mass", "stop", "impactor", "initial", "sensor"):
-            if not data[key]:
-                del data[key]
-        if self.time.periods != "settled" and "most_periods" not in self.time.model_fields_set:
-            del data["time"]["most_periods"]
+        for section, key in (*self._idle, *(() if self.is_periodic else _OF_PERIODS)):
+            if key not in getattr(self, section).model_fields_set:
+                data[section].pop(key, None)
+        absent = {key for key, value in data.items() if value == ()}  # no tables
         if self.is_apart and "support" not in self.model_fields_set:
-            del data["support"]
+            absent.add("support")
         if self.model == Model():
-            del data["model"]
-        else:
-            data["model"] = {k: v for k, v in data["model"].items() if k in self.model.kept}
-        return toml_text(data)
+            absent.add("model")
+        return toml_text({key: value for key, value in data.items() if key not in absent})
 
     @classmethod
     def from_toml(cls, text: str) -> Self:

@@ -342,19 +342,9 @@ class Model(Section):
         return self.kind in ("plane-stress", "solid")
 
     @property
-    def kept(self) -> frozenset[str]:
-        """Keys that this kind of model reads, or that are given."""
-        return self._reads | self.model_fields_set | {"kind"}
-
-    @property
-    def _reads(self) -> frozenset[str]:
+    def reads(self) -> frozenset[str]:
         """Keys that this kind of model reads."""
-        return _READS[self.kind] if self.file is None else frozenset({"file"})
-
-    @property
-    def unread(self) -> tuple[str, ...]:
-        """Keys that are given, but that this kind of model does not read."""
-        return tuple(sorted(self.model_fields_set - self._reads - {"kind"}))
+        return frozenset({"kind"}) | (_READS[self.kind] if self.file is None else {"file"})
 
 
 class Damping(Section):
