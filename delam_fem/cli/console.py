@@ -507,25 +507,6 @@ def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     Console(markup=False).print(table)  # units stand in brackets
 
 
-def summary_rows(summary: Mapping[str, object]) -> list[tuple[str, str]]:
-    """Return the summary of a run as rows of a table."""
-    told = ("warnings", "message")  # on stderr
-    return [
-        (key.replace("_", " "), _shown(value)) for key, value in summary.items() if key not in told
-    ]
-
-
-def _shown(value: object) -> str:
-    """Return a value of the summary as text."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_shown(entry)}" for key, entry in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(_shown(entry) for entry in value)
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "none" if value is None else str(value)
-
-
 def say(
     quiet: bool,
     files: Iterable[Path],

@@ -30,7 +30,6 @@ from delam_fem.cli.console import (
     let_the_first_speak,
     progress,
     say,
-    summary_rows,
     tell,
 )
 from delam_fem.system.errors import CaseError
@@ -166,6 +165,7 @@ def run_command(
                 _log.info("%s has the complete result: nothing is left to do", folder)
             else:
                 from delam_fem.pipeline import run
+                from delam_fem.results.schema import rows
 
                 wished = {"extend": extend, "checkpoint_seconds": seconds}
                 options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
@@ -174,7 +174,8 @@ def run_command(
                 with progress(error_console(is_silent), case.steps_per_period) as report:
                     result = run(case, directory=folder, progress=report, comm=comm, **options)
                 paths = _saved(result, folder, figures) if is_first else []
-                said = f"case {case.name}", ("", "value"), summary_rows(result.summary)
+                numbers = rows(result.summary, [own.name for own in case.lamina])
+                said = f"case {case.name}", ("", "value"), [row[:2] for row in numbers]
                 say(is_silent, paths, tables=[said])
                 outcome = str(result.history.attrs["outcome"])
             if comm.size > 1:  # wait for all processes without keeping a core busy

@@ -28,7 +28,6 @@ from delam_fem.cli.console import (
     progress,
     require_one,
     say,
-    summary_rows,
     tell,
 )
 from delam_fem.system.errors import CaseError
@@ -70,6 +69,7 @@ def compute_shard(
     sweep: Sweep, directory: Path, text: str, inputs: list[Path], *, quiet: bool, **options: Any
 ) -> None:
     """Compute a shard and show how far it is; exit with a message if it is not complete."""
+    from delam_fem.results.schema import shown
     from delam_fem.studies.sweeps.run import run_shard
     from delam_fem.studies.sweeps.schedule import parse_shard
     from delam_fem.system.files import claimed
@@ -78,7 +78,8 @@ def compute_shard(
     with claimed(directory, inputs=inputs, is_shared=True):
         with progress(error_console(quiet)) as report:
             found = run_shard(sweep, directory, shard, progress=report, **options)
-    rows = [("points", f"{found.n_done} of {found.n_points}"), *summary_rows(found.about)]
+    points = ("points", f"{found.n_done} of {found.n_points}")
+    rows = [points, *((key.replace("_", " "), shown(own)) for key, own in found.about.items())]
     say(quiet, (), tables=[(f"sweep {sweep.file.name}, shard {shard}", ("", "value"), rows)])
     if found.n_done < found.n_points:
         left = found.n_points - found.n_done

@@ -15,10 +15,11 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
+from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -369,6 +370,67 @@ _MEASURES = (
 MEASURES: Mapping[str, Measure] = MappingProxyType({entry.name: entry for entry in _MEASURES})
 """Every entry of summary.json, by name. Sweeps, pages and tables take unit and meaning from here;
 `diagnostics.summary_of` computes those of the motion. Tips are the reference probes."""
+
+
+ELSEWHERE = ("warnings", "message")
+"""Entries that a page shows above its tables."""
+LAST = ("outcome", "periods", "engine", "steps", "wall_seconds", "microseconds_per_step",
+        "unforeseen_contacts", "unread_keys")  # fmt: skip
+"""Entries about the computation, which follow those about the motion."""
+
+
+def rows(summary: Mapping[str, Any], laminae: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return table rows of a summary: name, value with its unit, meaning.
+
+    Args:
+        summary: the numbers of summary.json.
+        laminae: names of the laminae, shown before the values of each.
+    """
+    intervals = summary.get("intervals") or {}
+    values: dict[str, Any] = {}
+    for key, value in summary.items():
+        if isinstance(value, Mapping):
+            values |= value if key == "settling" else {}
+        elif key not in (*ELSEWHERE, "settling", "intervals"):
+            values[key] = value
+    return [
+        _row(key, values[key], intervals.get(key), laminae)
+        for key in sorted(values, key=LAST.__contains__)
+    ]
+
+
+def _row(
+    key: str, value: Any, interval: Mapping[str, Any] | None, laminae: Sequence[str]
+) -> tuple[str, str, str]:
+    """Return the row of an entry, or of its mean with its interval if it has one."""
+    known = MEASURES.get(key)  # None: of another version
+    (unit, factor), meaning = (known.shown, known.long_name) if known else (("", 1.0), "")
+    widths = [""]
+    if interval is not None:
+        value = np.atleast_1d(interval["mean"]).astype(float).tolist()
+        widths = [f" ± {factor * w:.2g}" for w in np.atleast_1d(interval["half_width"]).tolist()]
+        about = f"{interval['windows']} windows in {interval['periods']} periods"
+        meaning = f"mean and 95 % interval, {about}: {meaning}"
+    is_list = isinstance(value, (list, tuple, np.ndarray))
+    entries = list(value) if is_list else [value]
+    is_named = is_list and not any(isinstance(entry, str) for entry in entries)
+    is_named &= len(entries) == len(laminae)
+    names = [f"{name} " for name in laminae] if is_named else [""] * len(entries)
+    text = ", ".join(
+        name + shown(entry, factor) + width
+        for name, entry, width in zip(names, entries, cycle(widths), strict=False)
+    )
+    with_unit = f"{text or 'none'}\u00a0{unit}" if unit and value is not None else text or "none"
+    return key.replace("_", " "), with_unit, meaning
+
+
+def shown(value: Any, factor: float = 1.0) -> str:
+    """Return a value of the summary as text; numbers are multiplied."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return ", ".join(shown(entry, factor) for entry in value)
+    if isinstance(value, float):
+        return f"{factor * value:.4g}".replace("-", "−")
+    return "–" if value is None else str(value)
 
 
 def add(data: xr.Dataset, **variables: Any) -> None:

@@ -91,7 +91,7 @@ def test_run_of_a_preset(fake: FakeRun) -> None:
     case = preset("paper", {"excitation.frequency": 3.65})
     assert fake.calls == [(case, "petsc", Path("runs/paper"), False)]
     assert load_case("runs/paper/case.toml") == case
-    assert "-0.0213, -0.011" in result.stdout
+    assert "thick −21.3, thin −11\xa0mm" in result.stdout
     assert str(Path("runs/paper/case.toml")) in result.stdout
     assert "period 20 of 20" in result.stderr
     assert "note of the run" in result.stderr

@@ -48,7 +48,7 @@ from delam_fem.results.overlay.comparison import (
 )
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Paragraph, Section, Table, embedded
-from delam_fem.results.pages.report import shown
+from delam_fem.results.schema import shown
 from delam_fem.system.files import json_ready, write_json, write_text
 
 SHOWN_PERIODS = 3.0
