@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,12 +48,14 @@ class Columns:
         values: the numbers, shape (n_columns, n_rows).
         headings: text above each column; () if there is no heading.
         heading_line: line of the heading; 0 if there is none.
+        above: cells of all rows above the numbers that have as many; the last is the heading.
     """
 
     lines: tuple[int, ...]
     values: FloatArray
     headings: tuple[str, ...] = ()
     heading_line: int = 0
+    above: tuple[list[str], ...] = ()
 
     def unit(self, column: int) -> str | None:
         """Return the unit that the heading of a column names, or None."""
@@ -70,23 +72,25 @@ class Columns:
 def read_columns(path: Path, label: str, names: Sequence[str] | None = None) -> Columns:
     """Read a table of finite numbers; empty lines and comments (#) are skipped.
 
-    The first row may be a heading. A mark at the start of UTF-8 files and the line ends of any
-    system are accepted.
+    The first row may be a heading; without `names` all rows above the first one of numbers alone
+    may be. A mark at the start of UTF-8 files and the line ends of any system are accepted.
 
     Args:
         path: the file.
         label: name of the file in messages.
-        names: names of the columns in messages; None: as many columns as the first row has.
+        names: names of the columns in messages; None: as many columns as the first row of numbers.
 
     Raises:
         CaseError: the file cannot be read, is too large or is not UTF-8 text; a row does not have
-            a finite number in each column; or decimal points and commas are mixed.
+            a finite number in each column; a heading begins with a number; or decimal points and
+            commas are mixed.
     """
     rows, comments = _split(path, label, names)
-    heading: tuple[int, tuple[str, ...]] | None = None
-    if rows and not any(map(is_number, rows[0][1])):
-        (first, headings), *rows = rows
-        heading = first, tuple(headings)
+    is_heading = [not all(map(is_number, cells)) for _, cells in rows]
+    if names is not None:
+        is_heading = [not any(map(is_number, cells)) for _, cells in rows[:1]]
+    n_above = (*is_heading, False).index(False)
+    above, rows = rows[:n_above], rows[n_above:]
     n, found = len(names if names is not None else rows[0][1] if rows else ()), []
     for number, cells in rows:
         place, given = f"{label}, line {number}", _described(cells, n)
@@ -96,27 +100,15 @@ def read_columns(path: Path, label: str, names: Sequence[str] | None = None) -> 
         if not np.isfinite(found[-1]).all():
             raise CaseError(f"{place}: expected finite numbers, given {given}")
     lines = tuple(number for number, _ in rows)
-    if heading is None:
-        heading = _commented_heading(comments, lines, n)
-    if heading is None or len(heading[1]) != n:
-        heading = 0, ()
-    return Columns(lines, np.array(found).reshape(len(found), n).T, heading[1], heading[0])
-
-
-def rows_of(path: Path, label: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells of each row of a table; empty lines and comments are skipped.
-
-    The separator is that of the rows that begin with a number, whose decimal commas become points.
-
-    Args:
-        path: the file.
-        label: name of the file in messages.
-
-    Raises:
-        CaseError: the file cannot be read, is too large or is not UTF-8 text; or decimal points
-            and commas are mixed.
-    """
-    yield from _split(path, label, None)[0]
+    headings = [(number, cells) for number, cells in above if len(cells) == n]
+    for number, cells in headings:
+        if is_number(cells[0]):
+            raise CaseError(f"{label}, line {number}: expected numbers or names, found both")
+    if not above:
+        headings = _commented_heading(comments, lines, n)
+    line, heading = headings[-1] if headings else (0, [])
+    every = tuple(cells for _, cells in headings)
+    return Columns(lines, np.array(found).reshape(len(found), n).T, tuple(heading), line, every)
 
 
 def in_si_units(
@@ -238,14 +230,14 @@ def _headings(text: str, separator: str | None, names: Sequence[str] | None) -> 
 
 def _commented_heading(
     comments: Sequence[tuple[int, str]], lines: Sequence[int], n: int
-) -> tuple[int, tuple[str, ...]] | None:
+) -> list[tuple[int, list[str]]]:
     """Return the last comment above the numbers that gives each column a heading with a unit."""
     for number, text in reversed(comments):
         if lines and number < lines[0]:
             cells = _headings(text, None if "," not in text else ",", ("",) * n)
             if len(cells) == n and any(_BRACKETS.search(cell) for cell in cells):
-                return number, cells
-    return None
+                return [(number, [*cells])]
+    return []
 
 
 def _has_decimal_comma(data: Sequence[tuple[int, str]], separator: str | None, label: str) -> bool:

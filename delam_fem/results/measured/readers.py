@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.tables import is_number, read_columns, rows_of
+from delam_fem.case.tables import Columns, read_columns
 from delam_fem.results.measured.channels import Column, Sheet, axis_of, heading, matrix_columns
 from delam_fem.system.errors import CaseError
 
@@ -38,49 +38,23 @@ def read_text(path: Path) -> list[Sheet]:
         One sheet.
 
     Raises:
-        CaseError: the file cannot be read, a row has another length, or a cell is no number.
+        CaseError: see `read_columns`; or there are fewer than two rows of numbers.
     """
-    label = str(path)
-    words: list[tuple[int, list[str]]] = []
-    rows: list[list[float]] = []
-    for number, cells in rows_of(path, label):
-        if not rows and not all(is_number(cell) for cell in cells):
-            words.append((number, cells))
-            continue
-        if not all(is_number(cell) for cell in cells):
-            column = next(k for k, cell in enumerate(cells, 1) if not is_number(cell))
-            raise CaseError(
-                f"{label}, line {number}: expected numbers, found none in column {column}"
-            )
-        if rows and len(cells) != len(rows[0]):
-            raise CaseError(
-                f"{label}, line {number}: expected {len(rows[0])} columns as above, given "
-                f"{len(cells)}"
-            )
-        rows.append([float(cell) for cell in cells])
-    if len(rows) < 2:
-        raise CaseError(f"{label}: expected a table with at least two rows of numbers")
-    table = np.array(rows).T
-    fitting = [(number, cells) for number, cells in words if len(cells) == len(table)]
-    for number, cells in fitting:
-        if is_number(cells[0]):
-            raise CaseError(f"{label}, line {number}: expected numbers or names, found both")
-    headings = [cells for _, cells in fitting]
-    if not headings and not words:  # it may stand in a comment
-        headings = [list(own) for own in [read_columns(path, label).headings] if own]
-    names = _names_of_columns(headings, len(table))
-    columns = (Column(name, own, unit) for (name, unit), own in zip(names, table, strict=True))
-    return [Sheet(label, tuple(columns))]
+    table = read_columns(path, str(path))
+    if len(table.lines) < 2:
+        raise CaseError(f"{path}: expected a table with at least two rows of numbers")
+    names = zip(_names_of_columns(table), table.values, strict=True)
+    return [Sheet(str(path), tuple(Column(name, own, unit) for (name, unit), own in names))]
 
 
-def _names_of_columns(fitting: list[list[str]], n_columns: int) -> list[tuple[str, str | None]]:
+def _names_of_columns(table: Columns) -> list[tuple[str, str | None]]:
     """Return names and units of the columns; without headings they are col1, col2 and so on."""
-    if not fitting:
-        return [(f"col{k}", None) for k in range(1, n_columns + 1)]
-    if len(fitting) > 1 and all(_is_unit_cell(cell) for cell in fitting[-1]):
-        units = [cell.strip("[]() ") for cell in fitting[-1]]
-        return [(heading(cell)[0], unit) for cell, unit in zip(fitting[-2], units, strict=True)]
-    return [heading(cell) for cell in fitting[-1]]
+    if not table.headings:
+        return [(f"col{k}", None) for k in range(1, len(table.values) + 1)]
+    if len(table.above) > 1 and all(map(_is_unit_cell, table.headings)):
+        units = [cell.strip("[]() ") for cell in table.headings]
+        return [(heading(cell)[0], unit) for cell, unit in zip(table.above[-2], units, strict=True)]
+    return [heading(cell) for cell in table.headings]
 
 
 def _is_unit_cell(cell: str) -> bool:

@@ -84,8 +84,8 @@ def test_tables_are_read_as_stored(tmp_path: Path, stored: Callable[..., None]) 
     ("text", "message"),
     [
         ("t,a\n0,1\n", "expected a table with at least two rows of numbers"),
-        ("t,a\n0,1\n1,2,3\n", "line 3: expected 2 columns as above, given 3"),
-        ("t,a,b\n0,1,2\n1,2,x\n", "line 3: expected numbers, found none in column 3"),
+        ("t,a\n0,1\n1,2,3\n", "line 3: expected two numbers, given 3 columns"),
+        ("t,a,b\n0,1,2\n1,2,x\n", "line 3: expected three numbers, given a word in column 3"),
         ("1,a,b\n0,1,2\n1,2,3\n", "line 1: expected numbers or names, found both"),
     ],
 )
