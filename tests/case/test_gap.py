@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from delam_fem.case.files import preset
-from delam_fem.case.gap import initial_gap
-from delam_fem.case.sections import Gap
+from delam_fem.case.gap import initial_gap, opening_at_rest, read_gap_table, read_table
+from delam_fem.case.sections import Delamination, Gap, Stop
 from delam_fem.system.errors import CaseError
 
 L = 0.685
@@ -175,3 +176,120 @@ def test_a_table_in_millimetres_is_the_same_gap(tmp_path: Path) -> None:
     x = np.linspace(0.1, 0.685, 7)
     in_m, in_mm = (initial_gap(Gap(file=tmp_path / f"{n}.csv"), x, 0.685) for n in ("m", "mm"))
     assert in_mm == pytest.approx(in_m, rel=1e-12)
+
+
+ROWS = [(0.0, 0.0), (0.1, 0.001), (0.3, 0.004), (0.5, 0.003), (L, 0.012)]
+
+
+def rows(*changed: tuple[int, tuple[float, float]], begin: int = 0, end: int = 5) -> str:
+    """Return rows of a table, some of them changed, below two lines that are none."""
+    own = dict(enumerate(ROWS)) | dict(changed)
+    return "# gap\n\n" + "".join(f"{own[k][0]!r},{own[k][1]!r}\n" for k in range(begin, end))
+
+
+MARGIN = 1e-9 * L
+EMPTY = "expected a positive gap"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (rows(begin=1), f" : expected x from 0 to the length {L} m, given 0.1 to {L}"),
+        (rows((0, (1.1 * MARGIN, 0.0))), f" : expected x from 0 to the length {L} m, given "
+         f"{1.1 * MARGIN} to {L}"),
+        (rows((4, (L - 1.1 * MARGIN, 0.012))), f" : expected x from 0 to the length {L} m, given "
+         f"0.0 to {L - 1.1 * MARGIN}"),
+        (rows((0, (0.0, -1.1 * MARGIN))), ", line 3: expected a gap of at least 0 at the clamp, "
+         f"given {-1.1 * MARGIN}"),
+        (rows((2, (0.3, 0.0))), f", line 5: the gap starts closed beyond the clamp: {EMPTY}, given "
+         "0.0 m"),
+        (rows((3, (0.3, 0.1))), ", line 6: expected x to increase, given 0.3 after 0.3"),
+        (rows((4, (L * 1.0021, 0.1))), f", line 7: expected x up to the length {L} m of the lamina,"
+         f" given {L * 1.0021} m"),
+        (rows(end=1), ": expected at least two rows of x, gap, given 1"),
+    ],
+)  # fmt: skip
+def test_messages_of_tables_are_exact(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "gap.csv"
+    path.write_text(text)
+    with pytest.raises(CaseError) as error:
+        read_gap_table(path, L)
+    assert str(error.value) == f"gap file {path}{message.replace(' : ', ': ')}"
+
+
+def test_tables_just_within_their_margins(tmp_path: Path) -> None:
+    path, near = tmp_path / "gap.csv", 0.9 * MARGIN
+    for clamp, kept in ((0.0, 0.0), (-near, 0.0), (near, 0.0), (1.1 * MARGIN, 1.1 * MARGIN)):
+        path.write_text(rows((0, (-near, clamp)), (4, (L - near, 0.012))))
+        x, gap = read_gap_table(path, L)
+        assert x.tolist() == [0.0, 0.1, 0.3, 0.5, L - near]
+        assert gap.tolist() == [kept, 0.001, 0.004, 0.003, 0.012]
+        path.write_text(rows((0, (near, 0.0))))
+        assert read_gap_table(path, L)[0][0] == 0.0
+    path.write_text(rows((4, (L * 1.0019, 0.012))))
+    x = np.array([0.0, 0.2, 0.4, L])
+    found = initial_gap(Gap(file=path), np.r_[x, 2.0 * L], L)
+    wanted = PchipInterpolator(*np.array([*ROWS[:4], (L * 1.0019, 0.012)]).T)
+    np.testing.assert_allclose(found[:4], wanted(x), rtol=1e-12, atol=1e-18)
+    assert found[4] == 0.012
+
+
+def test_a_gap_that_is_closed_somewhere_is_refused() -> None:
+    """Root 1 mm and a power of 1000 leave the gap open; without root it is round-off at once."""
+    x = np.array([0.0, 0.1, 0.3, L])
+    with pytest.raises(CaseError) as error:
+        initial_gap(Gap(tip=0.012, exponent=1000.0), x, L)
+    assert str(error.value) == (
+        "gap.exponent 1000.0: the gap starts closed beyond the clamp: expected a positive gap at "
+        "every node with x > 0, given 0 m at x = 0.1 m"
+    )
+    assert initial_gap(Gap(tip=0.012, root=0.001, exponent=1000.0), x, L)[1] == 0.001
+    assert initial_gap(Gap(tip=0.012, exponent=2.0), [2.0 * L, -0.1], L).tolist() == [0.012, 0.0]
+
+
+def opening(**about: object) -> Delamination:
+    return Delamination(between=("a", "b"), start=0.1, end=0.5, opening=0.004, **about)  # type: ignore[arg-type]
+
+
+def test_openings_of_delaminations_and_stops(tmp_path: Path) -> None:
+    x = np.array([0.05, 0.1, 0.2, 0.4, 0.5, 0.6])
+    s = np.array([0.0, 0.0, 0.25, 0.75, 1.0, 1.0])
+    arch = opening_at_rest(opening(), x, L)
+    np.testing.assert_allclose(arch, 0.004 * np.sin(np.pi * s), atol=1e-17)
+    for exponent, power in ((None, 2.0), (1.5, 1.5)):
+        own = opening(shape="power", exponent=exponent)
+        np.testing.assert_allclose(opening_at_rest(own, x, L), 0.004 * s**power)
+        turned = opening_at_rest(own, x, L, opens_at_start=True)
+        np.testing.assert_allclose(turned, 0.004 * (1.0 - s) ** power)
+    stop = {"lamina": "a", "side": "above", "gap": 0.01}
+    point = Stop(**stop, position=0.2)  # type: ignore[arg-type]
+    assert opening_at_rest(point, x, L).tolist() == [0.0] * 6
+    path = tmp_path / "g.csv"
+    path.write_text(rows((3, (0.52, 0.0)), begin=1, end=4))
+    stretch = Stop(**stop, start=0.1, end=0.5, file=path)  # type: ignore[arg-type]
+    wanted = PchipInterpolator([0.1, 0.3, 0.52], [0.001, 0.004, 0.0])
+    found = opening_at_rest(stretch, np.r_[x, 0.51, 0.55], L)
+    inside = np.clip(np.r_[x, 0.51, 0.55], 0.1, 0.52)
+    np.testing.assert_allclose(found, wanted(inside), rtol=1e-12, atol=1e-18)
+
+
+def test_tables_of_openings_cover_them(tmp_path: Path) -> None:
+    path, margin = tmp_path / "g.csv", 1e-9 * 0.5
+    for first, last, is_taken in (
+        (0.1 + 0.9 * margin, 0.5, True), (0.1 + 1.1 * margin, 0.5, False),
+        (0.1, 0.5 - 0.9 * margin, True), (0.1, 0.5 - 1.1 * margin, False),
+    ):  # fmt: skip
+        path.write_text(rows((1, (first, 0.0)), (3, (last, 0.0)), begin=1, end=4))
+        if is_taken:
+            assert read_table(path, 0.1, 0.5, L)[1].tolist() == [0.0, 0.004, 0.0]
+            continue
+        with pytest.raises(CaseError) as error:
+            read_table(path, 0.1, 0.5, L)
+        told = f"gap file {path}: expected x from 0.1 to 0.5 m, given {first} to {last}"
+        assert str(error.value) == told
+    path.write_text(rows((2, (0.3, -1e-9)), begin=1, end=4))
+    with pytest.raises(CaseError) as error:
+        read_table(path, 0.1, 0.5, L)
+    assert str(error.value) == (
+        f"gap file {path}, line 4: expected a gap of at least 0, given -1e-09 m"
+    )

@@ -91,3 +91,118 @@ def test_a_warning_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
         tell(case)
         tell(case)
     assert len(caplog.records) == 1
+
+
+ONE = {"lamina.thick.length": 0.5, "lamina.thin.length": 0.5, "lamina.thick.width": 0.05,
+       "lamina.thick.thickness": 0.01, "lamina.thick.bending_stiffness": None,
+       "lamina.thick.density": 1000.0, "lamina.thick.young_modulus": 1e10,
+       "lamina.thin.thickness": 0.005, "lamina.thin.bending_stiffness": None}  # fmt: skip
+"""Round numbers, with which nothing is unusual."""
+
+
+def told_of(**changed: object) -> list[str]:
+    keys = ONE | {key.replace("__", "."): value for key, value in changed.items()}
+    return warnings(preset("paper", keys))
+
+
+@pytest.mark.parametrize(
+    ("key", "inside", "outside", "what"),
+    [
+        ("lamina.thick.thickness", 0.05, 0.0501, "length over thickness is 9.98, below 10"),
+        ("lamina.thick.density", 20.0, 19.9, "the density is 19.9, below 20"),
+        ("lamina.thick.density", 23e3, 23.1e3, "the density is 2.31e+04, above 23000"),
+        ("lamina.thick.young_modulus", 4e7, 3.9e7, "the wave speed sqrt(E/rho) in m/s is 197, below"
+         " 200"),
+        ("lamina.thick.young_modulus", 4e11, 4.1e11, "the wave speed sqrt(E/rho) in m/s is 2.02e+04"
+         ", above 20000"),
+        ("lamina.thick.damping_ratio", 0.2, 0.201, "the damping ratio is 0.201, above 0.2"),
+        ("gap.tip", 0.1, 0.101, "the gap over the length is 0.202, above 0.2"),
+        ("gap.root", 0.1, 0.101, "the gap over the length is 0.202, above 0.2"),
+        ("excitation.amplitude", 0.05, 0.051, "the amplitude over the length is 0.102, above 0.1"),
+    ],
+)  # fmt: skip
+def test_each_bound_is_met_on_both_sides(
+    key: str, inside: float, outside: float, what: str
+) -> None:
+    of_lamina = {"excitation.frequency": 3.0} if "lamina" not in key else {}
+    assert not [text for text in told_of(**of_lamina, **{key: inside}) if key in text]
+    [text] = [text for text in told_of(**of_lamina, **{key: outside}) if key in text]
+    assert what in text and text.startswith(f"{key} = {outside:g}")
+
+
+def test_frequencies_are_judged_beside_the_first_ones() -> None:
+    case = preset("paper", ONE)
+    low, high = sorted(own.angular_frequencies(1)[0] / (2.0 * np.pi) for own in case.lamina)
+    for value, first, end in ((0.01 * low, low, 0.99), (250.0 * high, high, 1.01)):
+        assert told_of(excitation__frequency=value * (1.0 + (1.0 - end) * 1e-3)) == []
+        [text] = told_of(excitation__frequency=value * end)
+        ratio = value * end / first
+        limit = "above 250" if end > 1.0 else "below 0.01"
+        assert (
+            f"its ratio to the first frequency {first:.3g} Hz of a lamina alone is {ratio:.3g}, "
+            f"{limit}" in text
+        )
+    sweep = {"kind": "sweep", "start_frequency": 1e-3 * low, "end_frequency": 400.0 * high,
+             "duration": 1.0, "amplitude": 0.06}  # fmt: skip
+    found = told_of(excitation=sweep, output={})
+    assert [text.split(" = ")[0] for text in found] == [
+        "excitation.amplitude", "excitation.start_frequency", "excitation.end_frequency",
+    ]  # fmt: skip
+    force = {"kind": "force", "lamina": "thin", "position": 0.1, "amplitude": 9.0, "frequency":
+             1e-3 * low}  # fmt: skip
+    assert [text.split(" = ")[0] for text in told_of(excitation=force)] == ["excitation.frequency"]
+
+
+def test_masses_and_blows_are_judged() -> None:
+    whole = 1000.0 * 0.05 * 0.01 * 0.5
+    mass = {"lamina": "thick", "position": 0.1}
+    assert told_of(point_mass=[{**mass, "mass": 20.0 * whole}]) == []
+    [text] = told_of(point_mass=[{**mass, "mass": 0.1}, {**mass, "mass": 20.1 * whole}])
+    assert text == (
+        f"point_mass.2.mass = {20.1 * whole:g} kg looks unusual: its ratio to the mass of the "
+        f'lamina is 20.1, above 20; did you mean "{20.1 * whole:g} g"?'
+    )
+    blow = {"kind": "hammer", "lamina": "thin", "position": 0.1, "amplitude": 9.0, "duration": 2e-3}
+    time = {"time.step": 1e-4, "time.duration": 0.1, "output": {}}
+    assert told_of(excitation=blow, **time) == []
+    [text] = told_of(excitation=blow, **(time | {"time.step": 1.1e-4}))
+    assert text == ("time.step = 0.00011 s is long: the blow of 0.002 s has 18.2 steps, below 20")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "hint"),
+    [
+        ("lamina.thick.thickness", 0.9, "mm"), ("lamina.thick.thickness", 90.0, "µm"),
+        ("lamina.thick.thickness", 900.0, "µm"), ("gap.tip", 9.0, "mm"), ("gap.tip", 200.0, "µm"),
+        ("gap.tip", 2e5, ""), ("lamina.thick.damping_ratio", 0.3, "%"),
+        ("lamina.thick.density", 1e9, ""), ("lamina.thick.density", 2.0, "g/cm3"),
+        ("lamina.thick.young_modulus", 0.1, "GPa"), ("lamina.thick.young_modulus", 1e-9, ""),
+    ],
+)  # fmt: skip
+def test_units_that_would_be_plausible_are_named(key: str, value: float, hint: str) -> None:
+    [text] = [own for own in told_of(**{key: value}) if own.startswith(key)]
+    number = f"{value:g}"
+    assert text.partition("; ")[2] == (f'did you mean "{number} {hint}"?' if hint else "")
+
+
+def test_thin_laminae_and_openings_are_named() -> None:
+    assert told_of(lamina__thick__thickness=2.5e-5, excitation__frequency=0.5) == []
+    [text] = told_of(lamina__thick__thickness=2.49e-5, excitation__frequency=0.5)
+    assert text == (
+        "lamina.thick.length = 0.5 m looks unusual: length over thickness is 2.01e+04, above 20000;"
+        ' did you mean "0.5 mm"?'
+    )
+    delaminated = preset("embedded", {"delamination.1.opening": 0.5})
+    assert [text.split(" looks")[0] for text in warnings(delaminated)] == [
+        "delamination.1.opening = 0.5 m"
+    ]
+
+
+def test_a_stiffness_beside_a_material_may_differ_by_a_thousandth() -> None:
+    EI = 70e9 * 0.05 * 0.01**3 / 12.0
+    own = {"lamina.thick.density": None, "lamina.thick.young_modulus": None,
+           "lamina.thick.material": "aluminium"}  # fmt: skip
+    case = preset("paper", ONE | own)
+    for share, count in ((0.9991, 0), (1.0009, 0), (0.9989, 1), (1.0011, 1)):
+        keys = {"lamina.thick.bending_stiffness": share * EI}
+        assert len(warnings(case.with_overrides(keys))) == count

@@ -123,3 +123,46 @@ def test_any_number_of_columns(tmp_path: Path) -> None:
     assert table.headings == ("t", "a", "b")
     with pytest.raises(CaseError, match="line 2: expected three numbers, given 2 columns"):
         read_columns(written(tmp_path, "0;1;2\n0;1\n"), "t")
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "message"),
+    [
+        ("0;0\n0,5;1\n1,5;2\n2;0.5\n", None, "t: expected one decimal mark, given commas (line 2) "
+         "and points (line 4)"),
+        ("1 2 3 4\n1 2 3 4 5\n", None, "t, line 2: expected four numbers, given 5 columns"),
+        ("1 2 3 4 5\n1\n", None, "t, line 2: expected 5 numbers, given 1 column"),
+        ("1\n\nx\n", None, "t, line 3: expected one number, given a word in column 1"),
+        ("1,2\n# no\n3,x\n", ("a", "b"), "t, line 3: expected two numbers a, b, given a word in "
+         "column 2"),
+        ("1,2\n3,nan\n", None, "t, line 2: expected finite numbers, given 3.0, nan"),
+        ("x [mm],y [K]\n1,2\n3,4\n", None, "t, line 1: expected values in m or N, or in a "
+         "multiple, in column 2, given K"),
+        ("# a\n# x [mm],y [verylongunit]\n1,2\n3,4\n", None, "t, line 2: expected values in m or N"
+         ", or in a multiple, in column 2, given verylong"),
+    ],
+)  # fmt: skip
+def test_messages_are_exact(
+    tmp_path: Path, text: str, names: tuple[str, ...] | None, message: str
+) -> None:
+    with pytest.raises(CaseError) as error:
+        table = read_columns(written(tmp_path, text), "t", names)
+        in_si_units(table, ("x", "y"), (("m", "N"), ("m", "N")), "t")
+    assert str(error.value) == message
+
+
+def test_lines_and_headings_are_counted_from_one(tmp_path: Path) -> None:
+    table = read_columns(written(tmp_path, "# x [mm], y [m]\n\n1 2\n# no\n3 4\n# a [s], b\n"), "t")
+    assert table.lines == (3, 5) and table.heading_line == 1
+    assert table.headings == ("x [mm]", "y [m]")
+    below = read_columns(written(tmp_path, "\nx;y\n1;2\n3;4\n"), "t")
+    assert below.heading_line == 2 and below.lines == (3, 4)
+    other = read_columns(written(tmp_path, "x;y;z\n1;2\n3;4\n"), "t")
+    assert (other.headings, other.heading_line) == ((), 0)
+    assert other.unit(1) is None
+    empty = read_columns(written(tmp_path, "# nothing\n"), "t")
+    assert empty.values.shape == (0, 0)
+    for text in ("1 2 3\n", "1,2,3\n", "1\t2\t3\n", "1;2;3\n", "1 , 2 ,3\n"):
+        assert read_columns(written(tmp_path, text), "t").values.tolist() == [[1.0], [2.0], [3.0]]
+    one = read_columns(written(tmp_path, "1,5\n2,5\n"), "t")
+    assert one.values.tolist() == [[1.0, 2.0], [5.0, 5.0]]

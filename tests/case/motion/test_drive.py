@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import HalfSine, HarmonicMotion, SweptMotion, Tabulated, drive
+from delam_fem.case.excitation import (
+    HalfSine,
+    HarmonicMotion,
+    SweptMotion,
+    Tabulated,
+    base_motion,
+    drive,
+    read_series,
+)
 from delam_fem.case.files import preset, save_case
 from delam_fem.case.plausible import warnings
 from delam_fem.system.errors import CaseError
@@ -261,3 +270,97 @@ def test_few_steps_of_a_blow_are_told() -> None:
         "time.step = 0.0001 s is long: the blow of 0.001 s has 10 steps, below 20"
     ]
     assert not warnings(case.with_overrides({"time.step": 5e-5}))
+
+
+DRIVES = {
+    "harmonic": {"kind": "harmonic", "frequency": 3.0, "amplitude": 0.002},
+    "harmonic a": {"kind": "harmonic", "frequency": 3.0, "acceleration": 1.5},
+    "sweep": {"kind": "sweep", "start_frequency": 2.0, "end_frequency": 5.0, "duration": 0.7,
+              "amplitude": 0.002},
+    "logarithmic": {"kind": "sweep", "start_frequency": 5.0, "end_frequency": 2.0, "duration": 0.7,
+                    "amplitude": 0.002, "spacing": "logarithmic"},
+    "sweep a": {"kind": "sweep", "start_frequency": 2.0, "end_frequency": 5.0, "duration": 0.7,
+                "acceleration": 1.5},
+    "logarithmic a": {"kind": "sweep", "start_frequency": 2.0, "end_frequency": 5.0,
+                      "duration": 0.7, "acceleration": 1.5, "spacing": "logarithmic"},
+    "steady a": {"kind": "sweep", "start_frequency": 4.0, "end_frequency": 4.0, "duration": 0.7,
+                 "acceleration": 1.5, "spacing": "logarithmic"},
+    "force": FORCE,
+    "swept force": {"kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 2.0,
+                    "start_frequency": 2.0, "end_frequency": 5.0, "duration": 0.7},
+    "hammer": {**HAMMER, "start": 0.2, "duration": 0.15},
+}  # fmt: skip
+
+
+def test_courses_are_the_stored_ones(tmp_path: Path, stored: Callable[..., None]) -> None:
+    told, times = [], np.array([0.0, 0.13, 0.2, 0.3, 0.35, 0.6, 0.7, 0.8, 1.0, 1.3])
+    cases = {name: with_excitation(**own) for name, own in DRIVES.items()}
+    for unit, value in (("m", 0.3), ("mm/s2", 200.0), ("N", 3.0)):
+        path = tmp_path / f"{unit[:1]}{len(unit)}.csv"
+        file = table(path, lambda t, v=value: v * np.cos(7.0 * t) ** 3, f"t [s], v [{unit}]", 21)
+        about = {"acts_on": "force", "lamina": "thin", "position": 0.2} if unit == "N" else {
+            "acts_on": "base"}  # fmt: skip
+        cases[f"table {unit}"] = with_excitation(kind="table", file=str(file), **about)
+    for name, case in cases.items():
+        given = case.excitation
+        told.append(
+            f"{name}: {given.words!r} {given.size!r} {given.acts_on} {given.is_periodic} "
+            f"{given.top_frequency:.6g} {given.length}"
+        )
+        for row in drive(given).states(times).T:
+            told.append("  " + " ".join(f"{0.0 if abs(v) < 1e-12 else v:.6g}" for v in row))
+        if hasattr(given, "displacement_amplitude"):
+            told.append(f"  A {given.displacement_amplitude(6.5):.6g}")
+        if hasattr(motion := drive(given), "instantaneous_frequency"):
+            found = motion.instantaneous_frequency(times)
+            told.append("  f " + " ".join(f"{v:.6g}" for v in found))
+        if isinstance(motion, SweptMotion):
+            told.append("  turns " + " ".join(f"{v:.6g}" for v in motion.turns(times)))
+    stored("\n".join(told))
+
+
+def test_a_table_lasts_to_its_last_time_and_a_little_longer() -> None:
+    t = np.linspace(0.0, 2.0, 9)
+    force, motion = (Tabulated.of(t, 1.0 + t, unit) for unit in ("N", "m"))
+    at = np.array([-0.5, 2.0, 2.0 + 1.9e-9, 2.0 + 2.1e-9, 3.0])
+    assert force.states(at)[:, 0].tolist() == pytest.approx([1.0, 3.0, 3.0, 0.0, 0.0])
+    assert motion.states(at)[:, 0].tolist() == pytest.approx([0.0, 2.0, 2.0, 2.0, 2.0])
+    assert (force.ends, motion.ends, force.length) == (True, False, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0,1\n" * 5, ": expected at least 6 rows, given 5"),
+        ("#\n1,1\n2,1\n3,1\n4,1\n5,1\n6,1\n", ", line 2: expected times from 0, given 1.0; "
+         "subtract the first time"),
+        ("0,1\n1,1\n2,1\n2,1\n4,1\n5,1\n", ", line 4: expected times to increase, given 2.0 "
+         "after 2.0"),
+        ("t [s], v [N]\n0,1\n1,1\n2,1\n3,1\n4,1\n5,1\n", ", line 1: expected values in m or "
+         "m/s2, or in a multiple, in column 2, given N"),
+    ],
+)  # fmt: skip
+def test_messages_of_tables_are_exact(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "b.csv"
+    path.write_text(text)
+    with pytest.raises(CaseError) as error:
+        read_series(path, "base")
+    assert str(error.value) == f"excitation.file {path}{message}"
+    path.write_text("0,1\n1,3\n2,4\n")
+    time, value, unit = read_series(path, "force", 3)
+    assert (time.tolist(), value.tolist(), unit) == ([0.0, 1.0, 2.0], [1.0, 3.0, 4.0], "N")
+
+
+def test_motions_are_those_of_the_base() -> None:
+    with pytest.raises(CaseError) as error:
+        base_motion(with_excitation(**FORCE).excitation)
+    told = "excitation.kind: expected 'harmonic' or 'sweep' of the base, given 'force'"
+    assert str(error.value) == told
+    for frequency, amplitude, words in (
+        (0.0, 1.0, "frequency: expected a number above 0 [Hz], given 0.0"),
+        (math.inf, 1.0, "frequency: expected a number above 0 [Hz], given inf"),
+        (1.0, math.nan, "amplitude: expected a finite number [m], given nan"),
+    ):
+        with pytest.raises(CaseError) as error:
+            HarmonicMotion(frequency, amplitude)
+        assert str(error.value) == words
