@@ -134,23 +134,11 @@ def test_reaches_and_elastic_keys() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "kept", "unread"),
-    [
-        ({}, {"kind"}, ()),
-        ({"kind": "beam", "degree": 3}, {"kind", "degree"}, ("degree",)),
-        ({"kind": "plane-stress", "strips": 2, "modes": 3},
-         {"kind", "poisson", "degree", "layers", "strips", "modes"}, ("modes", "strips")),
-        ({"kind": "solid"}, {"kind", "poisson", "degree", "layers", "strips"}, ()),
-        ({"kind": "modes"}, {"kind", "modes"}, ()),
-        ({"kind": "modes", "file": "a.nc", "layers": 1}, {"kind", "file", "layers"}, ("layers",)),
-    ],
-)  # fmt: skip
-def test_keys_that_a_kind_of_model_reads(
-    given: dict[str, Any], kept: set[str], unread: tuple[str, ...]
-) -> None:
-    own = Model(**given)
-    assert own.kept == kept and own.unread == unread
-    assert own.is_continuum == (own.kind in ("plane-stress", "solid"))
+    ("kind", "is_continuum"),
+    [("beam", False), ("plane-stress", True), ("solid", True), ("modes", False)],
+)
+def test_solids_are_computed_in_two_or_three_dimensions(kind: Any, is_continuum: bool) -> None:
+    assert Model(kind=kind).is_continuum == is_continuum
 
 
 def test_supports_are_written_as_they_are_read() -> None:
