@@ -35,7 +35,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
 def called(probe: float, pump: float, truths: int) -> int:
     """Return how many records of a healthy plate are called."""
     case = intact(df.preset("embedded", {"excitation.frequency": probe}))
-    limits = modulation(case, Modulate(pump_frequency=pump, pump_amplitude=0.1, periods=4))
+    limits = modulation(case, Modulate(pump_frequency=pump, pump_amplitude=0.1, periods=4)).mark
     scan = Scan(periods=4)
     pure = simulated(case, scan, pump=pump_of(case, pump, 0.1))
     inside, noise = np.isin(pure.x, limits.x), pure.noise_of(scan)

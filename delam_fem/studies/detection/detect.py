@@ -501,23 +501,14 @@ _TITLES = {
 }
 
 
-def beside_intact(
-    case: Case,
-    x: FloatArray,
-    values: FloatArray,
-    intact_values: FloatArray,
-    limits: FloatArray,
-    *,
-    title: str,
-    **look: Any,
-) -> Figure:
+def beside_intact(case: Case, own: Mark, whole: Mark, *, title: str, **look: Any) -> Figure:
     """Draw an index along the beam, that of the intact structure, and the limit of noise."""
     figure, (axes,) = stacked(1, 4.0)
-    for own in case.delamination:
-        axes.axvspan(own.start, own.end, color=GAP_COLOUR, alpha=0.25, lw=0.0, label="delamination")
-    axes.plot(x, values, "o-", color=VERMILLION, ms=3, label="with it")
-    axes.plot(x, intact_values, "o-", color=BLUE, ms=3, label="without it")
-    axes.plot(x, limits, "--", color=GREEN, label="limit of noise")
+    for d in case.delamination:
+        axes.axvspan(d.start, d.end, color=GAP_COLOUR, alpha=0.25, lw=0.0, label="delamination")
+    axes.plot(own.x, own.values, "o-", color=VERMILLION, ms=3, label="with it")
+    axes.plot(whole.x, whole.values, "o-", color=BLUE, ms=3, label="without it")
+    axes.plot(own.x, own.limits, "--", color=GREEN, label="limit of noise")
     axes.set(xlabel="x [m]", **look)
     axes.set_title(title, loc="left")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)

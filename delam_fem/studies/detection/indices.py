@@ -51,9 +51,14 @@ class Mark:
     limits: FloatArray
 
     @property
+    def is_over(self) -> BoolArray:
+        """Whether the index of each point exceeds its limit, shape (n,)."""
+        return np.asarray(self.values > self.limits)
+
+    @property
     def is_marked(self) -> BoolArray:
         """Whether each point is marked, shape (n,)."""
-        return np.asarray(self.values > np.maximum(SHARE * self.values.max(), self.limits))
+        return np.asarray((self.values > SHARE * self.values.max()) & self.is_over)
 
     @property
     def is_detected(self) -> bool:

@@ -22,7 +22,7 @@ from delam_fem.studies.detection.detect import (
     intact,
     simulated,
 )
-from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
+from delam_fem.studies.detection.indices import FALSE_CALLS, Mark, sideband_ratio
 from delam_fem.studies.options import Modulate, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study
 from delam_fem.system.errors import CaseError
@@ -70,65 +70,52 @@ class Modulation(Finding):
         pump: frequency of the pump [Hz].
         pump_amplitude: amplitude of the pump in the unit of that of the case.
         scan: how it was measured; its periods are common periods of both frequencies.
-        x: positions of the points, shape (n,) [m].
-        ratio: sideband ratio of each point [-].
-        intact_ratio: the same without delaminations, with noise of its own [-].
-        limits: what noise on the intact structure exceeds at some point in 1 % of beams [-].
+        mark: sideband ratio of each point [-], with the limits that noise on the intact structure
+            exceeds at some point in 1 % of beams.
+        intact_mark: the same without delaminations, with noise of its own.
     """
 
     case: Case
     pump: float
     pump_amplitude: float
     scan: Scan
-    x: FloatArray
-    ratio: FloatArray
-    intact_ratio: FloatArray
-    limits: FloatArray
+    mark: Mark
+    intact_mark: Mark
 
     @property
     def gain(self) -> float:
         """Median along the beam of the ratio over the median of that of the intact structure."""
-        return float(np.median(self.ratio) / np.median(self.intact_ratio))
-
-    @property
-    def is_called(self) -> bool:
-        """Whether some point exceeds its limit."""
-        return bool(np.any(self.ratio > self.limits))
-
-    @property
-    def is_intact_called(self) -> bool:
-        """Whether some point of the intact structure exceeds its limit."""
-        return bool(np.any(self.intact_ratio > self.limits))
+        return float(np.median(self.mark.values) / np.median(self.intact_mark.values))
 
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        f = self.case.excitation.top_frequency
+        f, own, whole = self.case.excitation.top_frequency, self.mark, self.intact_mark
         verdict = (
             f"Sidebands of {f:g} Hz at ±{self.pump:g} Hz: "
-            f"{'above' if self.is_called else 'not above'} the limit of noise; median ratio "
-            f"{np.median(self.ratio):.3g}, {self.gain:.3g} times that of the intact structure."
+            f"{'above' if own.is_over.any() else 'not above'} the limit of noise; median ratio "
+            f"{np.median(own.values):.3g}, {self.gain:.3g} times that of the intact structure."
         )
         numbers = {
             "case": self.case.name,
             "pump_frequency": self.pump,
             "pump_amplitude": self.pump_amplitude,
             "probe_frequency": f,
-            "called": self.is_called,
-            "intact_called": self.is_intact_called,
+            "called": bool(own.is_over.any()),
+            "intact_called": bool(whole.is_over.any()),
             "false_call_rate": FALSE_CALLS,
-            "median": float(np.median(self.ratio)),
-            "intact_median": float(np.median(self.intact_ratio)),
+            "median": float(np.median(own.values)),
+            "intact_median": float(np.median(whole.values)),
             "gain": self.gain,
-            "x": self.x.tolist(),
-            "sideband_ratio": self.ratio.tolist(),
-            "intact_sideband_ratio": self.intact_ratio.tolist(),
-            "ratio_to_intact": (self.ratio / self.intact_ratio).tolist(),
-            "limits": self.limits.tolist(),
+            "x": own.x.tolist(),
+            "sideband_ratio": own.values.tolist(),
+            "intact_sideband_ratio": whole.values.tolist(),
+            "ratio_to_intact": (own.values / whole.values).tolist(),
+            "limits": own.limits.tolist(),
             "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
         }
         draw = partial(
-            beside_intact, self.case, self.x, self.ratio, self.intact_ratio, self.limits,
+            beside_intact, self.case, own, whole,
             title=f"{self.case.name}, {f:g} Hz ± {self.pump:g} Hz", ylabel="sideband ratio [-]",
             yscale="log",
         )  # fmt: skip
@@ -174,15 +161,14 @@ def modulation(case: Case, options: Modulate, place: Place | None = None) -> Mod
     typical = np.median(again, axis=0)
     maxima = [np.max(one / typical) for one in again]
     largest = np.quantile(maxima, 1.0 - FALSE_CALLS, method="weibull")  # of one more record
+    x, limits = pure.x[inside], typical * largest
     return Modulation(
         case,
         frequency,
         amplitude,
         scan,
-        pure.x[inside],
-        ratio(pure, scan.seed),
-        ratio(bare, scan.seed + INTACT_SEED),
-        typical * largest,
+        Mark(x, ratio(pure, scan.seed), limits),
+        Mark(x, ratio(bare, scan.seed + INTACT_SEED), limits),
     )
 
 

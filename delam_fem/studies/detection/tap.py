@@ -31,7 +31,7 @@ from delam_fem.results.measured.reading import assigned, read_measured
 from delam_fem.results.measured.reading import scan as measured_scan
 from delam_fem.results.scan import scan_positions, surface_of
 from delam_fem.studies.detection.detect import beside_intact, intact
-from delam_fem.studies.detection.indices import FALSE_CALLS
+from delam_fem.studies.detection.indices import FALSE_CALLS, Mark
 from delam_fem.studies.options import Tap
 from delam_fem.studies.study import Finding, Place, Report, Study
 from delam_fem.system.errors import CaseError, require
@@ -105,61 +105,49 @@ class Taps(Finding):
         case: the case that was tapped.
         lamina: name of the lamina that was tapped.
         is_measured: whether the taps come from files.
-        x: places of the taps, shape (point,) [m].
         lengths: effective lengths of the taps, shape (point,) [s].
         sound: those on the structure without delaminations, without noise, shape (point,) [s].
-        softness: index of each tap, shape (point,) [-].
-        intact_softness: the same without delaminations, with noise of its own [-].
-        limits: limits of the index on sound places, see `limits` [-].
+        mark: index of each tap [-], with its limits on sound places, see `limits`.
+        intact_mark: the same without delaminations, with noise of its own.
     """
 
     case: Case
     lamina: str
     is_measured: bool
-    x: FloatArray
     lengths: FloatArray
     sound: FloatArray
-    softness: FloatArray
-    intact_softness: FloatArray
-    limits: FloatArray
-
-    @property
-    def marked(self) -> FloatArray:
-        """Places of the taps with an index above its limit [m]."""
-        return np.asarray(self.x[self.softness > self.limits])
-
-    @property
-    def is_intact_called(self) -> bool:
-        """Whether some point of the intact structure exceeds its limit."""
-        return bool(np.any(self.intact_softness > self.limits))
+    mark: Mark
+    intact_mark: Mark
 
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        start, end = min(self.marked, default=math.nan), max(self.marked, default=math.nan)
-        called = f"marks {start:.4g} to {end:.4g} m" if self.marked.size else "calls nothing"
+        x, marked = self.mark.x, self.mark.x[self.mark.is_over]
+        start, end = min(marked, default=math.nan), max(marked, default=math.nan)
+        called = f"marks {start:.4g} to {end:.4g} m" if marked.size else "calls nothing"
+        is_intact_called = bool(self.intact_mark.is_over.any())
         verdict = (
-            f"{self.x.size} taps on {self.lamina}: the index {called}; the same structure without "
-            f"delamination {'is' if self.is_intact_called else 'is not'} called."
+            f"{x.size} taps on {self.lamina}: the index {called}; the same structure without "
+            f"delamination {'is' if is_intact_called else 'is not'} called."
         )
         numbers = {
             "case": self.case.name,
             "lamina": self.lamina,
             "is_measured": self.is_measured,
-            "detected": bool(self.marked.size),
+            "detected": bool(marked.size),
             "start": float(start),
             "end": float(end),
-            "intact_called": self.is_intact_called,
+            "intact_called": is_intact_called,
             "false_call_rate": FALSE_CALLS,
-            "x": self.x.tolist(),
+            "x": x.tolist(),
             "length": self.lengths.tolist(),
             "sound_length": self.sound.tolist(),
-            "index": self.softness.tolist(),
-            "intact_index": self.intact_softness.tolist(),
-            "limits": self.limits.tolist(),
+            "index": self.mark.values.tolist(),
+            "intact_index": self.intact_mark.values.tolist(),
+            "limits": self.mark.limits.tolist(),
         }
         draw = partial(
-            beside_intact, self.case, self.x, self.softness, self.intact_softness, self.limits,
+            beside_intact, self.case, self.mark, self.intact_mark,
             title=f"{self.case.name}, taps on {self.lamina}", ylabel="added softness k_c / k_d [-]",
         )  # fmt: skip
         caption = "Index of each tap, k_c / k_d, and what noise alone exceeds in 1 of 100 beams."
@@ -235,12 +223,10 @@ def tap(case: Case, options: Tap, place: Place | None = None) -> Taps:
         case,
         lamina,
         bool(options.measured),
-        x,
         found,
         sound,
-        index(found, sound),
-        index(one_more, sound),
-        limit,
+        Mark(x, index(found, sound), limit),
+        Mark(x, index(one_more, sound), limit),
     )
 
 

@@ -51,9 +51,9 @@ def test_an_intact_beam_has_no_sidebands_without_noise() -> None:
 
 def test_a_delamination_is_called_and_its_intact_structure_is_not() -> None:
     found = modulation(embedded(), options(2))
-    assert found.is_called and not found.is_intact_called
+    assert found.mark.is_over.any() and not found.intact_mark.is_over.any()
     assert found.gain > 50.0  # 235 measured
-    assert np.median(found.ratio) > 0.1
+    assert np.median(found.mark.values) > 0.1
 
 
 def test_one_more_record_exceeds_the_limit_in_1_percent(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,7 +61,7 @@ def test_one_more_record_exceeds_the_limit_in_1_percent(monkeypatch: pytest.Monk
     largest = iter([*np.random.default_rng(1).permutation(200), 0.0, 0.0])
     monkeypatch.setattr(module, "sideband_ratio", lambda *_: np.array([1.0 + next(largest)]))
     found = modulation(embedded(), options(1))
-    assert found.limits == pytest.approx([198.99])
+    assert found.mark.limits == pytest.approx([198.99])
 
 
 @pytest.mark.parametrize("frequency", [0.0, 50.0, 400.0, 60.0001])

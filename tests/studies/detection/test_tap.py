@@ -55,15 +55,15 @@ def test_the_index_is_the_spring_of_the_layer_above_it() -> None:
     """k_c / k_d with k_d = 3 EI a³ / (x (a - x))³, and 0 on sound places, in a middle tap."""
     case = case_of()
     found = df.tap(case, spacing=0.02, noise_db=80.0)
-    at = dict(zip(found.x.round(3).tolist(), found.softness.tolist(), strict=True))
+    at = dict(zip(found.mark.x.round(3).tolist(), found.mark.values.tolist(), strict=True))
     a, EI = END - START, case.lamina[1].flexural_rigidity
     for x in (0.18, 0.2, 0.22):
         k = 3.0 * EI * a**3 / ((x - START) * (END - x)) ** 3
         longer = math.sqrt((1.0 + at[x]) / (1.0 + CONTACT / k))
         assert 1.0 < longer < 1.15, (x, longer)  # its edges give way, and it has a mass
     assert abs(at[0.08]) < 0.02
-    assert found.marked.tolist() == pytest.approx([0.18, 0.2, 0.22])
-    assert not found.is_intact_called
+    assert found.mark.x[found.mark.is_over].tolist() == pytest.approx([0.18, 0.2, 0.22])
+    assert not found.intact_mark.is_over.any()
 
 
 def test_healthy_plates_are_called_as_rarely_as_promised() -> None:
