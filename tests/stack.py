@@ -16,11 +16,12 @@ from pydantic import Field
 from synthetic import FRAMES, LEDGER, NODES, STEPS, WINDOW, small_case
 
 from delam_fem import Case
-from delam_fem.case.sections import Lamina
+from delam_fem.case.sections import Lamina, Stop
 from delam_fem.contact.laws import Decision
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Probe, Structure
 from delam_fem.results import dataset
+from delam_fem.results.schema import add
 from delam_fem.simulation import recorder
 from delam_fem.simulation.recorder import N_BASE, Jumps, PeriodRecord
 
@@ -36,6 +37,11 @@ STRIKES = {0: 0.25, 1: 0.75}
 """Phase within the period at which the pair at the probes of each interface is hit."""
 IMPULSES = {0: (1e-3,), 1: (3e-3, 1e-3)}
 """Impulses at the probe and, on the upper interface, at the node before it [N s]."""
+STOPS = (
+    Stop(lamina="thin", side="above", gap=0.002, position=0.2),
+    Stop(lamina="thick", side="below", gap=0.003, position=0.3, on="ground"),
+)
+"""The stops of `with_stops`."""
 PAIRS = NODES - 1
 """Pairs of an interface; pair k of it is at node k + 1."""
 
@@ -92,6 +98,27 @@ def three_laminae(**overrides: object) -> Recorded:
             energy_residual=lambda: 0.0,
         ),
     )
+
+
+def with_stops(history: xr.Dataset) -> xr.Dataset:
+    """Return a history with two stops, an impactor on two springs, and a stop of the top lamina.
+
+    The numbers of stops are 1 and 2, that of the impactor is 3. Some of them are struck.
+    """
+    time = history["time"].to_numpy()
+    add(history, stop_lamina=[1, 0, 2, 2, 1], stop_node=[2, 3, 5, 5, 4])
+    add(history, stop_number=[1, 2, 3, 3, 1], stop_on_base=[1, 0, 0, 0, 1])
+    add(history, stop_height=[0.002, -0.003, 0.004, 0.0045, -0.001])
+    state = np.zeros((history.sizes["frame"], 5), dtype=np.int8)
+    state[-5:, 1], state[-3:, 4], state[-9:, 0], state[-4:, 2] = 2, 2, 1, 1
+    add(history, stop_state=state, stop_heat=[0.0, 2e-3, 1e-3, 1e-4, 4e-3])
+    flown = np.array([0.1 * np.sin(time) + np.where(time > time[-20], 9.0, 0.0)])
+    add(history, impactor_displacement=flown)
+    n = history.sizes["event"]
+    add(history, event_stop=np.resize([-1, 0, 1, 2, 3, 4], n))
+    add(history, event_interface=np.where(history["event_stop"] < 0, 1, -1))
+    history["event_time"].to_numpy()[:] = np.linspace(0.8, 0.999, n) * time[-1]
+    return history
 
 
 def q(t: np.ndarray) -> np.ndarray:

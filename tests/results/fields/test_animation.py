@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image, ImageSequence
+from stack import STOPS, three_laminae, with_stops
 from synthetic import FRAMES, WINDOW, small_case, synthetic_history
 
 from delam_fem import run
 from delam_fem.case.definition import Case
+from delam_fem.case.files import save_case
+from delam_fem.case.sections import Support
 from delam_fem.results.fields import animation
-from delam_fem.results.fields.animation import LIGHTS, SIZE, write_film
+from delam_fem.results.fields.animation import LIGHTS, SIZE, animate, write_film
 from delam_fem.results.figures.style import lamina_colours
 from delam_fem.simulation.recorder import HIT, RESTING
+from delam_fem.system.errors import CaseError
 
 PERIODS = 0.3
 """Length of the films: frames 14 to 19 of the last period."""
@@ -129,6 +133,64 @@ def test_scenes_are_the_stored_ones(stretch: float, stored: Callable[..., None])
         told.append(golden.of_scene(plotter))
     stored("\n\n".join(told))
     plotter.close()
+
+
+def test_stops_and_supports_are_drawn_as_stored(stored: Callable[..., None]) -> None:
+    """Of three laminae that are held at both ends, at the last frame of two, and of one alone."""
+    recorded = three_laminae()
+    history = with_stops(recorded.history())
+    support = Support(start="clamped", end="pinned")
+    case = recorded.case.model_copy(update={"stop": STOPS, "support": support})
+    last = history.sizes["frame"] - 1
+    told = []
+    for frames in ([last - 1, last], [last]):
+        plotter = animation.pv.Plotter(off_screen=True, window_size=list(SIZE))
+        own = history if len(frames) > 1 else history.isel(frame=[last])
+        frames = frames if len(frames) > 1 else [0]
+        animation._Scene(plotter, own, case, frames, (8.0, 2.0)).show(frames[-1])
+        told.append(golden.of_scene(plotter))
+        plotter.close()
+    stored("\n\n".join(told))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"periods": 0.0}, "--periods: expected a positive number, given 0"),
+        ({"rate": -1.0}, "--rate: expected a positive number, given -1"),
+        ({"stretch": float("inf")}, "--stretch: expected a positive number, given inf"),
+        ({"output": ["a.avi"]}, "--output: expected a file that ends in .gif or .mp4, given a.avi"),
+        ({"output": ["a.gif", "a.gif"]}, "--output: expected different files, given one of them "
+         "twice"),
+    ],
+)  # fmt: skip
+def test_bad_options_are_refused(tmp_path: Path, options: dict[str, object], message: str) -> None:
+    with pytest.raises(CaseError) as error:
+        animate(tmp_path, **options)  # type: ignore[arg-type]
+    assert str(error.value) == message
+
+
+def test_a_run_with_nothing_to_show_is_refused(tmp_path: Path) -> None:
+    case = small_case()
+    save_case(case, tmp_path)
+    history = synthetic_history(case)
+    for own, told in (
+        (history.isel(frame=slice(0, 0)), "the run kept no frames of its fields; run it again with "
+         "output.fields_per_period above 0"),
+        (history, '--solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
+         "with frames, found no fields/solid.vtkhdf"),
+    ):  # fmt: skip
+        own.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
+        with pytest.raises(CaseError) as error:
+            animate(tmp_path, solid=True)
+        assert str(error.value) == f"{tmp_path}: {told}"
+    history["displacement"][:] = np.nan
+    history.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
+    with pytest.raises(CaseError) as error:
+        animate(tmp_path)
+    assert str(error.value) == (
+        f"{tmp_path}: no frame of the run is finite, so there is nothing to show"
+    )
 
 
 def test_clamps_move_with_the_held_ends() -> None:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
-from stack import three_laminae
+from stack import STOPS, three_laminae, with_stops
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case, preset
@@ -330,20 +330,6 @@ def forced(history: xr.Dataset) -> xr.Dataset:
     return history
 
 
-def with_stops(history: xr.Dataset) -> xr.Dataset:
-    """Return a history of a lamina on two stops and one impactor, of which some are struck."""
-    frames, last = history.sizes["frame"], float(history["time"][-1])
-    add(history, stop_lamina=[1, 1, 1, 2], stop_node=[2, 3, 5, 4], stop_number=[1, 2, 3, 1])
-    state = np.zeros((frames, 4), dtype=np.int8)
-    state[-5:, 1], state[-3:, 3], state[-9:, 0] = 2, 2, 1
-    add(history, stop_state=state, stop_heat=[0.0, 2e-3, 1e-3, 4e-3])
-    n = history.sizes["event"]
-    add(history, event_stop=np.resize([-1, 0, 1, 2, 3], n))
-    add(history, event_interface=np.where(history["event_stop"] < 0, 1, -1))
-    history["event_time"].to_numpy()[:] = np.linspace(0.8, 0.999, n) * last
-    return history
-
-
 def drawn(history: xr.Dataset, case: Case, names: tuple[str, ...]) -> str:
     """Return the descriptions of some figures."""
     found = figures.figures_of(history)
@@ -374,7 +360,7 @@ def test_shades_of_gaps_become_finer_by_powers_of_ten(size: float) -> None:
 def test_stops_and_impactors_are_drawn_as_stored(stored: Callable[..., None]) -> None:
     recorded = three_laminae()
     history = with_stops(recorded.history())
-    case = recorded.case.model_copy(update={"stop": (None, None)})
+    case = recorded.case.model_copy(update={"stop": STOPS})
     alone = with_stops(recorded.history()).isel(lamina=[1], interface=slice(0, 0))
     alone["stop_lamina"] = 0 * alone["stop_lamina"]
     stored(drawn(history, case, ("contact_line",)))
