@@ -106,6 +106,7 @@ def with_stops(history: xr.Dataset) -> xr.Dataset:
     The numbers of stops are 1 and 2, that of the impactor is 3. Some of them are struck.
     """
     time = history["time"].to_numpy()
+    add(history, base_displacement=0.003 * np.cos(time))
     add(history, stop_lamina=[1, 0, 2, 2, 1], stop_node=[2, 3, 5, 5, 4])
     add(history, stop_number=[1, 2, 3, 3, 1], stop_on_base=[1, 0, 0, 0, 1])
     add(history, stop_height=[0.002, -0.003, 0.004, 0.0045, -0.001])
