@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import golden
 import numpy as np
 import pytest
 import scripted
 from scripted import DT, PERIODS, STEPS, Engine, U, motion, recorder
 
+from delam_fem.case.files import preset
+from delam_fem.simulation.checkpoint import arrays_of
 from delam_fem.simulation.loop import simulate
 from delam_fem.simulation.recorder import LEDGER, N_BASE
 
@@ -155,3 +160,33 @@ def test_a_period_that_ends_early_has_the_steps_before() -> None:
 def test_a_block_leaves_as_soon_as_later_ones_fill_the_window() -> None:
     kept, blocks = recorder(window=2), [[0], [0], [0]]  # one period each
     assert [kept.take(block) for block in blocks] == [None, None, blocks[0]]
+
+
+def test_a_checkpoint_holds_what_is_stored(stored: Callable[..., None]) -> None:
+    kept, engine = recorder(window=2, frames=2), Engine()
+    simulate(engine, kept, motion)
+    kept.window[-1].impact += 0.5
+    arrays = arrays_of(preset("paper"), "compiled", engine, kept, "completed")
+    del arrays["version"], arrays["case"]
+    stored(golden.of_object({key: np.asarray(own) for key, own in arrays.items()}))
+
+
+@pytest.mark.parametrize(
+    ("rows", "residual"),
+    [
+        ([[4.0, 2.0, 1.0, 3.0, -1.0, 2.0, 0.5, 1.5, -0.25, 0.5]], 0.5 / 8.25),
+        ([[4.0, 2.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5]], 0.5 / 7e-6),
+        ([[4.0, 2.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5],
+          [1.0, 9.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -0.75]], 0.75 / 11e-6),
+        ([10 * [0.0]], 0.0), ([[*9 * [0.0], -0.5]], 1.0),
+        ([[*3 * [0.0], 2.0, *5 * [0.0], 0.1], [*4 * [0.0], -4.0, *4 * [0.0], 0.2]], 0.05),
+        ([[1.0, np.nan, *8 * [0.0]]], np.nan), ([[*9 * [0.0], np.inf]], np.nan),
+    ],
+)  # fmt: skip
+def test_the_residual_is_relative_to_what_is_exchanged(
+    rows: list[list[float]], residual: float
+) -> None:
+    """The largest of a period over the largest exchange of one; at least 1e-6 of what is stored."""
+    kept = recorder()
+    kept.ledger[: len(rows)], kept.n_closed = rows, len(rows)
+    assert kept.energy_residual() == pytest.approx(residual, rel=1e-12, nan_ok=True)

@@ -1,18 +1,24 @@
 """How steps divide, and how the base moves within a step."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from kit import compiled
 
+import delam_fem as df
 from delam_fem.simulation import refinement
 from delam_fem.simulation.refinement import (
     AHEAD,
     BACK,
+    NOT_REFINED,
     Refinement,
+    Span,
     base_rows,
     nearness,
     unforeseen_warning,
 )
+from delam_fem.system.errors import CaseError
 
 base_within = compiled(refinement.base_within)
 
@@ -98,3 +104,50 @@ def test_a_fast_pair_is_near_that_may_close(
 def test_one_pair_may_close_ahead_and_another_back() -> None:
     gap, rate = np.array([1.0, 9.0, 1.0]), np.array([3.0, 0.0, -3.0])
     assert nearness(gap, rate, 0.5, 2.0) == AHEAD + BACK
+
+
+@pytest.mark.parametrize("engine", ["compiled", "petsc"])
+def test_the_safety_tells_how_many_steps_are_divided(engine: Any) -> None:
+    """With the safety 1 it is 413 steps, with 3 it is 491."""
+    keys = {"time.periods": 2, "time.steps_per_period": 100, "time.refine": 16,
+            "contact.restitution": 0.0, "excitation.amplitude": 0.01}  # fmt: skip
+    assert df.run(df.preset("default", keys), engine).summary["steps"] == 431
+
+
+def test_what_a_warning_says_of_contacts() -> None:
+    assert unforeseen_warning(np.array([[20, 1]])) is None  # 5 %
+    assert unforeseen_warning(np.array([[19, 1]])) == (
+        "1 of 19 contacts in refined steps were unforeseen, so others may have been missed between "
+        "coarse steps; try more time.steps_per_period and a smaller time.refine"
+    )
+
+
+def test_limits_of_nearness_are_met() -> None:
+    one = np.array([1.0])
+    assert nearness(one, np.array([-2.5]), 0.4, 2.0) == AHEAD  # the way is the gap
+    assert nearness(one, np.array([2.5]), 0.4, 2.0) == BACK
+    assert nearness(one, np.array([2.5]), np.nextafter(0.4, 0.0), 2.0) == 0
+    assert nearness(0.1 * one, np.array([-2.0]), 0.4, 2.0) == 0  # as slow as allowed
+    closed = np.array([1.0, -1.0, 1.0])
+    assert nearness(closed, np.array([-3.0, 3.0, 9.0]), 0.4, 2.0) == AHEAD + BACK
+
+
+def test_spans_have_bounds() -> None:
+    own = Span(0.5, 4, 3)
+    assert (own.window_periods, own.frames_per_period, own.limit) == (1, 0, np.inf)
+    assert own.refinement is NOT_REFINED and NOT_REFINED == Refinement(1, 0.0)
+    assert Span(0.5, 1, 1, frames_per_period=1, limit=1e-9).limit == 1e-9
+    for given, told in (
+        ((0.0, 4, 3), "time_step: expected a number above 0 [s], given 0.0"),
+        ((np.inf, 4, 3), "time_step: expected a number above 0 [s], given inf"),
+        ((0.5, 0, 3), "steps_per_period: expected a whole number from 1, given 0"),
+        ((0.5, 4, 1.5), "periods: expected a whole number from 1, given 1.5"),
+        ((0.5, 4, 3, 1, 0, 0.0), "limit: expected a number above 0 [m], given 0.0"),
+    ):
+        with pytest.raises(CaseError) as error:
+            Span(*given)
+        assert str(error.value) == told
+    of_frames = (0.5, 4, 3, 1, 5)
+    for given, key in (((0.5, 4, 3, 4), "window_periods"), (of_frames, "frames_per_period")):
+        with pytest.raises(CaseError, match=f"^{key}: expected "):
+            Span(*given)

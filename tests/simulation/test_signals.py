@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import zlib
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.simulation.signals import low_passed
+from delam_fem.case.sections import Sensor
+from delam_fem.contact.laws import Decision
+from delam_fem.model.layout import SensorRows
+from delam_fem.simulation import signals
+from delam_fem.simulation.recorder import N_BASE, PeriodRecord
+from delam_fem.simulation.signals import (
+    frames_of,
+    low_passed,
+    resting_pairs,
+    spring_forces,
+    steps_of,
+)
 
 N = 500
 SENSORS: list[dict[str, Any]] = [
@@ -124,3 +137,193 @@ def test_filter(frequency: float, gain: float) -> None:
     inner = slice(1000, 3000)
     assert np.abs(low_passed(signal, rate) - gain * signal)[inner].max() < 2e-3
     assert low_passed(signal, 1.0) is signal
+
+
+# ---- a record that is written down
+
+STEPS, TICKS, PAIRS, PROBES = 7, 3, 4, 2
+
+
+def record(seed: int = 1, n_steps: int = STEPS) -> PeriodRecord:
+    """Return a period of random numbers, with impacts at some ticks, also within steps."""
+    rng = np.random.default_rng(seed)
+    own = PeriodRecord(
+        rng.normal(size=(STEPS + 1, 3)), rng.normal(size=(STEPS + 1, N_BASE + PROBES + 1 + PAIRS)),
+        rng.normal(size=(STEPS + 1, PROBES + 1 + PAIRS)), np.array([2, 5, 7]), np.zeros(6),
+        ticks_per_step=TICKS, resting=rng.random(PAIRS) < 0.5,
+    )  # fmt: skip
+    own.n_steps = n_steps
+    own.frames = [rng.normal(size=(2, 5)) for step in own.frame_steps if step <= n_steps]
+    own.contact = [rng.integers(0, 3, PAIRS) for _ in own.frames]
+    for tick in (1, 3, 4, 8, 9, 15, 21):
+        hit = rng.permutation(PAIRS)[: 1 + tick % 3]
+        decision = Decision(hit, *rng.normal(size=(3, hit.size)))
+        own.jumps.append(tick, decision, rng.normal())
+    return own
+
+
+def structure(weights: Any = None) -> Any:
+    """Return what signals read of a structure; the gaps stand behind another functional."""
+    o = SimpleNamespace(
+        n_probes=PROBES, n_pairs=PAIRS, pair_weights=weights, gap0=np.array([0.1, -0.2, 0.3, 0.0])
+    )
+    return SimpleNamespace(operators=o, layout=SimpleNamespace(gap_row=1))
+
+
+def case_of(law: str, impulse: str = "consistent", **more: float) -> df.Case:
+    contact = {"contact.penalty_stiffness": 50.0, "contact.penalty_damping": 3.0}
+    return df.preset("paper", {"contact.law": law, "contact.impulse": impulse, **contact, **{
+        f"contact.{key}": value for key, value in more.items()}})  # fmt: skip
+
+
+@pytest.mark.parametrize("n_steps", [STEPS, 4])
+@pytest.mark.parametrize("seed", range(4))
+def test_pairs_rest_from_impact_to_impact(seed: int, n_steps: int) -> None:
+    own, threshold = record(seed, n_steps), 0.3
+    if n_steps < STEPS:  # impacts lie within the steps that were computed
+        own.jumps = record(seed + 9).jumps
+        ticks = own.jumps.columns().ticks
+        kept = int((ticks <= TICKS * n_steps).sum())
+        columns = own.jumps.columns()
+        hits = int(columns.sizes[:kept].sum())
+        own.jumps = type(own.jumps)(columns.part((0, kept), (0, hits)))
+    gap = np.random.default_rng(seed).normal(size=(n_steps, PAIRS)) - 0.5
+    rests, found = own.resting.copy(), resting_pairs(own, gap, threshold)
+    columns = own.jumps.columns()
+    ends = np.r_[0, np.cumsum(columns.sizes)]
+    for step in range(1, n_steps + 1):
+        for k, tick in enumerate(columns.ticks):
+            if TICKS * (step - 1) < tick <= TICKS * step:
+                here = slice(ends[k], ends[k + 1])
+                rests[columns.hit[here]] = columns.rate_post[here] < threshold
+        rests &= gap[step - 1] <= 0.0
+        assert found[step - 1].tolist() == rests.tolist(), step
+
+
+def test_a_rate_at_the_threshold_does_not_rest() -> None:
+    own = record()
+    own.jumps = type(own.jumps)()
+    own.resting = np.zeros(PAIRS, bool)
+    rates = np.array([0.3, np.nextafter(0.3, 0.0)])
+    own.jumps.append(1, Decision(np.array([0, 1]), rates, rates, rates), 0.0)
+    gap = -np.ones((STEPS, PAIRS))
+    gap[1] = 0.0
+    assert resting_pairs(own, gap, 0.3)[:, :2].tolist() == [[False, True]] * STEPS
+
+
+@pytest.mark.parametrize("weights", [None, np.array([1.0, 2.0, 0.5, 3.0])])
+def test_springs_and_dampers_act_while_pairs_are_closed(weights: Any) -> None:
+    own, of, share = record(), structure(weights), 1.0 if weights is None else weights
+    gap = of.operators.gap0 + own.u[1:, N_BASE + PROBES + 1 :]
+    rate = own.v[1:, PROBES + 1 :]
+    assert (gap > 0.0).any() and (gap < 0.0).any()
+    found = spring_forces(own, of, case_of("penalty"))
+    wanted = np.where(gap <= 0.0, -share * (50.0 * gap + 3.0 * rate), 0.0)
+    np.testing.assert_allclose(found, wanted, rtol=1e-14)
+    rests = spring_forces(own, of, case_of("newton-penalty", threshold_velocity=0.3))
+    wanted = np.where(resting_pairs(own, gap, 0.3), -share * 50.0 * gap, 0.0)
+    np.testing.assert_allclose(rests, wanted, rtol=1e-14)
+    assert rests.any() and not np.array_equal(rests, found)
+    none = spring_forces(record(n_steps=5), of, case_of("newton"))
+    assert none.shape == (5, PAIRS) and not none.any()
+    assert spring_forces(record(n_steps=5), of, case_of("penalty")).shape == (5, PAIRS)
+
+
+ROWS = SensorRows(
+    "s", of_base=(0.5, -2.0, 3.0), of_u=1, of_v=2, of_forces=np.array([1.0, -1.0, 2.0, 0.5]),
+    of_impulses=np.array([2.0, 0.0, -1.0, 4.0]), of_lumped_impulses=np.array([3.0, 1.0, 1.0, -2.0]),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("law", "impulse"), [("newton", "consistent"), ("newton", "lumped"),
+                                              ("newton-penalty", "lumped")])  # fmt: skip
+def test_signals_are_sums_of_what_a_sensor_reads(law: str, impulse: str) -> None:
+    own, of, case = record(n_steps=6), structure(), case_of(law, impulse)
+    forces = np.random.default_rng(3).normal(size=(6, PAIRS))
+    found = signals._of_period(own, 0.25, of, ROWS, case, forces=forces)
+    plain = own.base_states[1:7] @ [0.5, -2.0, 3.0]
+    plain += own.u[1:7, N_BASE + PROBES + 1] + own.v[1:7, PROBES + 2]
+    wanted, columns, place = plain + forces @ ROWS.of_forces, own.jumps.columns(), 0
+    weights = ROWS.of_lumped_impulses if impulse == "lumped" else ROWS.of_impulses
+    for tick, size in zip(columns.ticks, columns.sizes, strict=True):
+        for k in range(place, place + size):
+            step = -(-tick // TICKS)
+            if step <= 6:  # the last impact is after the last step
+                wanted[step - 1] += weights[columns.hit[k]] * columns.impulses[k] / 0.25
+        place += size
+    np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    without = signals._of_period(own, 0.25, of, ROWS, case, forces=None)
+    np.testing.assert_allclose(without, plain, rtol=1e-13)
+
+
+def window() -> Any:
+    """Return a recorder of three periods, the last of which ended early."""
+    records = [record(1), record(2), record(3, 5)]
+    return SimpleNamespace(window=records, steps_per_period=STEPS, is_forced=False)
+
+
+def test_steps_of_a_window_follow_one_another() -> None:
+    kept = window()
+    u, v, base = steps_of(kept)
+    first, second, last = kept.window
+    np.testing.assert_array_equal(u[:8], first.u[:, N_BASE:])
+    np.testing.assert_array_equal(v[8:15], second.v[1:])
+    np.testing.assert_array_equal(base[15:], last.base_states[1:6])
+    assert len(u) == len(v) == len(base) == 1 + 7 + 7 + 5
+
+
+def test_frames_of_a_window_have_their_steps_and_the_base() -> None:
+    kept = window()
+    found = frames_of(kept)
+    assert found.steps.tolist() == [2, 5, 7, 9, 12, 14, 16, 19]
+    assert len(found.states) == len(found.contact) == 8 and found.contact.dtype == np.int8
+    np.testing.assert_array_equal(found.base[4], kept.window[1].base_states[5, :2])
+    np.testing.assert_array_equal(found.states[7], kept.window[2].frames[1])
+    kept.is_forced = True
+    assert not frames_of(kept).base.any()
+    none = frames_of(SimpleNamespace(window=[], steps_per_period=STEPS, is_forced=False))
+    assert none.steps.size == 0 and none.base.shape == (0, 2) and none.states == []
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "first", "last"),
+    [(1.0, 3.0, 1.0, 3.0), (1.0 + 1e-9, 3.0 - 1e-9, 1.0 + 1e-9, 3.0 - 1e-9),
+     (1.001, 2.999, 1.25, 2.75), (0.9, 3.1, 1.0, 3.0)],
+)  # fmt: skip
+def test_samples_are_at_whole_multiples_of_the_interval(
+    start: float, end: float, first: float, last: float
+) -> None:
+    """A straight line passes the filter, also at its ends."""
+    own = Sensor(name="s", quantity="velocity", lamina="a", position=0.1, sampling_rate=4.0)
+    time = np.linspace(start, end, 201)
+    found = signals._sampled(own, time, 2.0 + 3.0 * time, float(time[1] - time[0]))
+    assert found.sensor is own
+    assert (found.time[0], found.time[-1]) == pytest.approx((first, last), abs=1e-15)
+    np.testing.assert_allclose(
+        found.time, np.arange(first * 4.0, last * 4.0 + 0.5) / 4.0, atol=1e-8
+    )
+    np.testing.assert_allclose(found.value, 2.0 + 3.0 * found.time, rtol=1e-9)
+
+
+def test_noise_is_that_of_the_seed_and_the_name() -> None:
+    about = {"quantity": "velocity", "lamina": "a", "position": 0.1, "noise": 0.2, "seed": 5}
+    own = Sensor(name="s", **about)  # type: ignore[arg-type]
+    time = np.arange(9.0)
+    found = signals._sampled(own, time, 2.0 * time, 1.0)
+    rng = np.random.default_rng([5, zlib.crc32(b"s")])
+    np.testing.assert_array_equal(found.value, 2.0 * time + rng.normal(scale=0.2, size=9))
+    other = signals._sampled(Sensor(name="t", **about), time, 2.0 * time, 1.0)  # type: ignore[arg-type]
+    assert not np.array_equal(other.value, found.value)
+
+
+def test_fast_samples_pass_and_short_signals_stay() -> None:
+    value = np.sin(np.arange(50.0))
+    assert low_passed(value, 1.0) is value and low_passed(value[:1], 0.1).tolist() == [0.0]
+    assert not np.array_equal(low_passed(value, 0.999), value)
+    two = low_passed(np.array([1.0, 3.0]), 0.5)
+    assert two.shape == (2,)
+    t = np.arange(4000)
+    for share, gain in ((0.2, 1.0), (0.4, 1.0), (0.45, 0.5), (0.5, 0.0), (0.8, 0.0)):
+        wave = np.sin(2.0 * np.pi * share * 0.1 * t)
+        found = np.abs(low_passed(wave, 0.1)[1000:3000]).max()
+        assert found == pytest.approx(gain, abs=5e-3 if share != 0.45 else 0.02)
