@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+import golden
 import numpy as np
 import pytest
 import stack
@@ -10,6 +14,7 @@ from stack import three_laminae
 from synthetic import WINDOW
 
 import delam_fem as df
+from delam_fem.results.dataset import grouped
 from delam_fem.results.schema import DIMENSIONS, INTERFACE, VARIABLES
 
 NAMES = ("lamina", "interface", "probe")
@@ -121,3 +126,54 @@ def test_beside_a_stop_within_an_element_the_gap_is_that_of_the_laminae(
     expected = np.interp(x[added], x[~added], gaps[~added])
     np.testing.assert_allclose(gaps[added], expected, atol=0.02 * gaps.max())
     assert expected.max() > 0.1 * gaps.max()
+
+
+def without_origin(data: xr.Dataset) -> str:
+    """Return everything in a dataset but the versions and the machine that made it."""
+    return golden.of_dataset(data.assign_attrs(dict.fromkeys(data.attrs, "")))
+
+
+def test_the_dataset_of_three_laminae_is_the_stored_one(stored: Callable[..., None]) -> None:
+    stored(without_origin(three_laminae().history()))
+
+
+FEW = {
+    "time.periods": 2, "time.steps_per_period": 60, "output.window_periods": 1, "mesh.elements": 5,
+    "output.fields_per_period": 3, "excitation.amplitude": 0.02, "contact.impulse": "consistent",
+}  # fmt: skip
+STOPS = [
+    {"lamina": "thin", "side": "both", "gap": 0.0015, "position": 0.274},
+    {"lamina": "thick", "side": "below", "gap": 0.001, "start": 0.411, "end": 0.685,
+     "opening": 0.002, "shape": "power", "on": "ground"},
+]  # fmt: skip
+SENSORS = [
+    {"name": "a", "quantity": "acceleration", "lamina": "thin", "position": 0.3},
+    {"name": "s", "quantity": "contact force", "stop": 2},
+    {"name": "slow", "quantity": "strain", "lamina": "thick", "position": 0.1,
+     "sampling_rate": 40.0},
+]  # fmt: skip
+RUNS: dict[str, dict[str, Any]] = {
+    "stops": {**FEW, "stop": STOPS, "sensor": SENSORS, "impactor": [
+        {"lamina": "thin", "mass": 0.02, "gap": 0.002, "velocity": 0.3, "position": 0.548},
+        {"lamina": "thick", "mass": 0.03, "side": "below", "gap": 0.001, "spring": 40.0,
+         "on": "base"}]},
+    "penalty": {**FEW, "contact.law": "penalty", "contact.penalty_stiffness": 400.0,
+                "contact.penalty_damping": 2.0, "contact.points_per_element": 2},
+    "force": {**FEW, "excitation": {"kind": "force", "lamina": "thin", "position": 0.4,
+                                    "amplitude": 0.3, "frequency": 2.0}},
+    "elastic": {**FEW, "contact": {"law": "penalty", "penalty_stiffness": 4e3}, "impactor": [
+        {"lamina": "thin", "mass": 0.01, "gap": 0.001, "velocity": 0.5, "radius": 0.01}]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_the_dataset_of_a_short_run_is_the_stored_one(
+    name: str, stored: Callable[..., None]
+) -> None:
+    """A few impacts in some steps: nothing has had the time to grow."""
+    history = df.run(df.preset("paper", RUNS[name]), "compiled").history
+    stored(without_origin(history))
+    if name == "stops":
+        groups = grouped(history)
+        told = [f"{key}: {sorted(map(str, own.variables))}" for key, own in groups.items()]
+        stored("\n".join(told), ".groups")

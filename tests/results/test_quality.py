@@ -1,7 +1,13 @@
 """Warnings about numbers that are not good."""
 
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import golden
 import numpy as np
 import pytest
+from synthetic import STEPS, small_case, synthetic_history
 
 import delam_fem as df
 from delam_fem.case.definition import Case
@@ -101,3 +107,101 @@ def test_contacts_count_in_the_period_in_which_they_begin() -> None:
     hit[0, closed] = True
     motion = ProbeMotion(np.zeros((2, hit.size)), np.zeros((2, 3)), np.array([1.0]), hit, 5)
     assert contacts_by_period(motion, N).tolist() == [2.0, 2.0, 0.0]
+
+
+def test_what_is_said_of_balances_is_exact() -> None:
+    case = preset("paper", {"time.refine": 8})
+    known = (
+        "the steps of newmark balance to round-off, so that these do not say why; known are steps "
+        "of 0.000308 s, time.refine = 8, 80 dofs and 20 contact pairs. Compare with the other "
+        "--engine, time.refine = 1 and fewer elements, to see what opens it"
+    )
+    opened = "the energy balance of a period is open by {} of what is exchanged (good: below 1e-06)"
+    assert warned(case, 1e-6) == ""
+    assert warned(case, 1.1e-6) == f"{opened.format('1.1e-06')}: {known}"
+    explicit = case.with_overrides({"time.scheme": "central-difference"})
+    assert warned(explicit, 0.02) == (
+        f"{opened.format('0.02')}: central-difference balances energy only for small steps, given "
+        "0.000308 s; try more steps per period"
+    )
+    infinite = "the energies of a period are not finite: this is no motion of the case"
+    for residual in (np.nan, np.inf):
+        assert warned(case, residual) == infinite
+    assert [is_lost(own) for own in (0.00999, 0.01, np.nan, np.inf)] == [False, True, True, True]
+
+
+def test_springs_are_judged_by_the_turn_within_a_step() -> None:
+    """The lightest node has the mass of a mean element; 1000 rad a step are the bound."""
+    case = preset("paper", {"mesh.elements": 5})
+    mass = min(own.mass_per_length for own in case.lamina) * 0.685 / 5
+    best = mass * (1e3 / case.time_step) ** 2
+    for share, is_told in ((0.999, False), (1.001, True)):
+        own = case.with_overrides({"contact.penalty_stiffness": share * best})
+        text = warned(own, 0.0)
+        assert bool(text) == is_told
+    assert text == (
+        f"contact.penalty_stiffness = {1.001 * best:g} N/m turns a node 1.6e+02 times within a "
+        f"step, so that the motion in contact is arbitrary; try below {best:.1g} N/m, or a rigid "
+        "law"
+    )
+
+
+def test_meshes_are_judged_by_the_lengths_of_their_elements() -> None:
+    structure = closed_form.assemble(preset("paper", {"mesh.elements": 2}))
+    for ratio, is_told in ((0.99e4, False), (1.02e4, True)):
+        x = np.array([0.0, 0.5 / ratio, 0.5 / ratio + 1e-13, 0.5, 0.5 + 0.5 / ratio])
+        layout = SimpleNamespace(x=x)
+        found = quality._graded_mesh(SimpleNamespace(layout=layout))  # type: ignore[arg-type]
+        assert bool(found) == is_told
+    [text] = found
+    assert text == (
+        "the lengths of the elements differ by a factor of 1e+04, their stiffnesses by its cube, "
+        "and digits are lost; try a factor below 10000"
+    )
+    assert structure.layout.x.size == 3
+
+
+def strobed(periods: int, values: np.ndarray) -> Any:
+    """Return what `of_run` reads of an irregular run of two laminae."""
+    history = synthetic_history(small_case())
+    rng = np.random.default_rng(5)
+    n = history.sizes["period"]
+    for name in ("envelope_min", "envelope_max"):
+        history[name] = history[name] + rng.normal(size=(2, n)) * values[:, None]
+    history["impact_count"] = ("period", rng.integers(2, 9, n).astype(float))
+    return history, {"settled": "irregular", "settling": {"periods_judged": periods}}
+
+
+def test_intervals_of_irregular_motions_are_the_stored_ones(stored: Callable[..., None]) -> None:
+    told = []
+    for periods in (33, 50):
+        history, summary = strobed(periods, np.array([0.01, 0.002]))
+        for law in ("newton", "none"):
+            case = small_case(contact__law=law)
+            told.append(golden.told(quality.of_run(history, case, summary), f"{periods} {law}"))
+    short = history.isel(time=slice(0, STEPS + 30))
+    told.append(golden.told(quality.of_run(short, small_case(), summary), "short"))
+    stored("\n".join(told))
+    assert quality.of_run(history, small_case(), summary | {"settled": "settled"}) is None
+
+
+@pytest.mark.parametrize("n", [3 * STEPS, 3 * STEPS + 40])
+def test_contacts_begin_in_their_period(n: int) -> None:
+    """Closed steps less than a twentieth of a period apart belong together."""
+    first = n % STEPS
+    closed = np.zeros(n, bool)
+    closed[[0, 5, first + 3, first + 12, first + 22, first + 31, first + STEPS + 199]] = True
+    closed[first + 2 * STEPS] = True  # goes on from the period before
+    motion = ProbeMotion(np.zeros((2, n)), np.zeros((2, 3)), np.array([1.0]), closed[None], 0)
+    assert contacts_by_period(motion, STEPS).tolist() == [2.0, 1.0, 0.0]
+
+
+def test_a_run_that_was_to_settle_says_what_it_may_need() -> None:
+    case = preset("paper", {"time.periods": "settled", "time.most_periods": 77})
+    summary = {"settled": "not settled", "settling": {"periods_needed": None}}
+    text = "not settled after 77 periods, the limit time.most_periods"
+    assert quality.limit_warning(case, summary) == text
+    summary["settling"] = {"periods_needed": 12}
+    assert quality.limit_warning(case, summary) == f"{text}; it may need 12 further periods"
+    assert quality.limit_warning(case, summary | {"settled": "irregular"}) is None
+    assert quality.limit_warning(preset("paper"), summary) is None
