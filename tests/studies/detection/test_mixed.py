@@ -144,9 +144,9 @@ def test_detections_are_the_stored_ones(stored: Check) -> None:
     thin = preset("default")
     bare = replace(found, case=thin)
     stored(golden.of_finding(bare.report), ".apart")
-    lone = beside_intact(
-        TWICE, X, waves(X.size), waves(X.size)[::-1], 0.3 + X, title="told", ylabel="index"
-    )
+    own = indices.Mark(X, waves(X.size), 0.3 + X)
+    whole = indices.Mark(X, waves(X.size)[::-1], 0.2 + X)
+    lone = beside_intact(TWICE, own, whole, title="told", ylabel="index")
     stored(golden.describe(lone), ".beside")
 
 
@@ -284,15 +284,16 @@ def test_taps_are_the_stored_ones(stored: Check) -> None:
     own = tap.lengths(force, times)
     sound = own * (1.0 + 0.02 * waves(5)) / np.array([1.0, 1.0, 1.6, 1.2, 1.0])
     noise = np.random.default_rng(3)
-    found = tap.Taps(
-        TWICE, "upper", False, X[3:8], own, sound, tap.index(own, sound), 0.01 * waves(5),
-        tap.limits(force, times, 38.0, noise),
-    )  # fmt: skip
+    x = X[3:8]
+    limits = tap.limits(force, times, 38.0, noise)
+    mark = indices.Mark(x, tap.index(own, sound), limits)
+    intact = indices.Mark(x, 0.01 * waves(5), limits)
+    found = tap.Taps(TWICE, "upper", False, own, sound, mark, intact)
     noisy = tap.noisy(force, 26.0, noise)
-    told = {"lengths": own, "marked": found.marked, "intact": found.is_intact_called}
-    told |= {"noisy": noisy, "limits": found.limits, "many": tap.index(waves(3, 5) + 2.0, sound)}
+    told = {"lengths": own, "marked": mark.is_over * 1, "intact": intact.is_over * 1}
+    told |= {"noisy": noisy, "limits": limits, "many": tap.index(waves(3, 5) + 2.0, sound)}
     stored(golden.of_object(told))
     stored(golden.of_finding(found.report), ".report")
-    nothing = replace(found, limits=found.limits + 9.0, is_measured=True)
-    called = replace(found, intact_softness=found.softness)
+    nothing = replace(found, mark=replace(mark, limits=limits + 9.0), is_measured=True)
+    called = replace(found, intact_mark=mark)
     stored("\n".join(own.report.sentences[0] for own in (nothing, called)), ".other")
