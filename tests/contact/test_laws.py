@@ -1,7 +1,11 @@
 """The table of laws and of the schemes that they go with."""
 
+import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import get_args
 
+import golden
 import numpy as np
 import pytest
 from stand_ins import seen, setting
@@ -11,11 +15,16 @@ from delam_fem.contact.laws import (
     COMBINATIONS,
     LAWS,
     SCHEMES,
+    Combination,
+    Decision,
     Law,
     LawName,
+    LawNumbers,
+    Scheme,
     SchemeName,
     combination,
 )
+from delam_fem.system.errors import CaseError
 
 
 def test_the_tables_have_the_names_of_case_files() -> None:
@@ -89,3 +98,75 @@ def test_a_supervisor_has_the_numbers_of_its_law() -> None:
     assert impact(Law("newton", **numbers), "moreau-jean") == (coupled, None)
     numbers["threshold_velocity"] = 1.25
     assert impact(Law("newton", **numbers), "moreau-jean") == (coupled, rests)
+
+
+def test_all_laws_and_schemes_are_the_stored_ones(stored: Callable[..., None]) -> None:
+    told = [golden.of_object(dict(SCHEMES), "scheme"), golden.of_object(dict(LAWS), "law")]
+    told += [f"{name} courant {own.courant:.6g} {own.has_impulses_within}"
+             for name, own in SCHEMES.items()]  # fmt: skip
+    numbers = {"restitution": 0.3, "penalty_stiffness": 5.0, "penalty_damping": 2.0,
+               "threshold_velocity": 0.02}  # fmt: skip
+    for law, scheme in COMBINATIONS:
+        for impulse in ("lumped", "consistent"):
+            own = Law(law, impulse=impulse, **numbers)  # type: ignore[arg-type]
+            row = COMBINATIONS[law, scheme]
+            told.append(
+                f"{law} {scheme} {impulse} {row.kind} {row.reads} {own.numbers(SCHEMES[scheme])}"
+            )
+    stored("\n".join(told))
+
+
+def test_numbers_that_are_not_given() -> None:
+    assert LawNumbers(1) == (1, False, 0.0, 0.0, 0.0, -math.inf)
+    assert Scheme() == Scheme("newmark", 0.25, 0.5, 0.5)
+    assert Combination(2).reads == () and Law("none") == Law(
+        "none", 0.0, "consistent", 0.0, 0.0, 0.0
+    )
+    none = np.zeros(0)
+    assert Decision(none, none, none, none).resting is None
+
+
+def test_courant_numbers_are_those_of_the_scheme() -> None:
+    """1 / √(γ/2 - β): 2 of central differences, √12 of linear acceleration."""
+    assert SCHEMES["central-difference"].courant == 2.0
+    assert Scheme(beta=1.0 / 6.0).courant == pytest.approx(math.sqrt(12.0))
+    assert Scheme().courant == Scheme("moreau-jean", beta=0.0).courant == math.inf
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"beta": -0.1}, "beta: expected a number from 0 or more, given -0.1"),
+        ({"gamma": 0.49}, "gamma: expected a number from 0.5 or more, given 0.49"),
+        ({"theta": 0.49}, "theta: expected a number from 0.5 to 1, given 0.49"),
+        ({"theta": 1.01}, "theta: expected a number from 0.5 to 1, given 1.01"),
+        ({"name": "euler"}, "scheme: expected one of newmark, central-difference, moreau-jean, "
+         "given 'euler'"),
+    ],
+)  # fmt: skip
+def test_schemes_out_of_range_are_refused(changed: dict[str, object], message: str) -> None:
+    with pytest.raises(CaseError) as error:
+        replace(Scheme(), **changed)
+    assert str(error.value) == message
+    assert Scheme(beta=0.0, gamma=0.5, theta=1.0).theta == 1.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"restitution": 1.01}, "restitution: expected a number from 0 to 1, given 1.01"),
+        ({"penalty_stiffness": -1.0}, "penalty_stiffness: expected a number from 0 or more, given "
+         "-1.0"),
+        ({"penalty_damping": -1.0}, "penalty_damping: expected a number from 0 or more, given "
+         "-1.0"),
+        ({"threshold_velocity": -1.0}, "threshold_velocity: expected a number from 0 or more, "
+         "given -1.0"),
+        ({"impulse": "x"}, "impulse: expected one of lumped, consistent, given 'x'"),
+        ({"name": "x"}, "law: expected one of none, newton, newton-penalty, penalty, given 'x'"),
+    ],
+)  # fmt: skip
+def test_laws_out_of_range_are_refused(changed: dict[str, object], message: str) -> None:
+    with pytest.raises(CaseError) as error:
+        replace(Law("newton"), **changed)
+    assert str(error.value) == message
+    assert Law("newton", restitution=1.0).restitution == 1.0
