@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import golden
@@ -13,12 +14,16 @@ import scipy.sparse as sp
 from mixed import BARS, BEAMS, FORCE, IMPACTORS, INNER, SOLIDS, STOPS, apart, bonded
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import load_case
 from delam_fem.model import layout as layouts
-from delam_fem.model import linear, modal, reduced, reduction
+from delam_fem.model import linear, modal, operators, reduced, reduction
 from delam_fem.model.beams import closed_form, forms
 from delam_fem.model.beams.network import network
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.solids.assembly import assemble
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import read_arrays, write_arrays
+from delam_fem.system.mpi import MPI
 
 Check = Callable[..., None]
 
@@ -206,3 +211,143 @@ def of_closed(structure: Structure) -> np.ndarray:
     """Return the motions that keep all pairs closed, as what they do to a vector."""
     S = linear.keeping_closed(structure)
     return np.asarray(S @ (S.T @ waves(structure.operators.n_dofs)))
+
+
+def test_a_reduction_comes_back_as_stored(stored: Check, tmp_path: Path) -> None:
+    """With stops, impactors, sensors and an initial state, and what may not differ."""
+    case = bonded(initial=[{"lamina": "mid", "shape": "force", "position": 0.3,
+                            "displacement": 1e-4}])  # fmt: skip
+    _, path = reduction.reduced_case(case, 5).save(tmp_path)
+    given = load_case(path)
+    structure = reduction.load(given)
+    o, layout = structure.operators, structure.layout
+    n = o.n_dofs - layout.n_impactors
+    K = o.stiffness[:n, :n].tocsc()
+    compliance = sp.linalg.spsolve(K, o.gap_matrix[:, :n].T.tocsc())
+    assert o.start is not None
+    found = {
+        "gap0": o.gap0, "weights": o.pair_weights, "n": [o.n_dofs, o.n_pairs, layout.n_impactors],
+        "flexibility": o.gap_matrix[:, :n] @ compliance, "corner": o.base.corner,
+        "sensors": layout.sensors, "parts": layout.parts, "interfaces": layout.interfaces,
+        "stops": layout.stops, "probes": layout.probes, "supports": layout.supports,
+        "read": (o.sensors[:, :n] @ compliance)[:2], "at probes": o.probes[:, :n] @ compliance,
+        "start": o.gap_matrix @ o.start.T, "base": np.linalg.norm(o.base.mass),
+    }  # fmt: skip
+    lines = [golden.of_object(found)]
+    for keys in (
+        {"lamina.mid.thickness": 0.0021}, {"support.end": "clamped"}, {"mesh.elements": 15},
+        {"delamination.1.end": 0.3}, {"damping.rayleigh": "mass"}, {"time.mass": "lumped"},
+        {"point_mass.1.mass": 0.3}, {"stop.1.position": 0.46}, {"impactor.1.position": 0.3},
+        {"contact.points_per_element": 2}, {"sensor.4.position": 0.24},
+        {"sensor.4.surface": "top"}, {"sensor.4.lamina": "low"}, {"stop.1.gap": 1e-3},
+        {"delamination.1.opening": 3e-4}, {"initial": []},
+        {"excitation": FORCE}, {"name": "another"}, {"contact.penalty_stiffness": 1e3},
+    ):  # fmt: skip
+        try:
+            changed = reduction.load(given.with_overrides(keys)).operators
+            lines.append(golden.of_object(changed.gap0, str(keys)))
+        except CaseError as error:
+            lines.append(str(error).replace(str(tmp_path), "folder"))
+    arrays = read_arrays(path.with_name(reduction.NAME))
+    for name, value in {
+        "format": np.array(7), "squares": -arrays["squares"], "strains": arrays["strains"][:, 1:],
+        "readings": arrays["readings"][1:], "reading_part": arrays["reading_part"][1:],
+        "H": arrays["H"] * np.nan, "gap0": np.array([object()], dtype=object).astype("S"),
+    }.items():  # fmt: skip
+        write_arrays(path.with_name(reduction.NAME), arrays | {name: value})
+        with pytest.raises(CaseError) as raised:
+            reduction.load(given)
+        lines.append(str(raised.value).replace(str(tmp_path), "folder"))
+    stored("\n".join(lines))
+
+
+def test_masses_at_middles_are_the_stored_ones(stored: Check) -> None:
+    h = np.array([0.1, 0.13, 0.09, 0.12, 0.11, 0.1, 0.14])
+    found: dict[str, Any] = {}
+    for n in (1, 2, 3, 4, 5, 7):
+        for is_tied in (False, True):
+            masses = closed_form.middle_masses(h[:n] * 3.0, h[:n], is_tied=is_tied)
+            x = np.cumsum(h[:n]) - 0.5 * h[:n]
+            found[f"{n} {is_tied}"] = [masses, [masses.sum(), masses @ x, masses @ x**2]]
+            M, K, lumped = closed_form.beam(2.0, 3.0, h[:n], at_middles=True, is_tied=is_tied)
+            found[f"beam {n} {is_tied}"] = [M, K, lumped]
+    found["elements"] = [
+        closed_form.element_stiffness([2.0, 3.0], [0.4, 0.7]),
+        closed_form.element_mass([2.0, 3.0], [0.4, 0.7]),
+        closed_form.element_lumped_mass([2.0, 3.0], [0.4, 0.7]),
+    ]
+    lines = [golden.of_object(found)]
+    with pytest.raises(CaseError) as raised:
+        closed_form.middle_masses(np.array([9.0, 0.1, 0.1]), np.array([9.0, 0.1, 0.1]))
+    lines.append(str(raised.value))
+    for x in ([0.1, 0.5], [0.0, 0.51], [0.0, 0.2, 0.49], [0.0, 0.2, 0.5 + 4e-10]):
+        try:
+            made = closed_form.assemble(apart(stop=[], impactor=[], sensor=[]), x)
+            lines.append(f"{made.operators.n_dofs} dofs")
+        except CaseError as error:
+            lines.append(str(error))
+    stored("\n".join(lines))
+
+
+def test_shares_of_one_rank_are_the_stored_ones(stored: Check) -> None:
+    structure = closed_form.assemble(BEAMS["apart, lumped"])
+    n = structure.operators.n_dofs
+    o = replace(
+        structure.operators, near_null=waves(n, 3), rayleigh=(1.0 + waves(n), 2.0 + waves(n)),
+        names=("a", "b"),
+    )  # fmt: skip
+    share = operators.spread(o, MPI.COMM_SELF)
+    told: dict[str, Any] = {
+        "n": [share.n_dofs, share.n_own, share.n_pairs, share.n_probes, share.n_sensors],
+        "own": repr(share.own), "base": share.base, "gap": [share.gap_matrix, share.gap0],
+        "lumped": share.lumped_mass, "weights": share.pair_weights, "probes": share.probes,
+        "sensors": share.sensors, "rayleigh": share.rayleigh, "names": list(share.names),
+        "is": [share.is_uncoupled, share.is_shared_order], "shift": share.probe_shift,
+        "whole": operators.whole(waves(2, 5), MPI.COMM_SELF), "observed": o.observed,
+    }  # fmt: skip
+    for name in ("mass", "damping", "stiffness"):
+        own = getattr(share, name)
+        told[name] = sp.csr_matrix(own.getValuesCSR()[::-1], own.getSize())
+    vectors = share.stiffness.getNearNullSpace().getVecs()
+    told["near"] = [np.abs(v.array) for v in vectors]
+    held = np.where(np.arange(n) % 5 == 1, np.arange(n) % 2, np.nan)
+    H = sp.csr_matrix(o.gap_matrix.multiply(np.isnan(held)))
+    for name, damping in (("rayleigh", (0.3, 2e-4)), ("own", share.damping)):
+        back = operators.Operators.from_petsc(
+            share.mass, damping, share.stiffness, gap=(H, o.gap0), base=held,
+            probes={"p": waves(1, n), "q": waves(2, n)[1:]},
+        )  # fmt: skip
+        told[name] = replace(back, near_null=None)
+        told[f"{name} near"] = np.abs(back.near_null) if back.near_null is not None else None
+    told["without"] = o.without_contact()
+    lines = [golden.of_object(told)]
+    for base in (held[1:], np.where(np.arange(n) == n - 2, 1.0, np.nan)):
+        with pytest.raises(CaseError) as raised:
+            operators.Operators.from_petsc(
+                share.mass, (0.0, 0.0), share.stiffness, gap=(o.gap_matrix, o.gap0), base=base
+            )
+        lines.append(str(raised.value))
+    bad = {
+        "mass": o.mass.toarray(), "damping": o.damping[:3], "gap0": o.gap0[1:],
+        "stiffness": o.stiffness * np.nan, "lumped_mass": waves(n - 1), "probes": o.probes[:, 2:],
+        "pair_weights": waves(2), "names": ("a",), "start": waves(3, n),
+    }  # fmt: skip
+    for name, value in {**bad, " mass": o.mass * -1.0}.items():
+        try:
+            replace(o, **{name.strip(): value})
+            lines.append(f"{name}: accepted")
+        except (CaseError, ValueError) as error:
+            lines.append(" ".join(str(error).split())[:200])
+    stored("\n".join(lines))
+
+
+@pytest.mark.parametrize("kind", ["ball", "soft"])
+def test_curved_impactors_are_the_stored_ones(kind: str, stored: Check) -> None:
+    own = {"lamina": "low", "mass": 0.03, "position": 0.21, "velocity": 0.6, "gap": 1e-4}
+    own |= {"radius": 0.007} if kind == "ball" else {"stiffness": 4e3, "damping": 0.4}
+    contact = {"law": "penalty", "penalty_stiffness": 3e3}
+    stop = [STOPS[0] | {"damping": 0.0}]
+    if kind == "soft":
+        contact, stop = contact | {"penalty_damping": 0.3}, STOPS[:1]
+    structure = closed_form.assemble(apart(impactor=[own], stop=stop, contact=contact))
+    stored(golden.of_object(structure.operators))
