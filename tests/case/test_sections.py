@@ -50,6 +50,7 @@ LAMINAE: dict[str, dict[str, Any]] = {
     "a stiffness": {"density": 1500.0, "bending_stiffness": 0.7},
     "both": {"density": 1500.0, "young_modulus": 20e9, "bending_stiffness": 0.7},
     "a mass": {"mass_per_length": "200 g/m", "young_modulus": "20 GPa"},
+    "units": {"mass_per_length": 0.2, "bending_stiffness": "0.7 N m2", "width": "3 cm"},
     "axial": {"density": 1500.0, "young_modulus": 20e9, "motion": "axial"},
     "a point": {"mass": 0.3, "stiffness": 120.0},
     **{name: {"material": name} for name in MATERIALS},
