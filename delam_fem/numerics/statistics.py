@@ -221,7 +221,7 @@ ACCEPTED = 0.08
 clapping rig covered the truth in 85 to 91 of 100 cases, with 8 % in 89 to 91."""
 FEWEST = 100
 """Smallest number of simulations that are accepted."""
-UNLIKE = 1e-3
+UNLIKE = 1e-2
 """Smallest probability by `Table.misfit` with which an observation still fits the simulations."""
 EDGE = 1e-6
 """Smallest distance of parameters from their bounds, relative to the range, in the logits."""
@@ -465,11 +465,17 @@ def _products(values: FloatArray) -> FloatArray:
 
 
 def _moved(logits: FloatArray, offsets: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return accepted parameters moved to the observation, by regressions of mean and scatter."""
+    """Return accepted parameters moved to the observation, by regressions of mean and scatter.
+
+    A regression of p coefficients leaves too small a rest: its variance is that of n - p values,
+    where the weights are worth n, and 1/n of it is the error of the mean.
+    """
     columns = np.column_stack([np.ones(len(offsets)), offsets])
+    n = weights.sum() ** 2 / (weights**2).sum()
     roots = np.sqrt(weights)[:, None]
     slopes = np.linalg.lstsq(roots * columns, roots * logits, rcond=None)[0]
     rest = logits - columns @ slopes
+    rest *= math.sqrt((1.0 + 1.0 / n) * n / (n - columns.shape[1]))
     sizes = np.log(rest**2 + np.finfo(np.float64).tiny)
     growth = np.linalg.lstsq(roots * columns, roots * sizes, rcond=None)[0]
     result: FloatArray = slopes[0] + rest * np.exp(-0.5 * (columns[:, 1:] @ growth[1:]))

@@ -516,8 +516,8 @@ def _strongest(
 ) -> tuple[float, float, float, float, float]:
     """Return the `FREE` numbers of the strongest mode between two frequencies.
 
-    They are medians over the orders. The errors hold the scatter over the orders, and the effect of
-    the residual on the poles, by linear least squares of the sum and its derivatives.
+    They are medians over the orders. The errors hold the largest deviation of an order, and the
+    effect of the residual on the poles, by linear least squares of the sum and its derivatives.
     """
     t, found = step * np.arange(values.size), []
     rows = np.lib.stride_tricks.sliding_window_view(values, values.size // 2 + 1)
@@ -548,7 +548,7 @@ def _strongest(
         return (np.nan,) * 5
     table = np.array(found)
     result = np.median(table, axis=0)
-    result[[1, 3]] = np.hypot(result[[1, 3]], _scatter(table - result)[[0, 2]])
+    result[[1, 3]] = np.hypot(result[[1, 3]], np.abs(table - result).max(axis=0)[[0, 2]])
     return tuple(result.tolist())
 
 

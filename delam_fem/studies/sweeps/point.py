@@ -405,6 +405,8 @@ STUDENT = float(stdtrit(BLOCKS - 1, ndtr(2.0))) / 2.0
 """Factor on an error from few blocks: two of it then contain as much as two known normal errors."""
 WIDER = 2.0
 """Second distance of neighbouring motions, relative to the first."""
+ROUGH = 1.5
+"""Multiple of what the second distance changes: one difference tells its usual size roughly."""
 FEW_STEPS = 9
 """Time steps in which the motion changes by the least second distance, were it harmonic."""
 ALIGNING = 0.5
@@ -481,7 +483,7 @@ def largest_exponent(
             growth[number, k] = math.log(d / size)
             others[k] = State(one.motion + size / d * step, one.resting)
     near, far = (mean_growth(rates) for rates in growth[aligning:].T / period)
-    return Exponent(near.value, math.hypot(STUDENT * near.error, far.value - near.value))
+    return Exponent(near.value, math.hypot(STUDENT * near.error, ROUGH * (far.value - near.value)))
 
 
 def mean_growth(rates: FloatArray) -> Exponent:
