@@ -19,7 +19,6 @@ from delam_fem.engines.session import EngineName
 from delam_fem.model import discretise
 from delam_fem.model.mesh import node_coordinates, read_file
 from delam_fem.system.errors import CaseError
-from delam_fem.system.mpi import MPI
 
 MOST_HOURS = 24.0
 """Computing time above which a computation must be confirmed [h]."""
@@ -111,7 +110,11 @@ def run_cost(case: Case, engine: EngineName) -> Cost:
         + _STEP_NUMBERS_IN_FILES * recorded
         + _NODE_NUMBERS_IN_FILES * values
     )
-    ranks = min(MPI.COMM_WORLD.size, len(case.lamina)) if case.model.is_continuum else 1
+    ranks = 1
+    if case.model.is_continuum:
+        from delam_fem.system.mpi import MPI  # the workers of a sweep of beams start no MPI
+
+        ranks = min(MPI.COMM_WORLD.size, len(case.lamina))
     hours = START_SECONDS / 3600.0 + step_hours(case, engine) / ranks
     matrices = ENTRY_BYTES * n_dofs * per_dof
     return Cost(hours, _DOUBLE * memory + matrices, FILE_BYTES + _DOUBLE * disk)

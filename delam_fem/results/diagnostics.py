@@ -352,36 +352,41 @@ def scatters(strobe: FloatArray, half_range: FloatArray) -> FloatArray:
     return np.array([(np.sqrt((change**2).mean(axis=1)) / half_range).max() for change in changes])
 
 
-def periodicity(
-    strobe: FloatArray, half_range: FloatArray, *, threshold: float = PERIODIC_SCATTER
-) -> tuple[int | None, float | None]:
+def periodicity(strobe: FloatArray, half_range: FloatArray) -> tuple[int | None, float | None]:
     """Return the smallest number of excitation periods after which the motion repeats.
 
-    P qualifies when its scatter (see `scatters`) is below the threshold.
+    P qualifies when its scatter (see `scatters`) is below `PERIODIC_SCATTER`.
 
     Args:
         strobe: displacements at the end of each period, shape (n_laminae, n_periods) [m].
         half_range: half peak-to-peak amplitudes, shape (n_laminae,) [m].
-        threshold: largest scatter of a motion that repeats [-].
 
     Returns:
         P and its scatter [-]; (None, None) if none of 1…`LARGEST_PERIODICITY` qualifies or if there
         are fewer than 2 P periods.
     """
-    for P, scatter in enumerate(scatters(strobe, half_range).tolist(), start=1):
+    return _first_below(scatters(strobe, half_range), PERIODIC_SCATTER)
+
+
+def _first_below(sizes: FloatArray, threshold: float) -> tuple[int | None, float | None]:
+    """Return the first P whose scatter is below a threshold, and its scatter; None: none is."""
+    for P, scatter in enumerate(sizes.tolist(), start=1):
         if scatter < threshold:
             return P, scatter
     return None, None
 
 
-def is_decided(strobe: FloatArray, half_range: FloatArray) -> bool:
+def is_decided(sizes: FloatArray) -> bool:
     """Return whether the periodicity is the same with thresholds apart by `PERIODIC_MARGIN`.
 
     The cycles of clapping differ. Near the threshold it depends on chance whether a motion counts
     as one of period 1, of a higher period or of none.
+
+    Args:
+        sizes: what `scatters` returns [-].
     """
     ends = (PERIODIC_SCATTER / PERIODIC_MARGIN, PERIODIC_SCATTER * PERIODIC_MARGIN)
-    low, high = (periodicity(strobe, half_range, threshold=end)[0] for end in ends)
+    low, high = (_first_below(sizes, end)[0] for end in ends)
     return low == high
 
 
@@ -514,10 +519,10 @@ def _periodicity_of(motion: ProbeMotion, N: int) -> dict[str, Any]:
     found = scatters(strobe, half_range)
     if not found.size:
         return _NO_PERIODICITY
-    P, scatter = periodicity(strobe, half_range)
+    P, scatter = _first_below(found, PERIODIC_SCATTER)
     return {
         "periodicity": P,
         "strobe_scatter": scatter,
-        "periodicity_class": class_name(P, is_decided=is_decided(strobe, half_range)),
+        "periodicity_class": class_name(P, is_decided=is_decided(found)),
         "strobe_scatters": found.tolist(),
     }

@@ -1,9 +1,10 @@
 """Import MPI and start PETSc, the one door to both, and check the options of PETSc.
 
-No other module imports `mpi4py.MPI`, whose import starts MPI. A process that no launcher has
-started needs no network. Open MPI nevertheless opens listening sockets on all interfaces, unless it
-is told before its start to stay alone. PETSc is started so that it leaves signals to the package,
-and files in the working folder unread.
+No other module imports `mpi4py.MPI`, whose import starts MPI. It starts when a module first asks
+this one for `MPI`, so that the workers of a sweep of beams start none. A process that no launcher
+has started needs no network. Open MPI nevertheless opens listening sockets on all interfaces,
+unless it is told before its start to stay alone. PETSc is started so that it leaves signals to the
+package, and files in the working folder unread.
 
 This module also lists the options of PETSc that have a prefix of the package, and says whether they
 are read. It imports nothing for that, because the compiled engine, which reads no options, asks
@@ -17,10 +18,13 @@ import gc
 import os
 import sys
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from delam_fem.system.errors import CaseError
 from delam_fem.system.imports import added, elsewhere
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that a launcher (mpirun, srun) sets for the processes it starts."""
@@ -48,11 +52,18 @@ class _Alone:
     rank, size = 0, 1
 
 
-with added({} if any(name in os.environ for name in LAUNCHED) else ALONE):
-    try:
-        from mpi4py import MPI  # an mpirun that this process may start does not inherit them
-    except ModuleNotFoundError:
-        MPI = SimpleNamespace(COMM_SELF=_Alone(), COMM_WORLD=_Alone())  # type: ignore[assignment]
+def __getattr__(name: str) -> Any:
+    """Start MPI when it is first asked for."""
+    if name != "MPI":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    with added({} if any(own in os.environ for own in LAUNCHED) else ALONE):
+        try:
+            from mpi4py import MPI  # an mpirun that this process may start does not inherit them
+        except ModuleNotFoundError:
+            MPI = SimpleNamespace(COMM_SELF=_Alone(), COMM_WORLD=_Alone())  # type: ignore[assignment]
+    globals()["MPI"] = MPI
+    return MPI
+
 
 __all__ = ["MPI", "end_with_any", "hold", "release", "start_petsc"]
 

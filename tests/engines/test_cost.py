@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 
 from delam_fem.case.files import load_case, preset
-from delam_fem.engines import cost as cost_module
 from delam_fem.engines.cost import (
     FILE_BYTES,
     START_SECONDS,
@@ -22,6 +21,7 @@ from delam_fem.model import discretise
 from delam_fem.model.reduction import reduced_case
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep, sweep_cost
+from delam_fem.system import mpi
 from delam_fem.system.errors import CaseError
 
 FINE_SOLID = {"mesh.elements": 40, "model.strips": 2}
@@ -148,7 +148,7 @@ def test_periods_and_points_cost_something_whatever_they_compute() -> None:
 def test_ranks_share_solids(monkeypatch: pytest.MonkeyPatch) -> None:
     case = preset("default", {"model.kind": "solid"})
     alone = run_cost(case, "petsc").hours - START_SECONDS / 3600.0
-    monkeypatch.setattr(cost_module, "MPI", SimpleNamespace(COMM_WORLD=SimpleNamespace(size=4)))
+    monkeypatch.setattr(mpi, "MPI", SimpleNamespace(COMM_WORLD=SimpleNamespace(size=4)))
     shared = run_cost(case, "petsc").hours - START_SECONDS / 3600.0
     assert shared == pytest.approx(alone / 2.0)
     beam = preset("default")

@@ -106,7 +106,7 @@ def test_a_class_needs_a_margin(single: float, double: float, expected: str) -> 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(diagnostics, "scatters", lambda strobe, half_range: found)
         P, _ = diagnostics.periodicity(history, np.ones(1))
-        decided = diagnostics.is_decided(history, np.ones(1))
+        decided = diagnostics.is_decided(found)
     assert diagnostics.class_name(P, is_decided=decided) == expected
 
 

@@ -516,7 +516,7 @@ def _strongest(
 ) -> tuple[float, float, float, float, float]:
     """Return the `FREE` numbers of the strongest mode between two frequencies.
 
-    They are medians over the orders. The errors hold the largest deviation of an order, and the
+    They are medians over the orders. The errors hold the standard deviation of the orders, and the
     effect of the residual on the poles, by linear least squares of the sum and its derivatives.
     """
     t, found = step * np.arange(values.size), []
@@ -548,7 +548,8 @@ def _strongest(
         return (np.nan,) * 5
     table = np.array(found)
     result = np.median(table, axis=0)
-    result[[1, 3]] = np.hypot(result[[1, 3]], np.abs(table - result).max(axis=0)[[0, 2]])
+    scatter = np.sqrt(((table - result) ** 2).sum(axis=0) / (len(table) - 1))
+    result[[1, 3]] = np.hypot(result[[1, 3]], scatter[[0, 2]])
     return tuple(result.tolist())
 
 

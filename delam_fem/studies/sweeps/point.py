@@ -336,7 +336,7 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
     for row, pair in zip(is_hit, pairs, strict=True):
         row[steps[impacts.hit == pair]] = True
     return diagnostics.ProbeMotion(
-        steps_of(recorder)[0][1:, :n_laminae].T,
+        np.ascontiguousarray(steps_of(recorder)[0][1:, :n_laminae].T),
         recorder.strobe[: recorder.n_closed, 0, :n_laminae].T,
         np.where(pairs == NO_PAIR, 0.0, gap0[pairs]),
         is_hit,
