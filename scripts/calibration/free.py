@@ -4,7 +4,9 @@ Decays of a mode of 2 … 20 Hz with damping ratios from 0.002 to 0.03, 20 … 4
 white noise of 0.1 … 3 % of the first amplitude, or with a rig that differs. The first segment of
 ten cycles, the usual length, is judged. An interval is the number ± two of its stated errors. Where
 the frequency rises within the segment, the truth is the one in its middle; `free_vibration.png`
-leaves out what is not known to 0.3 %.
+leaves out what is not known to 0.3 %. The errors hold the standard deviation of three orders since
+177 and 179 of the 200 truths that rise lay within two of those before, which held its robust
+estimate (355 and 354 of 400 others then, 378 and 382 since).
 """
 
 from __future__ import annotations
