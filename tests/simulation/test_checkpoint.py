@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Literal
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 import pytest
+from scripted import Engine, motion, recorder
 
 import delam_fem as df
 from delam_fem.simulation import checkpoint
+from delam_fem.simulation.loop import simulate
 from delam_fem.system.files import claimed, read_arrays, write_arrays
 
 KEYS = {
@@ -136,3 +140,192 @@ def test_of_a_long_error_the_first_line_is_told(tmp_path: Path) -> None:
     told = str(checkpoint._damaged(tmp_path / "c", ValueError("what is wrong\nwhere")))
     assert "(what is wrong)" in told and "where)" not in told
     assert "(ValueError)" in str(checkpoint._damaged(tmp_path / "c", ValueError()))
+
+
+def refusal(call: Callable[[], object]) -> str:
+    with pytest.raises(df.CaseError) as error:
+        call()
+    return str(error.value)
+
+
+def test_a_checkpoint_gives_engine_and_recorder_back(tmp_path: Path) -> None:
+    """After two of three periods, of which the window keeps both."""
+    kept, engine = recorder(window=2, frames=2), Engine()
+    simulate(engine, kept, motion, stop=lambda k: k == 2)
+    arrays = checkpoint.arrays_of(case(), "compiled", engine, kept, "running")
+    path = tmp_path / "c.npz"
+    write_arrays(path, arrays)
+    again, other = recorder(window=2, frames=2), Engine()
+    outcome = checkpoint.load(path, case(), "compiled", other, again, motion)
+    assert (outcome, again.n_closed) == ("running", 2)
+    assert other.stepper.step == engine.stepper.step == 8
+    assert other.stepper.dissipated == 4.0 and other.stepper.contact_damped == 2.0
+    np.testing.assert_array_equal(other.base_state, motion(2)[0])
+    same = checkpoint.arrays_of(case(), "compiled", other, again, "running")
+    assert same.keys() == arrays.keys()
+    for name, values in arrays.items():
+        np.testing.assert_array_equal(same[name], values, err_msg=name)
+    simulate(engine, kept, motion)
+    assert simulate(other, again, motion) == "completed"
+    np.testing.assert_array_equal(again.ledger, kept.ledger)
+
+
+def test_messages_of_checkpoints_are_exact(tmp_path: Path) -> None:
+    kept, engine = recorder(window=2), Engine()
+    simulate(engine, kept, motion, stop=lambda k: k == 2)
+    arrays, path = checkpoint.arrays_of(case(), "compiled", engine, kept, "running"), tmp_path / "c"
+
+    def loaded(name: str = "compiled", of: df.Case | None = None, **options: bool) -> object:
+        return checkpoint.load(
+            path, of or case(), name, Engine(), recorder(window=2), motion, **options
+        )
+
+    assert refusal(lambda: checkpoint.load(None, case(), "x", engine, kept, motion)) == (
+        "resume: expected the directory of the interrupted run, given none"
+    )
+    told = f"resume: expected a checkpoint of an interrupted run, no file {path}"
+    assert refusal(loaded) == told
+    write_arrays(path, arrays)
+    assert loaded() == "running"
+    assert refusal(lambda: loaded("petsc")) == (
+        f"resume: {path} is of engine 'compiled', expected 'petsc'; run with the engine of the "
+        "interrupted run, or without --resume"
+    )
+    longer = case(**{"time.periods": 9})
+    told = (
+        f"resume: {path} belongs to another case; run with the settings of the interrupted run, or "
+        "without --resume"
+    )
+    assert refusal(lambda: loaded(of=longer)) == told
+    assert loaded(of=longer, of_shorter=True) == "running"
+    assert refusal(lambda: loaded(of=case(**{"mesh.elements": 4}), of_shorter=True)) == told
+    write_arrays(path, arrays | {"version": np.array("0" * 50)})
+    assert refusal(loaded).startswith(f"resume: {path} is of version {'0' * 40!r}, expected '")
+    damaged = (
+        f"checkpoint: {path} is damaged or no checkpoint ({{}}); run without --resume or --extend "
+        "to compute everything again, with --overwrite in the same folder"
+    )
+    for change, reason in (
+        ({"n_closed": 4}, "arrays of another size"), ({"n_closed": 0}, "arrays of another size"),
+        ({"motion": np.zeros((3, 4))}, "arrays of another size"),
+        ({"resting": np.zeros(3, bool)}, "arrays of another size"),
+    ):  # fmt: skip
+        write_arrays(path, arrays | change)
+        assert refusal(loaded) == damaged.format(reason)
+    without = {key: own for key, own in arrays.items() if key != "case"}
+    write_arrays(path, without)
+    assert refusal(loaded) == damaged.format("'case'")
+    write_arrays(path, {key: own for key, own in arrays.items() if key != "losses"})
+    assert refusal(loaded) == damaged.format("'losses'")
+
+
+def test_names_and_periods_are_read_from_files(tmp_path: Path) -> None:
+    path = checkpoint.final_in(tmp_path)
+    assert (path.name, checkpoint.path_in(tmp_path).name) == ("state.npz", "checkpoint.npz")
+    assert checkpoint.engine_in(path) is None
+    assert refusal(lambda: checkpoint.periods_in(path)) == (
+        f"extend: expected the final state of a completed run, no file {path}; compute the case "
+        "again with more periods"
+    )
+    write_arrays(path, {"engine": np.array("petsc"), "n_closed": 7})
+    assert checkpoint.engine_in(path) == "petsc" and checkpoint.periods_in(path) == 7
+    write_arrays(path, {"other": 1})
+    assert "'n_closed'" in refusal(lambda: checkpoint.periods_in(path))
+    assert checkpoint.engine_in(path) is None
+
+
+def test_the_folder_of_a_study_is_kept_while_it_is_not_complete(tmp_path: Path) -> None:
+    folder = tmp_path / "checkpoints"
+    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, resume=False) as found:
+        assert found == folder
+        raise ValueError
+    assert not folder.exists()  # nothing was in it
+    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, resume=False):
+        (folder / "one").touch()
+        raise ValueError
+    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, resume=True):
+        assert (folder / "one").exists()
+        raise ValueError
+    with checkpoint.of_study(tmp_path, resume=False):
+        assert not (folder / "one").exists()
+        (folder / "two").touch()
+    assert not folder.exists()
+
+
+class Ranks:
+    """A communicator of two ranks, of which the other has wishes of its own."""
+
+    rank, size = 0, 2
+
+    def __init__(self) -> None:
+        self.others = 0
+
+    def allreduce(self, own: int, _: object) -> int:
+        return own | self.others
+
+
+@pytest.mark.parametrize("comm", [SimpleNamespace(rank=0, size=1), Ranks()])
+def test_a_watch_reports_saves_when_due_and_stops(
+    comm: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, asked, said = [100.0], [False], list[tuple[int, int]]()
+    monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
+    kept, engine = recorder(window=2), Engine()
+    simulate(engine, kept, motion, stop=lambda k: k == 2)
+    path = tmp_path / "c.npz"
+    watch = checkpoint.Watch(
+        path, (case(), "compiled", engine, kept), lambda: asked[0], comm,
+        report=lambda *own: said.append(own), seconds=5.0,
+    )  # fmt: skip
+    assert checkpoint.CHECKPOINT_SECONDS == 30.0
+    now[0] = 105.0
+    assert not watch(1) and not path.exists()
+    now[0] = 105.1
+    assert not watch(2) and path.exists()
+    path.unlink()
+    now[0] = 110.0
+    assert not watch(3) and not path.exists()  # counted from the last one
+    asked[0] = True
+    assert watch(3) and not path.exists()
+    asked[0] = False
+    if comm.size == 2:
+        comm.others = 1
+        assert watch(3) and not path.exists()
+        comm.others = 2
+        assert not watch(3) and path.exists()
+    assert said[:3] == [(1, 3), (2, 3), (3, 3)]
+    for outcome, told in (("interrupted", "running"), ("completed", "completed")):
+        watch.leave(outcome)  # type: ignore[arg-type]
+        assert str(read_arrays(path)["outcome"]) == told
+    silent = checkpoint.Watch(None, (case(), "compiled", engine, kept), lambda: True, comm)
+    now[0] = 999.0
+    assert silent(1) and len(list(tmp_path.iterdir())) == 1
+
+
+def test_signals_are_caught_and_a_second_interrupt_ends_at_once() -> None:
+    before = {number: signal.getsignal(number) for number in checkpoint.STOPPING}
+    for number in checkpoint.STOPPING:
+        with checkpoint.stop_signals() as is_stopped:
+            assert not is_stopped()
+            signal.raise_signal(number)
+            assert is_stopped()
+            signal.raise_signal(signal.SIGTERM)  # a second one of another kind is noted alone
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt), checkpoint.interruptible():
+            signal.raise_signal(number)
+    assert {number: signal.getsignal(number) for number in checkpoint.STOPPING} == before
+
+
+def test_what_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with checkpoint.stop_signals() as is_stopped:
+            signal.raise_signal(signal.SIGHUP)
+            assert not is_stopped()
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            signal.raise_signal(signal.SIGTERM)
+            assert is_stopped()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
