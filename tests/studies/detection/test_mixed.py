@@ -268,7 +268,6 @@ def test_what_is_known_of_scans_is_the_stored_one(stored: Check) -> None:
         "sensor": [np.asarray(sensors[0].noise_db), sensors[0].n_lines],
         "frequencies": known.frequencies, "bases": [np.abs(b) for b in known.bases],
         "parameters": known.table.parameters, "n": posterior.samples.shape,
-        "median": posterior.quantile(0.5), "edges": infer.edge_posterior(posterior).interval(),
         "of edges": infer.edges(parameters[:3]), "prior": prior,
         "alike": known.mismatch(scans), "unlike": known.mismatch(odd),
         "specimens": [[s.start, s.end, s.thickness, s.frequency] for s in every[:3] + every[-2:]],
