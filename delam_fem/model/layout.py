@@ -180,21 +180,6 @@ class SensorRows:
 
 
 @dataclass(frozen=True)
-class Support:
-    """A point of a part that is held.
-
-    Attributes:
-        part: number of the part.
-        point: number of the point within the part.
-        kind: "clamped" to the base.
-    """
-
-    part: int
-    point: int
-    kind: str = "clamped"
-
-
-@dataclass(frozen=True)
 class Reading:
     """Deflection and slope of the parts of a solid, as functionals of its dofs.
 
@@ -244,7 +229,6 @@ class Layout:
         interfaces: the interfaces between parts.
         probes: the probes, in the order of the rows of `Operators.probes`.
         stops: the pairs with stops and then with impactors, after those of the interfaces.
-        supports: the points where parts are held.
         sensors: the sensors.
         gap_row: row of `Operators.sensors` at which the rows of all gaps begin; None: there are
             none, because no sensor reads contact forces.
@@ -257,7 +241,6 @@ class Layout:
     parts: tuple[Part, ...]
     interfaces: tuple[Interface, ...]
     probes: tuple[Probe, ...] = ()
-    supports: tuple[Support, ...] = ()
     sensors: tuple[SensorRows, ...] = ()
     gap_row: int | None = None
     reading: Reading | None = None

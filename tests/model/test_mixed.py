@@ -229,7 +229,7 @@ def test_a_reduction_comes_back_as_stored(stored: Check, tmp_path: Path) -> None
         "gap0": o.gap0, "weights": o.pair_weights, "n": [o.n_dofs, o.n_pairs, layout.n_impactors],
         "flexibility": o.gap_matrix[:, :n] @ compliance, "corner": o.base.corner,
         "sensors": layout.sensors, "parts": layout.parts, "interfaces": layout.interfaces,
-        "stops": layout.stops, "probes": layout.probes, "supports": layout.supports,
+        "stops": layout.stops, "probes": layout.probes,
         "read": (o.sensors[:, :n] @ compliance)[:2], "at probes": o.probes[:, :n] @ compliance,
         "start": o.gap_matrix @ o.start.T, "base": np.linalg.norm(o.base.mass),
     }  # fmt: skip

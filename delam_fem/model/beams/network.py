@@ -66,7 +66,6 @@ from delam_fem.model.layout import (
     Probe,
     Reading,
     Structure,
-    Support,
     cells_at,
     columns_of,
     gap_matrix,
@@ -684,7 +683,7 @@ def layout_of(
     interfaces: tuple[Interface, ...] | None = None,
     reading: Reading | None = None,
 ) -> Layout:
-    """Return the layout of the laminae of a case, with their probes and supports.
+    """Return the layout of the laminae of a case, with their probes.
 
     Args:
         case: the case.
@@ -692,18 +691,9 @@ def layout_of(
         interfaces: between them; None: of opposite points, see `neighbours`.
         reading: see `Layout`.
     """
-    x, numbers = parts[0].x, range(len(parts))
     if interfaces is None:
         interfaces = neighbours(parts, case.contact.points_per_element)
-    held = ((0, case.support.start), (x.size - 1, case.support.end))
-    supports = [Support(i, node, kind) for i in numbers for node, kind in held if kind != "free"]
-    supports += [
-        Support(i, node_at(x, own.position), own.kind)
-        for own in case.support.held
-        for i in numbers
-        if own.lamina in (None, parts[i].name)
-    ]
-    return Layout(parts, interfaces, probes_of(case, x), tuple(supports), reading=reading)
+    return Layout(parts, interfaces, probes_of(case, parts[0].x), reading=reading)
 
 
 def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:

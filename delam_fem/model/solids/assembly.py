@@ -328,7 +328,7 @@ def _damping(
 def _layout(
     case: Case, unknowns: Unknowns, x: FloatArray, touching: tuple[facing.Pairs, ...]
 ) -> Layout:
-    """Return parts, interfaces, probes and supports, with the readings of the solid."""
+    """Return parts, interfaces and probes, with the readings of the solid."""
     count, n, comm = len(case.lamina), x.size, unknowns.solid.comm
     parts = parts_of(case, x, np.arange(2 * n * count).reshape(count, n, 2))
     rows = gathered(reading_rows(unknowns.solid, x), comm)

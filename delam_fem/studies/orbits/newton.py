@@ -41,7 +41,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.orbits.maps import PeriodMap
@@ -324,21 +323,6 @@ RENEWED, SELDOM = 8, 4
 """Number of first iterations with a new derivative each; later, one in so many has one."""
 
 
-@dataclass(frozen=True)
-class Shot:
-    """The best point of `shoot`.
-
-    Attributes:
-        state: z.
-        residual: of the slow coordinates, relative to their norm.
-        multipliers: by kicks of the given size, by decreasing modulus, shape (m,).
-    """
-
-    state: FloatArray
-    residual: float
-    multipliers: npt.NDArray[np.complex128]
-
-
 def shoot(
     strobe: PeriodMap,
     start: FloatArray,
@@ -348,7 +332,7 @@ def shoot(
     iterations: int = 25,
     periods: int = 1,
     shift: float = 0.0,
-) -> Shot:
+) -> FloatArray:
     """Solve for an orbit near a state by Newton's method in the slow coordinates, with no mean.
 
     Args:
@@ -361,7 +345,7 @@ def shoot(
         shift: shift of the grid of time steps, as a share of a step.
 
     Returns:
-        The point with the smallest residual, solved or not.
+        The state with the smallest residual, solved or not, shape (2 n,).
 
     Raises:
         ArithmeticError: the motion diverges.
@@ -386,9 +370,7 @@ def shoot(
         step: Any = np.linalg.solve(np.eye(slow.size) - derivative, gap)
         step *= min(1.0, LONGEST * scale / float(np.linalg.norm(step)))
         z = after - slow.lifted(slow.of(after)) + slow.lifted(y + step)
-    values = np.linalg.eigvals(derivative_at(powered, best, kick * scale))
-    ordered = values[np.argsort(-np.abs(values))].astype(np.complex128)
-    return Shot(best, min(residuals), ordered)
+    return best
 
 
 def derivative_at(powered: Powered, state: FloatArray, size: float) -> FloatArray:

@@ -523,7 +523,7 @@ def _roots(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) -
             states = powered.after(states)
         yield newton(map_, states[0], parameter, periods, shift=shift)
         try:
-            shot = shoot(map_, states[0], parameter, periods=periods, shift=shift)
+            state = shoot(map_, states[0], parameter, periods=periods, shift=shift)
         except (ArithmeticError, np.linalg.LinAlgError):
             continue
-        yield newton(map_, shot.state, parameter, periods, shift=shift)
+        yield newton(map_, state, parameter, periods, shift=shift)

@@ -95,7 +95,7 @@ def test_orbits_of_maps_are_the_stored_ones(name: str, stored: Check) -> None:
         "bordered": of_solved(bordered), "alone": of_solved(alone),
         "root": [root.state, root.shift, root.iterations], "exact": root.is_exact,
         "powered": derivative(Powered(map_, a, periods, 0.1), state, 1e-4),
-        "shot": [shot.state, float(shot.residual < 1e-6)], "multipliers": shot.multipliers,
+        "shot": shot,
         "states": states, "multiple": multiple, "middle": middle,
         "scatter": scatter if scatter > 1e-6 else 0.0,
         "kick": within(ensemble, at, multiple).perturbations.kick,
