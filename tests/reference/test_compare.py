@@ -188,3 +188,11 @@ def test_contact_points_inside_the_elements_are_those_of_the_reference() -> None
     found = compare(case, periods=2)
     assert motion_of(found).overall < SAME_MOTION
     assert min(motion_of(found).impacts) > 10
+
+
+def test_without_impacts_the_whole_motions_are_compared() -> None:
+    case = preset("paper", {"mesh.elements": 4, "excitation.amplitude": 1e-5})
+    motion = motion_of(compare(case, periods=1))
+    assert (motion.impacts, motion.impact_limit) == ((0, 0), 0)
+    assert motion.impact_time == motion.times[-1] and motion.times.size == motion.tips.shape[1]
+    assert motion.until_impact == motion.overall < SAME_MOTION

@@ -66,6 +66,12 @@ def test_series_are_read_back(tmp_path: Path) -> None:
     assert series.thickness == pytest.approx(height.max() - height.min(), rel=1e-15)
 
 
+def test_nothing_but_the_file_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(GRID, TIMES, point_data, Path("s.vtkhdf"))
+    assert [path.name for path in tmp_path.iterdir()] == ["s.vtkhdf"]
+
+
 def test_places_of_points_have_both_factors(tmp_path: Path) -> None:
     series = Series.read(write(GRID, TIMES, point_data, tmp_path / "s.vtkhdf"))
     u = np.random.default_rng(2).normal(size=(7, 3))

@@ -89,6 +89,15 @@ def test_pulses_are_found_to_the_sample_whatever_the_offset() -> None:
     assert pulses(force) == [(0, 7), (300, 307), (320, 327), (990, 997)]
 
 
+@pytest.mark.parametrize(("rest", "n_pulses"), [(5, 1), (7, 1), (8, 2)])
+def test_what_follows_within_the_width_of_a_blow_is_part_of_it(rest: int, n_pulses: int) -> None:
+    """The rest between both counts, from the end of one to the start of the next."""
+    force, second = np.zeros(400), 107 + rest
+    force[100:107] = force[second : second + 7] = BLOW
+    apart = [(100, 107), (second, second + 7)]
+    assert pulses(force) == (apart if n_pulses == 2 else [(100, second + 7)])
+
+
 def test_thresholds_of_pulses_are_met_on_both_sides() -> None:
     """Noise of -1, 0 and 1, whose scatter is 1.4826, begins no blow below six times that."""
     noise, scatter = np.resize([-1.0, 0.0, 1.0], 999), 1.4826
@@ -354,6 +363,24 @@ def test_a_fast_record_is_thinned() -> None:
     steps = np.diff(found["free_time"])
     np.testing.assert_allclose(steps, n // 2 * kept / 1000.0, rtol=1e-9)
     np.testing.assert_allclose(found["free_frequency"], 9.0, rtol=1e-3)
+
+
+def test_the_last_segment_is_a_whole_one() -> None:
+    """The segments are 200 samples long, each begins 100 later: the fourth would end at 500."""
+    for n, n_segments in ((499, 3), (500, 4), (599, 4)):
+        found = with_free_vibrations(vibrating(n), "a", 6.0, 15.0, 2.0)
+        wanted = 2.0 + (100.0 * np.arange(n_segments) + 99.5) / 100.0
+        np.testing.assert_allclose(found["free_time"], wanted, rtol=1e-12)
+
+
+def test_the_strongest_mode_has_most_energy_and_not_most_amplitude() -> None:
+    """The mode at 14 Hz begins three times as large, but decays fifteen times as fast."""
+    time = np.arange(400) / 100.0
+    y = 1e-6 * np.random.default_rng(3).normal(size=(2, time.size))
+    for size, decay, f in ((1.0, 0.25, 9.0), (3.0, 3.75, 14.0)):
+        y += size * np.exp(-decay * time) * np.cos(2.0 * np.pi * f * time)
+    found = with_free_vibrations(as_dataset(time, 0.0 * time, y), "a", 5.0, 18.0, 4.0)
+    np.testing.assert_allclose(found["free_frequency"], [9.0], rtol=1e-3)
 
 
 def test_messages_of_free_vibrations_are_exact() -> None:
