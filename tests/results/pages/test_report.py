@@ -93,6 +93,17 @@ def test_the_page_is_the_stored_one(tmp_path: Path, stored: Callable[..., None])
     stored(golden.of_page(text))
 
 
+def test_a_notebook_shows_the_stored_fragment(stored: Callable[..., None]) -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    own = diagnostics.summary(history, case)
+    sure = ("tip_amplitude", "periodicity", "tip_contacts_per_period", "minimum_tip_gap")
+    summary = {name: own[name] for name in sure} | {"warnings": ["too soft", "too <long>"]}
+    text = report.of_result(history, summary, case)
+    assert "<style" not in text and "<script" not in text
+    stored(golden.of_page(text))
+
+
 def test_files_beside_the_page_are_linked_if_they_are_there(case: Case, tmp_path: Path) -> None:
     for name in report.FILES:
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -31,6 +31,10 @@ def verdict(history: xr.Dataset, case: Case | None = None, **changed: Any) -> st
         (0.6, -0.45, "at 1.05 m/s, thick beats thin."),
         (-0.07, -0.43, "at 0.36 m/s, thin beats thick."),
         (0.5, -0.5, "at 1 m/s, thick and thin equally fast."),
+        (0.5, -0.476, "at 0.976 m/s, thick and thin equally fast."),
+        (0.476, -0.5, "at 0.976 m/s, thick and thin equally fast."),
+        (0.5, -0.474, "at 0.974 m/s, thick beats thin."),
+        (0.474, -0.5, "at 0.974 m/s, thin beats thick."),
     ],
 )
 def test_the_faster_lamina_beats(lower: float, upper: float, words: str) -> None:
@@ -69,6 +73,11 @@ def test_a_settled_motion_is_called_so_where_it_was_judged() -> None:
         (0.5, "one tip strike in two periods"),
         (2 / 3, "two tip strikes in three periods"),
         (1.234, "1.23 tip strikes a period"),
+        (8.0, "eight tip strikes a period"),
+        (9.0, "9 tip strikes a period"),
+        (1 / 8, "one tip strike in eight periods"),
+        (1 / 9, "0.111 tip strikes a period"),
+        (0.9, "0.9 tip strikes a period"),
     ],
 )
 def test_rates_of_contacts_in_words(rate: float, words: str) -> None:
@@ -106,3 +115,54 @@ def test_the_strongest_of_two_interfaces_is_told() -> None:
     assert "two probe strikes a period" in verdict(history, case)
     history["tip_velocity"][:] = np.array([[0.1], [0.0], [-0.9]])
     assert verdict(history, case).endswith("at 0.9 m/s, top beats thin.")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ({}, "Not settled, one tip"),
+        (None, "Not settled, one tip"),
+        ({"periods_needed": 3}, "Not settled (at most 3 further periods are needed), one tip"),
+        ({"transient": 0.0, "periods_needed": 0},
+         "Not settled (0 % of the amplitude is transient), one tip"),
+    ],
+)  # fmt: skip
+def test_what_is_not_known_of_a_transient_is_not_told(
+    numbers: dict[str, float] | None, words: str
+) -> None:
+    assert verdict(struck(0.6, -0.45), settled="not settled", settling=numbers).startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("gap", "words"),
+    [
+        (1e-6, ", the tips never meet (the smallest gap is 0.001 mm)."),
+        (0.0, ", the tips never meet."),
+        (-1e-3, ", the tips never meet."),
+        (float("nan"), "."),
+        (float("inf"), "."),
+        (None, "."),
+    ],
+)
+def test_gaps_of_tips_that_never_meet(gap: float | None, words: str) -> None:
+    found = verdict(struck(0.6, -0.45), tip_contacts_per_period=0.0, minimum_tip_gap=gap)
+    assert found == f"One-periodic{words}"
+
+
+@pytest.mark.parametrize(("number", "word"), [(7, "Seven"), (8, "Eight"), (9, "9"), (12, "12")])
+def test_numbers_of_periods_in_words(number: int, word: str) -> None:
+    assert verdict(struck(0.6, -0.45), periodicity=number).startswith(f"{word}-periodic, one tip")
+
+
+def test_strikes_of_a_sweep_are_counted_over_the_window() -> None:
+    case = small_case(**SWEEP)
+    history = struck(0.6, -0.45)
+    share = case.steps_per_period / history.sizes["time"]
+    for number, words in ((1.0, "1 tip strike at"), (17.2, "17 tip strikes at")):
+        found = verdict(history, case, tip_contacts_per_period=number * share)
+        assert f", {words} 1.05 m/s" in found
+
+
+def test_strikes_that_no_step_shows_have_no_speed() -> None:
+    found = verdict(struck(-0.5, 0.5))  # the laminae part
+    assert found == "One-periodic, one tip strike a period."
