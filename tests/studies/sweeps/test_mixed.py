@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,19 @@ import xarray as xr
 from mixed import IMPACTORS, MASSES, SENSORS, STOPS, apart, bonded
 
 from delam_fem.engines.cost import Cost
+from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps import run as run_module
 from delam_fem.studies.sweeps.grid import Sweep, SweepFile, require_valid, sweep_of
-from delam_fem.studies.sweeps.point import PointRunner, assembly_key, mean_growth, quantities
+from delam_fem.studies.sweeps.journal import Journal, packed, payloads, unpacked
+from delam_fem.studies.sweeps.point import (
+    Chunk,
+    Done,
+    Point,
+    PointRunner,
+    assembly_key,
+    mean_growth,
+    quantities,
+)
 from delam_fem.studies.sweeps.run import (
     PointCost,
     array_script,
@@ -249,3 +260,68 @@ def test_what_is_wrong_is_told_as_stored(stored: Check, elsewhere: None) -> None
         except CaseError as error:
             lines.append(str(error))
     stored(golden.spoken("\n".join(lines)))
+
+
+def done(track: int, indices: tuple[int, ...], shift: float, **more: Any) -> Done:
+    """Return a finished chunk; every third point has failed and every fifth diverged."""
+    points = tuple(
+        Point(i, "failed", f"no {i}", None) if i % 3 == 2
+        else Point(i, "diverged", f"far {i}", None) if i % 5 == 4
+        else Point(i, "completed", "", np.array([i + shift, -0.5 * i, 7.0]))
+        for i in indices
+    )  # fmt: skip
+    state = State(shift + np.arange(12.0).reshape(3, 4), np.array([True, False, True]), (0.3, 0.7))
+    if track == 1:
+        state = replace(state, internal=np.array([0.1, 0.2]))
+    chunk = Chunk(track, indices)
+    return Done(chunk, points, state if track >= 0 else None, 0.25 * len(indices), 0.1)
+
+
+def test_journals_are_the_stored_ones(
+    stored: Check, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of two shards that overlap, one of which is damaged."""
+    chunks = [done(-1, (0, 1, 2, 3), 0.0), done(0, (10, 12), 0.0), done(1, (20, 22, 24), 0.0),
+              done(1, (26, 28), 0.5)]  # fmt: skip
+    again = [done(-1, (3, 4, 5), 0.0), done(0, (12, 11, 13), 0.25), done(-1, (30, 31), 0.0)]
+    told: dict[str, Any] = {}
+    for k, chunk in enumerate(chunks):
+        record = packed(chunk)
+        (span,) = payloads(record)
+        kept = unpacked(record, span[0])
+        told[f"chunk {k}"] = {
+            "size": len(record), "span": span, "track": kept.track, "indices": kept.indices,
+            "others": repr(kept.others), "rows": kept.rows, "took": kept.seconds,
+            "state": kept.state,
+        }  # fmt: skip
+    path = tmp_path / "sweep.journal"
+    for number, own in enumerate((chunks, again), 1):
+        with Journal(path, "one", resume=False, shard=Shard(number, 2)) as journal:
+            for chunk in own:
+                journal.add([chunk])
+    tracks = {0: np.array([10, 12, 11, 13]), 1: np.array([20, 22, 24, 26, 28, 29])}
+    for damaged in (False, True):
+        if damaged:
+            file = min(path.glob("1-of-2*.points"))
+            data = bytearray(file.read_bytes())
+            data[len(data) - 400] ^= 255
+            file.write_bytes(bytes(data))
+        with Journal(path, "one", resume=True) as journal, journal.joined() as joined:
+            block = joined.block(2, 25, 3)
+            told[f"joined {damaged}"] = {
+                "numbers": joined.numbers, "counts": joined.counts(), "took": joined.seconds,
+                "disagreeing": joined.n_disagreeing, "shards": sorted(map(str, joined.shards)),
+                "block": [block.numbers, block.outcomes, block.rows],
+                "errors": repr(sorted(block.errors.items())),
+                "reached": [[n, "none" if state is None else state.motion]
+                            for n, state in (joined.reached(v, k) for k, v in tracks.items())],
+            }  # fmt: skip
+    lines = [golden.of_object(told)]
+    lines += [record.getMessage().partition(": ")[2] for record in caplog.records]
+    for identity, resume in (("another", True), ("one", False)):
+        try:
+            with Journal(path, identity, resume=resume) as journal, journal.joined():
+                lines.append("opened")
+        except CaseError as error:
+            lines.append(str(error).replace(str(tmp_path), "folder").partition("of-2.")[0])
+    stored("\n".join(lines))
