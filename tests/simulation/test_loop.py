@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +14,10 @@ from stand_ins import setting
 
 from delam_fem.contact.laws import SCHEMES, Decision, Law
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.simulation.loop import StepByStep, simulate
+from delam_fem.simulation.loop import State, StepByStep, one_period, set_initial, simulate
 from delam_fem.simulation.recorder import Energies, Recorder
 from delam_fem.simulation.refinement import Span
+from delam_fem.system.errors import CaseError
 
 G = 10.0
 DT = 1e-3
@@ -142,3 +147,149 @@ def test_too_deep_a_gap_ends_the_run_within_the_period() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_what_is_not_finite_diverges(value: float) -> None:
     assert simulate(engine(Ball(value)), recorder(5), motion) == "diverged"
+
+
+# ---- blocks of periods
+
+
+@dataclass
+class Counting:
+    """An engine that computes nothing and keeps what it is asked for."""
+
+    steps_at_once: int = 400
+    bounded_until: int = 99
+    asked: list[tuple[int, int]] = field(default_factory=list)
+    collects: list[bool] = field(default_factory=list)
+
+    def advance(self, recorder: Any, base_states: np.ndarray, n_periods: int) -> bool:
+        self.asked.append((int(base_states[0, 0]), n_periods))
+        self.collects.append(gc.isenabled())
+        recorder.n_closed += n_periods
+        return recorder.n_closed < self.bounded_until
+
+
+def tables(*lasts: int) -> Callable[[int], np.ndarray]:
+    """Return a motion that has one table up to each of these periods, exclusive."""
+    made = [np.full((STEPS + 1, 3), float(k)) for k in range(len(lasts))]
+    return lambda period: made[sum(period >= last for last in lasts)]
+
+
+def counting(n_periods: int, n_closed: int = 0) -> Any:
+    return SimpleNamespace(n_closed=n_closed, n_periods=n_periods, steps_per_period=STEPS)
+
+
+@pytest.mark.parametrize(
+    ("at_once", "every", "lasts", "start", "n_periods", "ends"),
+    [
+        (400, 10, (99,), 0, 23, [4, 8, 10, 14, 18, 20, 23]),
+        (499, 10, (99,), 5, 14, [9, 10, 14]),
+        (50, 10, (99,), 0, 3, [1, 2, 3]),
+        (9000, 3, (99,), 0, 8, [3, 6, 8]),
+        (9000, 3, (99,), 3, 7, [6, 7]),
+        (400, 10, (3, 6, 7, 99), 0, 9, [3, 6, 7, 9]),
+        (400, 10, (1, 2, 3, 4), 0, 4, [1, 2, 3, 4]),
+        (400, 10, (99,), 4, 4, []),
+        (400, 10, (99,), 0, 1, [1]),
+    ],
+)
+def test_blocks_of_periods_end_where_they_have_to(
+    at_once: int, every: int, lasts: tuple[int, ...], start: int, n_periods: int, ends: list[int]
+) -> None:
+    """At multiples of `every`, where the table changes, and after so many steps as are allowed."""
+    engine, kept, base = Counting(at_once), counting(n_periods, start), tables(*lasts)
+    told: list[int] = []
+    asked: list[int] = []
+
+    def motion(period: int) -> np.ndarray:
+        asked.append(period)
+        return base(period)
+
+    def enough(period: int) -> bool:
+        told.append(period)
+        return False
+
+    assert simulate(engine, kept, motion, enough=enough, every=every) == "completed"
+    assert told == ends and kept.n_closed == n_periods
+    begins = [start, *ends[:-1]]
+    wanted = [(int(base(a)[0, 0]), b - a) for a, b in zip(begins, ends, strict=False)]
+    assert engine.asked == wanted
+    assert asked == list(range(start, n_periods))  # each table once
+
+
+def test_what_is_enough_is_complete_and_what_is_stopped_is_not() -> None:
+    for stop, enough, outcome, last in (
+        (4, 99, "interrupted", 4), (99, 8, "completed", 8), (4, 4, "completed", 4),
+        (23, 99, "completed", 23), (99, 23, "completed", 23),
+    ):  # fmt: skip
+        kept = counting(23)
+        found = simulate(
+            Counting(), kept, tables(99),
+            stop=lambda n, at=stop: n == at, enough=lambda n, at=enough: n == at,
+        )  # fmt: skip
+        assert (found, kept.n_closed) == (outcome, last)
+    kept = counting(23)
+    told = simulate(
+        Counting(bounded_until=8), kept, tables(99), stop=lambda n: n >= 8, enough=lambda n: n >= 8
+    )
+    assert (told, kept.n_closed) == ("diverged", 8)
+
+
+def test_the_garbage_collector_rests_during_a_block_alone() -> None:
+    assert gc.isenabled()
+    own, seen = Counting(bounded_until=8), []
+
+    def stop(period: int) -> bool:
+        seen.append(gc.isenabled())
+        return False
+
+    simulate(own, counting(23), tables(99), stop=stop)
+    assert own.collects == [False, False] and seen == [True] and gc.isenabled()
+    gc.disable()
+    try:
+        simulate(own, counting(4), tables(99))
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+
+
+# ---- states
+
+
+def test_states_of_another_form_are_refused() -> None:
+    for shape in ((3,), (2, 5), (3, 5, 1), (4, 3)):
+        with pytest.raises(CaseError) as error:
+            State(np.zeros(shape), np.zeros(1, dtype=bool))
+        told = f"state.motion: expected the shape (3, n): u, v, a, given {shape!r}"
+        assert str(error.value) == told
+    with pytest.raises(CaseError) as error:
+        State(np.zeros((3, 5)), np.zeros(2))
+    told = "state.resting: expected an array of bool, one per pair, given 'float64'"
+    assert str(error.value) == told
+    own = State(np.zeros((3, 0)), np.zeros(0, dtype=bool))
+    assert own.losses == (0.0, 0.0) and own.internal is None
+
+
+def test_a_start_has_no_losses_and_renews_the_acceleration() -> None:
+    done: list[Any] = []
+    present = State(np.ones((3, 2)), np.array([True]), (0.5, 0.25), np.ones(7))
+    engine: Any = SimpleNamespace(
+        state=lambda: present,
+        restore=lambda state, base: done.append((state, base)),
+        renew_acceleration=lambda: done.append("renewed"),
+    )
+    other = State(np.full((3, 2), 4.0), np.array([False]), (0.1, 0.2), np.ones(7))
+    for given, wanted in ((None, present), (other, other)):
+        done.clear()
+        set_initial(engine, given, np.array([1.0, 2.0, 3.0]))
+        (state, base), renewed = done
+        assert renewed == "renewed" and base.tolist() == [1.0, 2.0, 3.0]
+        assert state.motion is wanted.motion and state.resting is wanted.resting
+        assert state.losses == (0.0, 0.0) and state.internal is None
+
+
+def test_one_period_takes_the_first_row_whatever_was_before() -> None:
+    kept, own = recorder(6), engine(Ball(1.25))
+    simulate(own, kept, motion)
+    record = one_period(own, kept, motion(0))
+    assert kept.n_closed == 1 and record is kept.window[-1]
+    assert record.u[0, 3] == pytest.approx(kept.window[-2].u[-1, 3])
