@@ -43,9 +43,10 @@ counts how often what is printed is right.
 - "**Falls short**": do not rely on it there.
 
 Not all truths are blind. Rules of `orbit` (the least distance of a doubled orbit, kicks of orbits
-of period 2, what small kicks say), of `converge` (a small last difference may be chance) and of
-`resonance` were changed after a first count on some of the same truths, and the counts are those
-after the change.
+of period 2, what small kicks say), of `converge` (a small last difference may be chance), of
+`resonance`, of `identify` (its regression's coefficients, and the chance of a misfit that is
+named), of free vibrations and of Lyapunov exponents were changed after a first count on some of the
+same truths, and the counts are those after the change.
 """
 DIFFERENT = {
     "EI ± 5 %": "EI",

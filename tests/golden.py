@@ -42,8 +42,8 @@ NOTHING = 1e-9
 TINY = 1e-11
 """Numbers below this are round-off."""
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[+-]?\d+)?")
-TIMED = re.compile("processor|seconds|assembly|cost of a step|needs about")
-"""What differs from run to run, and from machine to machine."""
+TIMED = re.compile(r"processor|seconds|assembly|cost of a step|needs (\| )?about")
+"""What differs from run to run, and from machine to machine, as the number of cores does."""
 MANY = 1_000_000
 """Sparse matrices are told by their entries up to this size."""
 FEW = 6

@@ -19,6 +19,8 @@ class Recording(types.ModuleType):
         return object()
 sys.modules["mpi4py"] = Recording("mpi4py")
 import delam_fem.system.mpi
+assert not seen
+delam_fem.system.mpi.MPI
 import json
 names = [name for name in {**seen, **os.environ} if name.startswith(("OMPI_MCA", "PETSC_OPT"))]
 print(json.dumps([{n: e[n] for n in names if n in e} for e in (seen, os.environ)]))

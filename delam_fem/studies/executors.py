@@ -18,7 +18,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 
 from delam_fem.simulation.checkpoint import STOPPING
 from delam_fem.system.errors import CaseError
-from delam_fem.system.imports import ONE_THREAD, added
+from delam_fem.system.imports import ONE_THREAD, added, keep_garbage
 
 ExecutorName = Literal["process", "mpi", "serial"]
 
@@ -240,6 +240,7 @@ def _prepare_worker(messages: Any, level: int) -> None:
     Terminals and batch systems send these signals to all processes; a worker that obeyed would lose
     the points that it computes.
     """
+    keep_garbage()
     messages.cancel_join_thread()  # a worker that ends does not wait for its messages to arrive
     log = logging.getLogger(_PACKAGE)
     log.addHandler(QueueHandler(messages))

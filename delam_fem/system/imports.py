@@ -13,6 +13,8 @@ run code or change results. Cases come from other people: the command reads none
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,6 +26,16 @@ from types import ModuleType
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Settings of libraries that are loaded later. On small matrices more threads only wait for each
 other, and spin a while after each call."""
+
+NEW_OBJECTS = 50_000
+"""New objects after which Python looks for garbage. Its own number, 700, costs a short run a fifth
+of its time: most objects come from imports, and stay."""
+
+
+def keep_garbage() -> None:
+    """Let a process of our own look for garbage rarely, and not at its end, which takes 0.2 s."""
+    gc.set_threshold(NEW_OBJECTS)
+    atexit.register(gc.freeze)
 
 
 @contextmanager

@@ -24,7 +24,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -299,6 +301,7 @@ def run_sweep(
     directory = Path(directory)
     if not (resume and is_complete(directory, sweep)):
         options = (executor, workers, resume, is_confirmed, progress)
+        Thread(target=import_module, args=("xarray",)).start()  # the result is opened with it
         with _computing(sweep, directory, WHOLE, *options) as (joined, layout, about):
             write_result(sweep, directory, joined, layout, about)
             has_all = joined.numbers.size == sweep.n_points
