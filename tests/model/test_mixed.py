@@ -15,10 +15,11 @@ from mixed import BARS, BEAMS, FORCE, IMPACTORS, INNER, SOLIDS, STOPS, apart, bo
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case
+from delam_fem.case.sections import EDGE_TOLERANCE
 from delam_fem.model import layout as layouts
 from delam_fem.model import linear, modal, operators, reduced, reduction
 from delam_fem.model.beams import closed_form, forms
-from delam_fem.model.beams.network import network
+from delam_fem.model.beams.network import network, opening
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.solids.assembly import assemble
 from delam_fem.system.errors import CaseError
@@ -118,6 +119,17 @@ def test_unknowns_are_the_stored_ones(stored: Check) -> None:
         ),
     }
     stored(golden.of_object(found))
+
+
+def test_openings_reach_as_far_as_round_off(stored: Check) -> None:
+    case = bonded(stop=[], impactor=[], sensor=[])
+    layout = closed_form.assemble(case).layout
+    off = 0.5 * EDGE_TOLERANCE * np.array([-1.5, -0.9, 0.9, 1.5])
+    edge = 0.5 + off  # the free end, where the opening is largest
+    found = [opening(case, layout, own, x) for own in layout.interfaces for x in (edge, 0.2 + off)]
+    assert (np.array(found[2]) > 0.0).tolist() == [True, True, True, False]
+    stored(golden.of_object([[*own, opening(case, layout, layout.interfaces[0], np.array([0.1]))[0]]
+                             for own in found]))  # fmt: skip
 
 
 def test_bases_are_the_stored_ones(stored: Check) -> None:

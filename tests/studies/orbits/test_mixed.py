@@ -152,6 +152,8 @@ def of_map(map_: PeriodMap, parameter: float, moved: float) -> dict[str, Any]:
         "phase": getattr(opened, "phase", None), "begun": begun,
         "opened": opened.watched(begun, parameter, 2),
         "further": opened.after(begun[None], parameter, np.array([0.2])),
+        "again": getattr(opened.opened(opened.after(begun[None], parameter)[0], parameter)[0],
+                         "phase", None),
     }  # fmt: skip
 
 
