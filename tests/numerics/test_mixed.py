@@ -49,7 +49,7 @@ def test_verdicts_are_the_stored_ones(stored: Check) -> None:
     for kind in KINDS:
         for n in (19, 40, 81):
             for P in (1, 2, 3, None):
-                for d in (0.0, 0.004, 0.06, 0.3) if n == 81 else (0.06,):
+                for d in (0.0, 0.004, 0.017, 0.06, 0.3) if n == 81 else (0.06,):
                     key = f"{kind} {n} {P} {d:g}"
                     found[key] = settling.judge(strobes(kind, n), P, d, is_linear=False)
         found[f"{kind} linear"] = settling.judge(strobes(kind, 60), 2, 0.05, is_linear=True)
@@ -79,6 +79,7 @@ def test_parts_of_verdicts_are_the_stored_ones(stored: Check) -> None:
                     settling._repeats(z, 0.01 * rest, 1)],
         "multiple": [settling._multiple(strobes(f"of {k}", 64)[0], P)
                      for k in (2, 3, 4, 8) for P in (1, 2, 3, 4)],
+        "short": [settling._multiple(strobes("of 8", n)[0], 4) for n in (15, 16, 18, 40)],
         "needed": [settling._needed(7.0, 0.2), settling._needed(7.0, 0.0)],
     }  # fmt: skip
     stored(golden.of_object(found))
@@ -239,3 +240,16 @@ def test_harmonics_are_the_stored_ones(stored: Check) -> None:
             harmonics.harmonic_amplitudes(values, n)
         lines.append(str(raised.value))
     stored("\n".join(lines))
+
+
+def test_a_share_of_many_simulations_is_accepted(stored: Check) -> None:
+    bounds = np.array([[0.0, 2.0]])
+    parameters = statistics.uniform(bounds, 1500, 1)
+    table = statistics.Table(parameters, parameters + 0.1 * waves(1500, 1), bounds)
+    found = table.posterior(np.array([0.7]))
+    assert len(found.samples) == round(0.08 * 1500)
+    assert len(table.posterior(np.array([0.7]), accepted=0.2).samples) == 300
+    share, number = table.misfit(np.array([3.0]))
+    assert share < statistics.UNLIKE and number == 0
+    covered = [table.coverage(np.arange(40), level)[0] for level in (0.9, 0.3)]
+    stored(golden.of_object([found.quantile(0.5)[0], found.weights.max(), *covered]))
