@@ -249,7 +249,6 @@ def test_a_share_of_many_simulations_is_accepted(stored: Check) -> None:
     found = table.posterior(np.array([0.7]))
     assert len(found.samples) == round(0.08 * 1500)
     assert len(table.posterior(np.array([0.7]), accepted=0.2).samples) == 300
-    share, number = table.misfit(np.array([3.0]))
-    assert share < statistics.UNLIKE and number == 0
     covered = [table.coverage(np.arange(40), level)[0] for level in (0.9, 0.3)]
+    assert covered[0] > covered[1]
     stored(golden.of_object([found.quantile(0.5)[0], found.weights.max(), *covered]))
