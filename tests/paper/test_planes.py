@@ -9,7 +9,14 @@ import xarray as xr
 
 from delam_fem.paper import parameters, responses
 from delam_fem.paper.claims import Numbers
-from delam_fem.paper.lab import SWEEP_SECONDS, swept_case, swept_envelope, swept_extremes
+from delam_fem.paper.lab import (
+    BAND,
+    SWEEP_SECONDS,
+    Plan,
+    swept_case,
+    swept_envelope,
+    swept_extremes,
+)
 from delam_fem.paper.parameters import KINDS, THRESHOLDS
 from delam_fem.results.diagnostics import STROBES
 
@@ -201,3 +208,31 @@ def test_extremes_within_a_cycle_are_combined() -> None:
         about = slice(k - w, k + w + 1)
         wanted = 0.5 * (high[:, about].max(axis=1) - low[:, about].min(axis=1))
         np.testing.assert_allclose(envelope[:, k], wanted, rtol=1e-12)
+
+
+def test_one_cycle_of_a_swept_sine_leaves_the_change_of_its_frequency_open() -> None:
+    low, high = responses._one_cycle(2.0)
+    per_cycle = (BAND[1] - BAND[0]) / SWEEP_SECONDS / 2.0
+    assert (low, high) == pytest.approx((2.0 - per_cycle / 2.0, 2.0 + per_cycle / 2.0), rel=1e-12)
+
+
+def test_stepped_sines_are_denser_at_the_resonances() -> None:
+    asked: list[Any] = []
+
+    def sweep(description: Any) -> xr.Dataset:
+        asked.append(description)
+        values = np.arange(2.0 * len(description["axis"][0]["values"])).reshape(-1, 2)
+        return xr.Dataset({"tip_amplitude": (("point", "lamina"), values)})
+
+    case = swept_case("linear", (0.5, 4.0), "none", 100)
+    lab: Any = SimpleNamespace(plan=Plan(response_step=0.25), sweep=sweep)
+    frequencies, amplitude = responses._linear_sine(lab, case)
+    even = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]
+    assert set(even) <= set(frequencies.tolist()) and frequencies[[0, -1]].tolist() == [0.5, 4.0]
+    near = np.setdiff1d(frequencies, even)
+    first = [lamina.angular_frequencies(1)[0] / (2.0 * np.pi) for lamina in case.lamina]
+    wanted = np.concatenate([f * np.arange(0.96, 1.0401, 0.005) for f in sorted(first)])
+    np.testing.assert_allclose(near, wanted, atol=6e-6)
+    assert asked[0]["axis"][0]["values"] == frequencies.tolist()
+    np.testing.assert_array_equal(amplitude[:, 1], [2.0, 3.0])
+    assert amplitude.shape == (2, frequencies.size)
