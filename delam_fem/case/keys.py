@@ -222,7 +222,7 @@ def case_schema() -> Schema:
     del made["$defs"]["Support"]["properties"]["inside"]
     made["properties"]["support"] = {"anyOf": [ends, several]}
     whole = _described(made, listed[0])
-    return {"$schema": DIALECT, "title": "A case of delam_fem", **whole}
+    return {"$schema": DIALECT, **whole, "title": "A case of delam_fem"}
 
 
 def _described(schema: Schema, table: Table) -> Schema:

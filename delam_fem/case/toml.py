@@ -10,6 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from datetime import date, datetime, time
 from pathlib import Path
 from typing import TypeAlias, TypeGuard
@@ -395,7 +396,7 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
             table.pop("scheme", None)  # the law brings its own
         if key.startswith("lamina."):
             _leave_material(data, key)
-        set_key(data, key, value)
+        set_key(data, key, deepcopy(value))  # tables of the caller stay as they are
 
 
 def _leave_material(data: Data, key: str) -> None:

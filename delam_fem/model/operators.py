@@ -143,6 +143,8 @@ class Recorded:
             array = attrgetter(name)(self)
             if array is not None and array.shape != expected:
                 raise ValueError(text.format(name=name, given=array.shape, expected=expected))
+        named = len(self.names), self.n_probes
+        require(named[0] in (0, named[1]), "names", f"one for each of {named[1]} probes", named[0])
 
     @property
     def n_probes(self) -> int:
@@ -241,11 +243,12 @@ class Operators(Recorded):
                     f"operators: {name}: expected a sparse matrix, given {type(given).__name__}; "
                     f"write scipy.sparse.csr_matrix({name})"
                 )
-            require(np.isfinite(given.data).all(), f"operators: {name}", "finite numbers", given)
+            wrong = given.data[~np.isfinite(given.data)]
+            require(not wrong.size, f"operators: {name}", "finite numbers", wrong[:1].tolist())
         least = float(self.mass.diagonal().min(initial=0.0))
         require(least >= 0.0, "operators: mass", "a diagonal without negative numbers", least)
         n = self.n_dofs
-        square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n)}
+        square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n), "start": (2, n)}
         self._complete(n, square, "operators: {name} has shape {given}, expected {expected}")
 
     def bodies(self) -> Iterator[tuple[IntArray, sp.csc_matrix, sp.csc_matrix, sp.csc_matrix]]:

@@ -173,6 +173,14 @@ def test_overrides_change_just_this(overrides: dict[str, Any], changed: dict[str
     assert data == CASE | changed
 
 
+def test_tables_that_override_stay_as_they_are() -> None:
+    given = {"excitation": {"kind": "harmonic", "frequency": 2.0}, "excitation.frequency": 3.0}
+    data: dict[str, Any] = {}
+    apply_overrides(data, given)
+    assert data["excitation"]["frequency"] == 3.0
+    assert given["excitation"] == {"kind": "harmonic", "frequency": 2.0}
+
+
 def test_the_ends_of_several_supports_are_added() -> None:
     data: dict[str, Any] = {"support": [{"position": 0.1}]}
     set_key(data, "support.end", "free")

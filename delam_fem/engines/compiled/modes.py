@@ -376,6 +376,7 @@ def filled_up(o: Operators) -> Operators:
         lumped_mass=None if o.lumped_mass is None else np.append(o.lumped_mass, np.ones(size - n)),
         probes=rows(o.probes),
         sensors=rows(o.sensors),
+        start=None,  # it is that of all dofs
     )
 
 

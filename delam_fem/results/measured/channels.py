@@ -162,8 +162,10 @@ def unit_of(text: str, label: str) -> Unit:
     """
     name = "g_0" if text in GRAVITY else text
     try:
-        parsed: Any = _registry().Quantity(1.0, POWER.sub(r"**\1", name.strip("[] ")) or "1")
-        base = parsed.to_base_units()
+        written = POWER.sub(r"**\1", name.strip("[] ")) or "1"
+        zero, base = (_registry().Quantity(n, written).to_base_units() for n in (0.0, 1.0))
+        if zero.magnitude:
+            raise ValueError("its zero is not that of the SI unit")
     except Exception as error:  # pint raises its own, tokenize's and arithmetic errors
         reason = "" if type(error).__name__ == "UndefinedUnitError" else f" ({error})"
         raise CaseError(

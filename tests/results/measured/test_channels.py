@@ -75,6 +75,9 @@ def test_units_that_are_none_are_refused() -> None:
     for text in ("m**", "mm (10 % and more"):
         given = message(lambda text=text: unit_of(text, "label")).removeprefix(start)
         assert given.startswith(f"{text!r} (") and len(given) <= len(repr(text)) + 80
+    assert message(lambda: unit_of("°C", "label")) == (
+        f"{start}'°C' (its zero is not that of the SI unit)"
+    )
 
 
 @pytest.mark.parametrize(
