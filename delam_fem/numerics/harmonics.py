@@ -33,7 +33,8 @@ from delam_fem.numerics.types import FloatArray
 def amplitude_spectrum(values: FloatArray) -> FloatArray:
     """Return the one-sided amplitude spectrum by the discrete Fourier transform.
 
-    A cosine of amplitude A with a whole number of cycles gives A in its bin and 0 elsewhere.
+    A cosine of amplitude A with a whole number of cycles gives A in its bin and 0 elsewhere. Equal
+    values give equal bits, wherever they lie in memory.
 
     Args:
         values: equidistant samples, shape (..., n).
@@ -42,7 +43,7 @@ def amplitude_spectrum(values: FloatArray) -> FloatArray:
         Amplitudes, shape (..., n // 2 + 1), in the unit of `values`; bin k has k cycles.
     """
     n = values.shape[-1]
-    amplitudes = 2.0 * np.abs(np.fft.rfft(values, axis=-1)) / n
+    amplitudes = 2.0 * np.abs(np.fft.rfft(np.ascontiguousarray(values), axis=-1)) / n
     amplitudes[..., 0] *= 0.5
     if n % 2 == 0:
         amplitudes[..., -1] *= 0.5
