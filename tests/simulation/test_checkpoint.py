@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -302,6 +302,16 @@ def test_a_watch_reports_saves_when_due_and_stops(
     assert silent(1) and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.fixture
+def answered() -> Iterator[None]:
+    """Let all signals that stop have their default answer, also where nohup started the tests."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in checkpoint.STOPPING}
+    yield
+    for number, answer in before.items():
+        signal.signal(number, answer)
+
+
+@pytest.mark.usefixtures("answered")
 def test_signals_are_caught_and_a_second_interrupt_ends_at_once() -> None:
     before = {number: signal.getsignal(number) for number in checkpoint.STOPPING}
     for number in checkpoint.STOPPING:

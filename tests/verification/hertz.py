@@ -108,11 +108,13 @@ def body(shape: str, dim: int, fine: float, near: float) -> tuple[Array, Indices
             gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
         _GEOMETRIES[shape, dim](gmsh.model.occ)
         gmsh.model.occ.synchronize()
-        field = gmsh.model.mesh.field
-        field.add("MathEval", 1)
-        growth = (COARSE - fine) / (0.5 * RADIUS - near)
-        distance = f"sqrt(x*x+(y-{RADIUS})*(y-{RADIUS})+z*z)"
-        field.setString(1, "F", f"{fine}+{growth}*max(0,{distance}-{near})")
+        field, reach = gmsh.model.mesh.field, 4.0 * RADIUS  # beyond both bodies
+        coarse = fine + reach * (COARSE - fine) / (0.5 * RADIUS - near)
+        field.add("Ball", 1)  # MathEval reads its formula wrongly now and then
+        for name, value in {
+            "VIn": fine, "VOut": coarse, "YCenter": RADIUS, "Radius": near, "Thickness": reach,
+        }.items():  # fmt: skip
+            field.setNumber(1, name, value)
         field.setAsBackgroundMesh(1)
         gmsh.model.mesh.generate(dim)
         tags, x, _ = gmsh.model.mesh.getNodes()
