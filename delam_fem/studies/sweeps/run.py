@@ -301,7 +301,8 @@ def run_sweep(
     directory = Path(directory)
     if not (resume and is_complete(directory, sweep)):
         options = (executor, workers, resume, is_confirmed, progress)
-        Thread(target=import_module, args=("xarray",)).start()  # the result is opened with it
+        # what opens the result is loaded while workers compute
+        Thread(target=lambda: import_module("xarray").Dataset(coords={"n": [0]})).start()
         with _computing(sweep, directory, WHOLE, *options) as (joined, layout, about):
             write_result(sweep, directory, joined, layout, about)
             has_all = joined.numbers.size == sweep.n_points
