@@ -131,7 +131,9 @@ def judge(
         beat, scatter = _beating(rest, rate)
     own_allowed = np.maximum(TOLERANCE, scatter)
     left = np.hypot(np.sqrt(np.maximum(creep**2 - error**2, 0.0)), beat)
-    worst = int(np.argmax(np.maximum(left, SURE * error) / own_allowed))
+    excess = np.maximum(left, SURE * error) / own_allowed
+    is_worst = excess >= (1.0 - 1e-9) * excess.max()  # scatter alone gives all the same
+    worst = int(np.argmax(np.where(is_worst, own_allowed, 0.0)))
     transient, uncertainty, allowed = (
         float(values[worst]) for values in (left, SURE * error, own_allowed)
     )

@@ -25,7 +25,7 @@ def strobes(kind: str, n: int) -> np.ndarray:
     t = np.arange(1.0, n + 1.0)
     x = np.array([0.3 + 0.0 * t, -0.5 + 0.0 * t])
     scatter = 1.0 if "scatter" in kind else 0.3
-    x = x + scatter * 0.01 * np.array([waves(n), waves(n)[::-1]])
+    x = x + scatter * 0.01 * np.array([waves(n), 0.83 * waves(n)[::-1]])
     if "decay" in kind:
         x = x + np.array([0.8, 0.4])[:, None] * np.exp(-0.06 * t)
     if "beat" in kind:

@@ -171,7 +171,7 @@ def posterior_figure(
     low, high = posterior.quantile(TAIL), posterior.quantile(1.0 - TAIL)
     if truth is not None:
         low, high = np.minimum(low, truth), np.maximum(high, truth)
-    margin = 0.1 * (high - low)
+    margin = 0.08 * (high - low)  # no end of the samples is an edge of a bar
     low, high = low - margin, high + margin
     figure = Figure(figsize=(PANEL * n, PANEL * n))
     axes = figure.subplots(n, n, squeeze=False)

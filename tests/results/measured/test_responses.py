@@ -244,7 +244,8 @@ def test_responses_are_the_stored_ones(stored: Callable[..., None]) -> None:
         ("blows of a given length", blows, {"segment": 1.5}), ("one blow", one, {}),
     ):  # fmt: skip
         found = with_responses(data, "force", **options)  # type: ignore[arg-type]
-        told += [f"# {name}", golden.of_dataset(found.drop_vars(list(data.variables)))]
+        exact = ["coherence"] if "blow" in name else []  # where nothing moves, round-off decides it
+        told += [f"# {name}", golden.of_dataset(found.drop_vars([*data.variables, *exact]))]
     stored("\n".join(told))
 
 
