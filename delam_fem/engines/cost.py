@@ -18,6 +18,7 @@ from delam_fem.case.definition import Case
 from delam_fem.engines.session import EngineName
 from delam_fem.model import discretise
 from delam_fem.model.mesh import node_coordinates, read_file
+from delam_fem.system import mpi
 from delam_fem.system.errors import CaseError
 
 MOST_HOURS = 24.0
@@ -110,11 +111,8 @@ def run_cost(case: Case, engine: EngineName) -> Cost:
         + _STEP_NUMBERS_IN_FILES * recorded
         + _NODE_NUMBERS_IN_FILES * values
     )
-    ranks = 1
-    if case.model.is_continuum:
-        from delam_fem.system.mpi import MPI  # the workers of a sweep of beams start no MPI
-
-        ranks = min(MPI.COMM_WORLD.size, len(case.lamina))
+    # MPI starts with its name: the workers of a sweep of beams start none
+    ranks = min(mpi.MPI.COMM_WORLD.size, len(case.lamina)) if case.model.is_continuum else 1
     hours = START_SECONDS / 3600.0 + step_hours(case, engine) / ranks
     matrices = ENTRY_BYTES * n_dofs * per_dof
     return Cost(hours, _DOUBLE * memory + matrices, FILE_BYTES + _DOUBLE * disk)
