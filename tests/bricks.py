@@ -1,13 +1,18 @@
-"""Small meshes of two bodies, one upon the other, whose facing surfaces need not match."""
+"""Small meshes of solids: two bodies whose facing surfaces need not match, and those of files."""
 
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from project import ROOT
 
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
 from delam_fem.model.solids.mesh import FACETS, Facing, SolidMesh
 
 Array = npt.NDArray[np.float64]
+MESHES = ROOT / "meshes" / "solids"
 
 
 def brick(cell: str, counts: tuple[int, ...], low: Array, high: Array) -> tuple[Array, Array]:
@@ -68,3 +73,19 @@ def two_bricks(
         np.repeat([0, 1], [len(first[1]), len(second[1])]),
         sides=(sides,),
     )
+
+
+def case_of(name: str, path: Path | None = None, **further: object) -> Case:
+    """Return the case to which a mesh of the folder belongs, with another file of it."""
+    keys: dict[str, object] = {
+        "model.kind": "plane-stress" if name.startswith("plane") else "solid",
+        "mesh.elements": None,
+        "mesh.file": str(path or MESHES / f"{name}.msh"),
+    }
+    if name.endswith("delaminated"):
+        keys |= {"delamination.1.start": 0.06, "delamination.1.end": 0.14, "support.end": "free"}
+        for number, thickness in enumerate((0.004, 0.002), 1):
+            keys[f"lamina.{number}.thickness"] = thickness
+            keys[f"lamina.{number}.length"] = 0.2
+        return preset("embedded", keys | further)
+    return preset("paper", keys | further)

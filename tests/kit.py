@@ -1,8 +1,8 @@
-"""What tests share: calls of the command and of compiled code, small inputs, covering arrays."""
+"""What tests share: calls of the command and of compiled code, refusals, covering arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 
 from delam_fem.cli.app import app
 from delam_fem.system.caches import _Outermost
+from delam_fem.system.errors import CaseError
 
 SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
 """Overrides that make a preset quick."""
@@ -38,6 +39,13 @@ def invoke(*arguments: str | Path) -> Result:
 def compiled(function: Any) -> Any:
     """Return a function that Python can call, of one that is for compiled code alone."""
     return numba.njit(pipeline_class=_Outermost)(lambda *arguments: function(*arguments))
+
+
+def refusal(call: Callable[[], object]) -> str:
+    """Return the message with which a call is refused."""
+    with pytest.raises(CaseError) as error:
+        call()
+    return str(error.value)
 
 
 def covering(*axes: Sequence[Any]) -> list[ParameterSet]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from kit import refusal
 
 from delam_fem.case.toml import (
     apply_overrides,
@@ -20,13 +20,6 @@ from delam_fem.case.toml import (
     toml_text,
     toml_value,
 )
-from delam_fem.system.errors import CaseError
-
-
-def refusal(call: Callable[[], object]) -> str:
-    with pytest.raises(CaseError) as error:
-        call()
-    return str(error.value)
 
 
 @pytest.mark.parametrize(

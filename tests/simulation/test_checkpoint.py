@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from kit import refusal
 from scripted import Engine, motion, recorder
 
 import delam_fem as df
@@ -140,12 +141,6 @@ def test_of_a_long_error_the_first_line_is_told(tmp_path: Path) -> None:
     told = str(checkpoint._damaged(tmp_path / "c", ValueError("what is wrong\nwhere")))
     assert "(what is wrong)" in told and "where)" not in told
     assert "(ValueError)" in str(checkpoint._damaged(tmp_path / "c", ValueError()))
-
-
-def refusal(call: Callable[[], object]) -> str:
-    with pytest.raises(df.CaseError) as error:
-        call()
-    return str(error.value)
 
 
 def test_a_checkpoint_gives_engine_and_recorder_back(tmp_path: Path) -> None:

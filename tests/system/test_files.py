@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from kit import refusal
 
-from delam_fem.system.errors import CaseError, require, require_number
+from delam_fem.system.errors import require, require_number
 from delam_fem.system.files import (
     OUTPUTS,
     PREFIX,
@@ -23,12 +23,6 @@ from delam_fem.system.files import (
     write_json,
     write_text,
 )
-
-
-def refusal(call: Callable[[], object]) -> str:
-    with pytest.raises(CaseError) as error:
-        call()
-    return str(error.value)
 
 
 def test_numbers_are_made_ready_for_json(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import meshio
 import numpy as np
 import numpy.typing as npt
 import pytest
+from bricks import MESHES, case_of
 from crew import Crew
 from project import ROOT
 
@@ -23,7 +24,6 @@ from delam_fem.system.errors import CaseError
 
 Array = npt.NDArray[np.float64]
 
-MESHES = ROOT / "meshes" / "solids"
 ROUND_OFF = 1e-12
 FREQUENCIES = 2e-3  # triangles and tetrahedra at the edges of the delamination
 CELLS = {
@@ -32,22 +32,6 @@ CELLS = {
     "plane_delaminated": "triangle",
     "solid_delaminated": "tetrahedron",
 }
-
-
-def case_of(name: str, path: Path | None = None, **further: object) -> Case:
-    """Return the case to which a mesh of the folder belongs, with another file of it."""
-    keys: dict[str, object] = {
-        "model.kind": "plane-stress" if name.startswith("plane") else "solid",
-        "mesh.elements": None,
-        "mesh.file": str(path or MESHES / f"{name}.msh"),
-    }
-    if name.endswith("delaminated"):
-        keys |= {"delamination.1.start": 0.06, "delamination.1.end": 0.14, "support.end": "free"}
-        for number, thickness in enumerate((0.004, 0.002), 1):
-            keys[f"lamina.{number}.thickness"] = thickness
-            keys[f"lamina.{number}.length"] = 0.2
-        return preset("embedded", keys | further)
-    return preset("paper", keys | further)
 
 
 def changed(

@@ -9,8 +9,7 @@ from typing import Any
 import golden
 import numpy as np
 import pytest
-from bricks import two_bricks
-from project import ROOT
+from bricks import MESHES, case_of, two_bricks
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
@@ -194,23 +193,12 @@ def test_interfaces_are_the_stored_ones(stored: Check) -> None:
     stored(golden.of_object(found))
 
 
-MESHES = ROOT / "meshes" / "solids"
-
-
 def of_file(name: str, path: Path | None = None, **more: object) -> Case:
     """Return the case of a mesh of the folder."""
-    keys: dict[str, object] = {
-        "model.kind": "plane-stress" if name.startswith("plane") else "solid",
-        "mesh.elements": None, "mesh.file": str(path or MESHES / f"{name}.msh"),
-        "model.poisson": 0.3,
-    }  # fmt: skip
-    if name.endswith("delaminated"):
-        keys |= {"delamination.1.start": 0.06, "delamination.1.end": 0.14, "support.end": "free"}
-        for number, thickness in enumerate((0.004, 0.002), 1):
-            keys[f"lamina.{number}.thickness"] = thickness
-            keys[f"lamina.{number}.length"] = 0.2
-        return preset("embedded", keys | more)
-    return preset("paper", keys | {"contact.impulse": "consistent"} | more)
+    keys: dict[str, object] = {"model.poisson": 0.3}
+    if not name.endswith("delaminated"):
+        keys["contact.impulse"] = "consistent"
+    return case_of(name, path, **keys | more)
 
 
 @pytest.mark.parametrize("name", ["plane_strips", "plane_delaminated", "solid_delaminated"])

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import golden
 import numpy as np
 import pytest
+from kit import refusal as message
 
 from delam_fem.results.measured.channels import (
     QUANTITIES,
@@ -23,7 +24,6 @@ from delam_fem.results.measured.channels import (
     of_quantity,
     unit_of,
 )
-from delam_fem.system.errors import CaseError
 
 N = 8
 TIME = 0.5 + 0.25 * np.arange(N)
@@ -38,13 +38,6 @@ def of_channels(channels: list[Channel]) -> str:
         f"({own.source})\n  {golden.values_of(own.points)}: {golden.values_of(own.values)}"
         for own in channels
     )
-
-
-def message(call: Callable[[], object]) -> str:
-    """Return the message of a refusal."""
-    with pytest.raises(CaseError) as error:
-        call()
-    return str(error.value)
 
 
 UNITS = (

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import pyuff
 import xarray as xr
+from kit import refusal
 from scipy.io import savemat
 from synthetic import small_case, synthetic_history
 
@@ -489,12 +490,6 @@ def test_the_dataset_of_all_kinds_is_the_stored_one(stored: Callable[..., None])
 )  # fmt: skip
 def test_variables_of_histories(name: str, unit: str, variable: str) -> None:
     assert variable_of(channel(name, A, unit)) == variable
-
-
-def refusal(call: Callable[[], object]) -> str:
-    with pytest.raises(CaseError) as error:
-        call()
-    return str(error.value)
 
 
 def test_messages_of_datasets_are_exact() -> None:

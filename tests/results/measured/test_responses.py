@@ -9,6 +9,7 @@ import golden
 import numpy as np
 import pytest
 import xarray as xr
+from kit import refusal
 from scipy.signal import lfilter
 
 from delam_fem.results.measured.responses import (
@@ -24,7 +25,6 @@ from delam_fem.results.measured.responses import (
     with_free_vibrations,
     with_responses,
 )
-from delam_fem.system.errors import CaseError
 
 RATE = 200.0
 BLOW = 0.3 + np.sin(np.pi * (np.arange(7) + 0.5) / 7.0)
@@ -67,13 +67,6 @@ def as_dataset(time: np.ndarray, force: np.ndarray, motions: np.ndarray) -> xr.D
            "channel_lamina": ("channel", ["", "", ""])},
         {"time": time, "channel": names},
     )  # fmt: skip
-
-
-def refusal(call: Callable[[], object]) -> str:
-    """Return the message of a refusal."""
-    with pytest.raises(CaseError) as error:
-        call()
-    return str(error.value)
 
 
 # ---- blows
