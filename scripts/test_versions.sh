@@ -109,7 +109,8 @@ test_tree() {
     short_demo "$tree" || verdict failed "$(versions "$tree"); the short demo failed" </dev/null
     say "$release: tests" >&3
     within "$tree" timeout "$SETUP_SECONDS" "$command" test || verdict failed "$command test" </dev/null
-    within "$tree" timeout "$TESTS_SECONDS" .venv/bin/python -m pytest -q --numprocesses=auto --dist=worksteal \
+    # COLUMNS: a line of the result says why a test has failed
+    within "$tree" timeout "$TESTS_SECONDS" env COLUMNS=300 .venv/bin/python -m pytest -q --numprocesses=auto --dist=worksteal \
         -p no:cacheprovider -m "not once and not stored and not nightly" | tee "$2/pytest" ||
         status=$?
     found="$(versions "$tree"); tests: $(tests_summary "$2/pytest" || printf 'no summary, exit status %s' "$status")"

@@ -173,14 +173,14 @@ def _is_intact(folder: Path) -> bool:
 def _publish(private: Path, final: Path) -> None:
     """Seal a new library and give its folder the final name."""
     library = _library(private)
-    if library is None:
+    if library is None or _is_intact(final):  # another process was faster; others may load its own
         return
     try:
         _to_disk(library)
         (private / _SEAL).write_text(_checksum(library), "ascii")
         _to_disk(private / _SEAL)
         old = private.with_suffix(".old")
-        if final.is_dir():  # damaged, or another process was faster
+        if final.is_dir():  # damaged
             os.rename(final, old)
             shutil.rmtree(old, ignore_errors=True)
         os.rename(private, final)

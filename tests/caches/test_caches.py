@@ -180,6 +180,19 @@ def test_damaged_forms_are_compiled_anew(compiled_forms: Path, tmp_path: Path, d
     assert third.returncode == 0 and ": damaged (" not in third.stderr
 
 
+def test_the_library_of_a_faster_process_stays(compiled_forms: Path, tmp_path: Path) -> None:
+    """A third process may be about to load it."""
+    shutil.copytree(compiled_forms, tmp_path, dirs_exist_ok=True)
+    final = libraries(tmp_path)[0].parent
+    before = final.stat().st_ino
+    private = shutil.copytree(final, final.with_name("part-slower"))
+    caches._publish(private, final)
+    assert final.stat().st_ino == before and private.is_dir()
+    (final / "sha256").write_text("another")
+    caches._publish(private, final)
+    assert not private.exists() and caches._is_intact(final)
+
+
 @pytest.mark.slow
 def test_a_kill_while_forms_are_compiled_spoils_nothing(tmp_path: Path) -> None:
     (tmp_path / "forms.py").write_text(FORMS)
