@@ -28,11 +28,12 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numba
-from llvmlite.binding import Linkage
+from llvmlite.binding import Linkage, parse_assembly
 from numba import types
 from numba.core import caching
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 SEAL_SIZE = hashlib.sha256().digest_size
@@ -271,6 +272,13 @@ class _KeptLibrary(JITCodeLibrary):  # type: ignore[misc]
                 function.linkage = "internal"
         super()._optimize_final_module()
 
+    def serialize_using_object_code(self) -> Any:
+        """Return the machine code, and of the code for other functions to link only the names."""
+        name, kind, (code, _) = super().serialize_using_object_code()
+        functions = (f for f in self._final_module.functions if not f.is_declaration)
+        stubs = (f'define void @"{f.name}"() {{ ret void }}\n' for f in functions)
+        return name, kind, (code, parse_assembly("".join(stubs)).as_bitcode())
+
 
 class _Outermost(Compiler):  # type: ignore[misc]
     """Compile a function that Python calls."""
@@ -359,6 +367,11 @@ class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
         _TemporaryLocator,
     ]
 
+    def reduce(self, data: Any) -> Any:
+        """Return what is stored: not the modules of Numba that only exceptions and `print` need."""
+        *kept, _ = super().reduce(data)
+        return (*kept, ())
+
 
 class _SealedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
     """The files of a function's cache; what is damaged counts as absent."""
@@ -422,7 +435,8 @@ class _SealedCache(caching.FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the machine code for the types of a call; None: Numba compiles it next."""
-        found = super().load_overload(sig, target_context)
+        rtsys.initialize(target_context)  # all that loading needs of what compiling needs
+        found = self._load_overload(sig, target_context)
         if found is None and self._what:
             _log.info("compiling %s; this is done once on this machine", self._what)
         return found
