@@ -34,6 +34,30 @@ def double(x):
 assert double(21.0) == 42.0
 print(sum(double.stats.cache_hits.values()))
 """
+RAISING = """
+import numpy as np
+from delam_fem.system.caches import kept, njit
+
+@njit
+def inverse(x):
+    if x > 3.0:
+        raise ValueError("large")
+    return 1.0 / x
+
+@kept
+def function(x, n):
+    a = np.full(n, x)
+    if x < 0.0:
+        raise IndexError("low", n)
+    return inverse(x) + a.sum() + np.linalg.solve(np.eye(2) * x, np.ones(2))[0]
+
+for x in (2.0, 0.0, 4.0, -1.0):
+    try:
+        print(function(x, 3))
+    except Exception as error:
+        print(type(error).__name__, error)
+print(sum(function.stats.cache_hits.values()))
+"""
 FORMS = """
 import logging, sys
 logging.basicConfig(level=logging.DEBUG if "-v" in sys.argv else logging.WARNING)
@@ -164,6 +188,13 @@ def test_without_any_folder_machine_code_goes_to_a_temporary_one(kernel: Path) -
     assert [done.stdout for done in found] == ["0\n", "1\n"]
     assert found[0].stderr.count("no folder for compiled code can be written") == 1
     assert len(found[0].stderr.splitlines()) == 1
+
+
+def test_stored_machine_code_raises_and_allocates_as_new_code_does(tmp_path: Path) -> None:
+    (tmp_path / "raising.py").write_text(RAISING)
+    first, second = (python(tmp_path / "raising.py", cwd=tmp_path) for _ in range(2))
+    expected = "7.0\nZeroDivisionError division by zero\nValueError large\nIndexError ('low', 3)\n"
+    assert (first.stdout, second.stdout) == (f"{expected}0\n", f"{expected}1\n"), second.stderr
 
 
 @pytest.mark.slow

@@ -186,7 +186,7 @@ class Compiled(Engine):
         steps_at_once: steps of a call: few enough to stop in time, many beside the cost of a call.
     """
 
-    steps_at_once = 10_000
+    steps_at_once = 200_000
 
     def __init__(
         self,

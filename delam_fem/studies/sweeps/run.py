@@ -22,7 +22,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -301,14 +301,19 @@ def run_sweep(
     directory = Path(directory)
     if not (resume and is_complete(directory, sweep)):
         options = (executor, workers, resume, is_confirmed, progress)
-        # what opens the result is loaded while workers compute
-        Thread(target=lambda: import_module("xarray").Dataset(coords={"n": [0]})).start()
+        Thread(target=_load_xarray).start()
         with _computing(sweep, directory, WHOLE, *options) as (joined, layout, about):
             write_result(sweep, directory, joined, layout, about)
             has_all = joined.numbers.size == sweep.n_points
         if has_all:
             remove_journal(directory / JOURNAL)
     return open_result(directory / RESULT)
+
+
+def _load_xarray() -> None:
+    """Load what opens the result while workers compute."""
+    with suppress(RuntimeError):  # a call that fails at once ends this process meanwhile
+        import_module("xarray").Dataset(coords={"n": [0]})
 
 
 def completed(sweep: Sweep, directory: Path, executor: Any = None, **options: Any) -> xr.Dataset:
