@@ -125,7 +125,12 @@ def body(shape: str, dim: int, fine: float, near: float) -> tuple[Array, Indices
     place[tags.astype(np.int64)] = np.arange(tags.size)
     cells = place[cells.reshape(-1, dim + 1).astype(np.int64)]
     used, number = np.unique(cells, return_inverse=True)
-    return x.reshape(-1, 3)[used, :dim], number.reshape(cells.shape)
+    points = x.reshape(-1, 3)[used, :dim]
+    n_near = np.sum(np.linalg.norm(points - RADIUS * np.eye(dim)[1], axis=1) < near)
+    share = n_near / (near / fine) ** dim  # 1.8 to 2.1 of a half disc, 0.5 to 0.8 of an octant
+    if not (0.3 < share < 3.0 and len(points) < 10 * n_near + 1000):
+        raise RuntimeError(f"gmsh did not follow the field: {len(points)} points, {n_near} near")
+    return points, number.reshape(cells.shape)
 
 
 def outer(points: Array, cells: Indices) -> Indices:

@@ -5,9 +5,12 @@ import importlib.util
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("gmsh") is None, reason="gmsh's Python module is not installed"
-)
+pytestmark = [
+    pytest.mark.once,
+    pytest.mark.skipif(
+        importlib.util.find_spec("gmsh") is None, reason="gmsh's Python module is not installed"
+    ),
+]
 CYLINDER, SPHERE = 0.02, 0.05  # radius of contact over R: Hertz's theory is for small ones
 APPROACH = 0.03  # round bodies are no half-spaces: their approach differs in the second order
 
