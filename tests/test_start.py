@@ -43,7 +43,7 @@ print(MPI.COMM_WORLD.size)
 """
 
 
-def test_a_worker_of_a_sweep_of_beams_starts_neither_mpi_nor_xarray() -> None:
+def test_a_worker_of_a_sweep_of_beams_starts_no_mpi_and_loads_little() -> None:
     plane = ROOT / "docs" / "examples" / "plane.toml"
     command = [sys.executable, "-W", "ignore", "-c", WORKER, str(plane)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

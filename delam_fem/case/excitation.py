@@ -16,8 +16,8 @@ from typing import Annotated, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+import scipy  # loads its parts when they are used
 from pydantic import Field, model_validator
-from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 
 from delam_fem.case.tables import in_si_units, read_columns
 from delam_fem.case.values import (
@@ -462,7 +462,7 @@ class Tabulated:
         ends: whether the value is 0 afterwards; otherwise the last value stays.
     """
 
-    course: BSpline | PchipInterpolator
+    course: scipy.interpolate.BSpline | scipy.interpolate.PchipInterpolator
     length: float
     ends: bool
 
@@ -471,12 +471,14 @@ class Tabulated:
         """Return the drive of a table of forces [N], displacements [m] or accelerations [m/s2]."""
         length = float(time[-1])
         if unit == "N":
-            return cls(PchipInterpolator(time, value), length, ends=True)
+            return cls(scipy.interpolate.PchipInterpolator(time, value), length, ends=True)
         if unit == "m":
-            return cls(make_interp_spline(time, value - value[0], k=5), length, ends=False)
-        velocity = make_interp_spline(time, value, k=3).antiderivative()
+            course = scipy.interpolate.make_interp_spline(time, value - value[0], k=5)
+            return cls(course, length, ends=False)
+        velocity = scipy.interpolate.make_interp_spline(time, value, k=3).antiderivative()
         drift = velocity.integrate(0.0, length) / length
-        steady = BSpline(velocity.t, velocity.c - drift, velocity.k)  # its functions add up to 1
+        # the functions of a spline add up to 1
+        steady = scipy.interpolate.BSpline(velocity.t, velocity.c - drift, velocity.k)
         return cls(steady.antiderivative(), length, ends=False)
 
     def states(self, times: npt.ArrayLike) -> FloatArray:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
+import scipy  # loads its parts when they are used
 
 from delam_fem.case.sections import Delamination, Gap, Stop
 from delam_fem.case.tables import in_si_units, read_columns
@@ -45,7 +45,7 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
     xi = np.clip(x / length, 0.0, 1.0)
     if gap.file is not None:
         table = read_gap_table(gap.file, length)
-        g0: FloatArray = PchipInterpolator(*table)(np.clip(x, 0.0, table[0][-1]))
+        g0: FloatArray = scipy.interpolate.PchipInterpolator(*table)(np.clip(x, 0.0, table[0][-1]))
         source = f"gap.file {gap.file}"
     elif gap.tip is None:
         raise CaseError("gap.tip: missing, but required unless gap.file is given")
@@ -86,7 +86,9 @@ def opening_at_rest(
         return np.zeros_like(x)
     if own.file is not None:
         table = read_table(own.file, own.start, own.end, length)
-        return np.asarray(PchipInterpolator(*table)(np.clip(x, table[0][0], table[0][-1])))
+        return np.asarray(
+            scipy.interpolate.PchipInterpolator(*table)(np.clip(x, table[0][0], table[0][-1]))
+        )
     s = np.clip((x - own.start) / (own.end - own.start), 0.0, 1.0)
     if own.shape == "power":
         s = 1.0 - s if opens_at_start else s

@@ -25,7 +25,7 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
+import scipy  # loads its parts when they are used
 
 from delam_fem.numerics.types import FloatArray
 
@@ -332,5 +332,7 @@ def unit_force(time: npt.ArrayLike) -> FloatArray:
 def peak_end() -> float:
     """Return the time of the first minimum of `unit_force`, in units of τ [-]."""
     return float(
-        minimize_scalar(lambda t: float(unit_force(t)[0]), bounds=_PEAK_END, method="bounded").x
+        scipy.optimize.minimize_scalar(
+            lambda t: float(unit_force(t)[0]), bounds=_PEAK_END, method="bounded"
+        ).x
     )

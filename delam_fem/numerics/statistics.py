@@ -41,7 +41,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
+import scipy  # loads its parts when they are used
 from scipy.special import fdtrc, stdtrit
 
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -159,7 +159,9 @@ def _order(h: FloatArray, f: FloatArray) -> float:
     smallest = 1e-6
     if not _ratio(h, smallest) < ratio < _ratio(h, HIGHEST_ORDER):
         return math.nan
-    return float(brentq(lambda p: _ratio(h, p) - ratio, smallest, HIGHEST_ORDER, xtol=1e-10))
+    return float(
+        scipy.optimize.brentq(lambda p: _ratio(h, p) - ratio, smallest, HIGHEST_ORDER, xtol=1e-10)
+    )
 
 
 def _extrapolated(h: FloatArray, f: FloatArray) -> float:

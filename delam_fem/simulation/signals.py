@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_interp_spline
+import scipy  # loads its parts when they are used
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Sensor
@@ -210,7 +210,7 @@ def _sampled(own: Sensor, time: FloatArray, value: FloatArray, time_step: float)
         first = np.ceil(time[0] * own.sampling_rate - _ROUND_OFF)
         last = np.floor(time[-1] * own.sampling_rate + _ROUND_OFF)
         at = np.clip(np.arange(first, last + 1.0) / own.sampling_rate, time[0], time[-1])
-        value = make_interp_spline(time, value, k=min(3, time.size - 1))(at)
+        value = scipy.interpolate.make_interp_spline(time, value, k=min(3, time.size - 1))(at)
         time = at
     if own.noise:
         rng = np.random.default_rng([own.seed, zlib.crc32(own.name.encode())])

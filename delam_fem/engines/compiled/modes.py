@@ -31,8 +31,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy  # loads its parts when they are used
 import scipy.sparse as sp
-from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 
 from delam_fem.engines.compiled.lanes import (
@@ -177,7 +177,7 @@ def _slopes(cell: IntArray, weight: FloatArray, gap0: FloatArray, n: int) -> Flo
     x = np.cumsum(h)[cell] - (1.0 - local) * h[cell]
     if known.sum() < 2 or np.any(np.diff(x[known]) <= 0.0):
         return np.zeros(n)
-    return np.asarray(CubicSpline(x[known], gap0[known])(np.cumsum(h), 1))
+    return np.asarray(scipy.interpolate.CubicSpline(x[known], gap0[known])(np.cumsum(h), 1))
 
 
 @njit(forceinline=True)
