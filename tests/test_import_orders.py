@@ -74,6 +74,6 @@ QUICK = ("dolfinx", "delam_fem", "pyvista", "netCDF4", "h5py")
 )
 def test_every_package_works_after_the_others(order: tuple[str, ...], tmp_path: Path) -> None:
     command = [sys.executable, "-c", PROGRAM, *order]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr[-2000:]
     assert (tmp_path / "c.png").stat().st_size > 1000

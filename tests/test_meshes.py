@@ -58,7 +58,7 @@ def test_broken_mesh_has_nodes_that_are_not_opposite() -> None:
 @needs_gmsh
 def test_generator_makes_the_committed_meshes(tmp_path: Path) -> None:
     command = [sys.executable, MESHES / "generate.py", "-o", tmp_path]
-    subprocess.run(command, check=True, capture_output=True, timeout=60)
+    subprocess.run(command, check=True, capture_output=True, timeout=600)
     made = sorted(path.name for path in tmp_path.iterdir())
     assert made == sorted(path.name for path in MESHES.glob("*.msh"))
     for file in made:
@@ -87,7 +87,7 @@ def places(path: Path) -> dict[str, npt.NDArray[np.float64]]:
 def test_generator_makes_the_committed_solids(tmp_path: Path) -> None:
     """The triangles of another gmsh may differ; sides and ends do not."""
     command = [sys.executable, MESHES / "solids" / "generate.py", "-o", tmp_path]
-    subprocess.run(command, check=True, capture_output=True, timeout=60)
+    subprocess.run(command, check=True, capture_output=True, timeout=600)
     committed = sorted((MESHES / "solids").glob("*.msh"))
     assert sorted(path.name for path in tmp_path.iterdir()) == [path.name for path in committed]
     for path in committed:

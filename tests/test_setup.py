@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 import tomllib
 from functools import partial
 from importlib import metadata
@@ -23,7 +22,6 @@ COMMANDS = [*sorted(ROOT.glob("scripts/*.sh")), CI]
 SOURCED = "clean_environment.sh"
 READ_BY_SETUP = (SOURCED, "setup.sh", "constraints-bookworm.txt")
 NOT_TO_STAY = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CC")
-QUICK = 5.0  # s; it takes 0.03 s, and a set-up that starts anew takes 8 s at the very least
 
 needs_setup = pytest.mark.skipif(
     not STAMP.exists(), reason="this environment was not made by scripts/setup.sh test"
@@ -62,12 +60,11 @@ def test_script_is_sound_bash(path: Path) -> None:
 
 @needs_setup
 @pytest.mark.parametrize("extra", [[], ["test"]])
-def test_second_setup_is_quick_from_anywhere_and_not_misled(
+def test_a_second_setup_has_nothing_to_do_anywhere_and_is_not_misled(
     extra: list[str], misleading: dict[str, str], tmp_path: Path
 ) -> None:
     current = shell('EXTRA=test; is_done "$(debian_codename /etc/os-release)"').returncode == 0
     assert current, "what the set-up depends on has changed: run scripts/setup.sh test"
-    start = time.perf_counter()
     done = subprocess.run(
         [SETUP, *extra],
         cwd=tmp_path,
@@ -78,7 +75,6 @@ def test_second_setup_is_quick_from_anywhere_and_not_misled(
     )
     assert done.returncode == 0, done.stderr
     assert "nothing to do" in done.stdout
-    assert time.perf_counter() - start < QUICK
 
 
 @pytest.mark.parametrize("file", ["pyproject.toml", *(f"scripts/{f}" for f in READ_BY_SETUP)])
@@ -274,6 +270,6 @@ def test_version_of_the_package_is_the_projects() -> None:
 
 def test_command_of_the_package_is_the_command_line() -> None:
     command = Path(sys.executable).parent / "delam-fem"
-    done = subprocess.run([command, "new", "--list"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([command, "new", "--list"], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[:1] == ["paper"]

@@ -105,7 +105,7 @@ def test_a_sweep_on_a_full_disk_is_finished_later(
     sweep = tmp_path / "s.toml"
     line = command("sweep", sweep, "-o", folder / "s", "-j", 2, "-q", "--yes")
     process = start(line)
-    _, errors = process.communicate(timeout=300)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode in (0, 1), errors
     require_none_left(process.pid)
     if process.returncode:

@@ -407,7 +407,7 @@ def test_numbers_and_verdicts_need_no_matplotlib() -> None:
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == names

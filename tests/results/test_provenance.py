@@ -55,5 +55,5 @@ def test_the_command_is_that_of_the_process(tmp_path: Path) -> None:
     )
     command = [sys.executable, str(program), "--set", "a b=1"]
     environment = {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600)
     assert done.stdout.strip() == f"{program} --set 'a b=1'"

@@ -90,7 +90,7 @@ def test_a_script_without_a_guard_is_told_once(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "script.py"]
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600
     )
     assert done.returncode == 1
     assert done.stderr.count("__main__") == 1
@@ -117,7 +117,7 @@ def test_the_status_of_a_dead_worker_is_waited_for() -> None:
     with executors.pool("process", 1) as opened:
         future = opened.executor.submit(leave_slowly)
         with pytest.raises(BrokenProcessPool):
-            future.result(timeout=60.0)
+            future.result(timeout=600.0)
         assert opened.renew is not None
         with pytest.raises(CaseError, match="__main__"):
             opened.renew()
@@ -125,7 +125,7 @@ def test_the_status_of_a_dead_worker_is_waited_for() -> None:
 
 def test_an_error_ends_the_workers_at_once() -> None:
     with pytest.raises(ZeroDivisionError), executors.pool("process", 1) as opened:
-        assert opened.executor.submit(os.getpid).result(timeout=60.0) != os.getpid()
+        assert opened.executor.submit(os.getpid).result(timeout=600.0) != os.getpid()
         asleep = opened.executor.submit(time.sleep, 600.0)
         while not asleep.running():
             time.sleep(0.01)
@@ -145,17 +145,17 @@ def test_a_broken_pool_does_not_wait_for_the_workers_that_live() -> None:
     """They ignore the signal by which Python ends them, and may wait for what no one gives."""
     begin = time.monotonic()
     with executors.pool("process", 2) as opened:
-        asleep = opened.executor.submit(time.sleep, 300.0)
+        asleep = opened.executor.submit(time.sleep, 3000.0)
         while not asleep.running():
             time.sleep(0.01)
         with pytest.raises(BrokenProcessPool):
-            opened.executor.submit(die).result(timeout=100.0)
-    assert time.monotonic() - begin < 200.0
+            opened.executor.submit(die).result(timeout=600.0)
+    assert time.monotonic() - begin < 1500.0
 
 
 def test_a_pool_that_broke_with_a_full_pipe_ends() -> None:
     with executors.pool("process", 1) as opened:
-        asleep = opened.executor.submit(time.sleep, 300.0)
+        asleep = opened.executor.submit(time.sleep, 3000.0)
         waiting = opened.executor.submit(len, bytes(10**6))  # more than a pipe holds
         while not asleep.running():
             time.sleep(0.01)
@@ -164,7 +164,7 @@ def test_a_pool_that_broke_with_a_full_pipe_ends() -> None:
         time.sleep(0.5)
         os.kill(worker.pid, signal.SIGKILL)
         with pytest.raises(BrokenProcessPool):
-            waiting.result(timeout=60.0)
+            waiting.result(timeout=600.0)
         opened.renew()
-        manager.join(60.0)
+        manager.join(600.0)
         assert not manager.is_alive()

@@ -41,7 +41,7 @@ UNSTABLE = {"key": "time.scheme", "values": ["newmark", "central-difference"]}
 """Forty steps a period are too few for the central difference: its points fail."""
 FILES = ["case.toml", "sweep.json", "sweep.nc", "sweep.toml"]
 ATTEMPTS = 5
-WAIT = 60.0
+WAIT = 600.0
 """Longest time that a process may take to show what is waited for [s]."""
 
 
