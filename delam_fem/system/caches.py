@@ -157,7 +157,7 @@ def _places(key: str) -> tuple[Path, Path, Path]:
     return shared, final, Path(tempfile.mkdtemp(prefix=PRIVATE, dir=shared))
 
 
-def _is_intact(folder: Path) -> bool:
+def _is_intact(folder: Path, *, is_told: bool = True) -> bool:
     """Return whether a folder has an undamaged library, and the files that FFCx looks for."""
     if not folder.is_dir():
         return False
@@ -166,7 +166,8 @@ def _is_intact(folder: Path) -> bool:
         if library is None or (folder / _SEAL).read_text("ascii") != _checksum(library):
             raise ValueError("missing, or another checksum")
     except (OSError, ValueError) as error:
-        _log.debug("%s: damaged (%s); compiled anew", folder, error)
+        if is_told:
+            _log.debug("%s: damaged (%s); compiled anew", folder, error)
         return False
     return True
 
@@ -174,7 +175,7 @@ def _is_intact(folder: Path) -> bool:
 def _publish(private: Path, final: Path) -> None:
     """Seal a new library and give its folder the final name."""
     library = _library(private)
-    if library is None or _is_intact(final):  # another process was faster; others may load its own
+    if library is None or _is_intact(final, is_told=False):  # another process was faster
         return
     try:
         _to_disk(library)
