@@ -138,6 +138,8 @@ def test_operators_give_names_figures_and_a_verdict(engine: str, tmp_path: Path)
 def test_operators_without_probes_run(tmp_path: Path) -> None:
     found = solve(pair())
     assert found.history.sizes["probe"] == 0 and found.summary["probes"] == []
+    unnamed = solve(pair(probes=sp.identity(2, format="csr")), periods=2)
+    assert unnamed.summary["probes"] == ["probe 1", "probe 2"]
     assert found.history.sizes["event"] > 0
     assert tmp_path / "figures" / "energy_ledger.png" in found.save(tmp_path)
 

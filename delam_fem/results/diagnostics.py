@@ -495,7 +495,7 @@ def _hits(history: xr.Dataset, n_interfaces: int) -> BoolArray:
         return is_hit
     time, at_probes = history["time"].to_numpy(), is_at_probes(history)
     when = history["event_time"].to_numpy()[at_probes]
-    if when.size and time.size > 1:
+    if time.size > 1:
         after = (when - time[0]) / (time[1] - time[0])
         steps = np.ceil(after - _ROUND_OFF).astype(np.int64)  # the step in which it happened
         is_inside = (steps >= 0) & (steps < time.size)

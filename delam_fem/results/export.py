@@ -247,7 +247,8 @@ def _set(
         "id3": f"abscissa from {float(axis[0])!r}",
         "rsp_ent_name": name[:10].replace(" ", "_"), "rsp_node": node, "rsp_dir": LATERAL,
         "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0,
-        "abscissa_spacing": 1, "x": step * np.arange(axis.size), "abscissa_inc": step,
+        "abscissa_spacing": 1, "x": step * np.arange(max(axis.size, 2)),  # pyuff wants a step
+        "abscissa_inc": step,
         "abscissa_spec_data_type": TIME if is_time else GENERAL,
         "abscissa_axis_lab": "time" if is_time else "period",
         "abscissa_axis_units_lab": "s" if is_time else "1",

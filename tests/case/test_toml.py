@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from kit import refusal
 
+from delam_fem.case import toml
 from delam_fem.case.toml import (
     apply_overrides,
     parse_override,
@@ -37,6 +38,15 @@ def test_what_may_be_wrong_in_a_line_is_said(tmp_path: Path, line: str, remedy: 
     told = refusal(lambda: read_toml(path))
     assert told.startswith(f"case file {path}: not valid TOML: ")
     assert "line 2" in told and told.partition("; ")[2] == remedy.removeprefix("; ")
+
+
+def test_files_have_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text("a = 1\n")
+    monkeypatch.setattr(toml, "MOST_BYTES", 6)
+    assert read_toml(path) == {"a": 1}
+    path.write_text("a = 12\n")
+    assert refusal(lambda: read_toml(path)) == f"case file {path}: expected at most 6 bytes"
 
 
 def test_depth_and_whole_numbers_have_bounds() -> None:

@@ -38,6 +38,28 @@ def test_uniform_nodes_span_the_length() -> None:
     assert np.allclose(np.diff(x), LENGTH / 7)
 
 
+@pytest.mark.parametrize(("apart", "is_uniform"), [(2, True), (1, False)])
+def test_two_elements_between_edges_are_enough_for_uniform_nodes(
+    apart: int, is_uniform: bool
+) -> None:
+    """The end is off by half of what is allowed, so that nodes of segments would be as well."""
+    h, key = 0.4 / 20, "delamination.1"
+    ends = {f"{key}.start": 5 * h, f"{key}.end": (5 + apart) * h + 2e-10}
+    x = node_coordinates(preset("embedded", {"mesh.elements": 20, **ends}))
+    assert np.array_equal(x, np.linspace(0.0, 0.4, 21)) == is_uniform
+
+
+@pytest.mark.parametrize(
+    ("ends", "n", "counts"), [((0.12, 0.28), 6, [2, 2, 2]), ((0.021, 0.379), 7, [2, 3, 2])]
+)
+def test_segments_have_at_least_two_elements(
+    ends: tuple[float, float], n: int, counts: list[int]
+) -> None:
+    keys = dict(zip(("delamination.1.start", "delamination.1.end"), ends, strict=True))
+    x = node_coordinates(preset("embedded", {"mesh.elements": n, **keys}))
+    assert np.histogram(x[:-1] + 1e-9, [0.0, *ends, 0.4])[0].tolist() == counts
+
+
 def test_file_gives_its_own_grading_whatever_the_order_of_its_cells(tmp_path: Path) -> None:
     graded = [0.0, 0.1, 0.3, 0.6, LENGTH]
     path = write(tmp_path / "mesh.vtu", graded, graded, (2, 1))

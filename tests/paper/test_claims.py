@@ -126,10 +126,11 @@ def test_a_jump_is_large_and_stands_out() -> None:
         top = 1.0 / (1.0 - factor * share)
         assert responses.jumps(f, np.array([1.0, 1.0, top, top, top])) == found
         assert responses.jumps(f, np.array([top, top, 1.0, 1.0, 1.0])) == found
-    for beside, found in ((1.01, []), (0.99, [1.5])):
+    for beside, found in ((1.01, []), (1.0, []), (0.99, [1.5])):
         for sign in (1.0, -1.0):
-            rest = 8.0 * beside / times
-            assert responses.jumps(f, np.array([1.0, 1.0, 9.0, 9.0 + sign * rest, 9.0])) == found
+            rest = 9.0 * beside / times
+            own = np.array([1.0, 1.0, 10.0, 10.0 + sign * rest, 10.0])
+            assert responses.jumps(f, own) == found
 
 
 def stepped(up: list[float], down: list[float], **more: Any) -> Numbers:

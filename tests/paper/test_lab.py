@@ -198,3 +198,16 @@ def test_the_printed_number_may_lie_within_the_band() -> None:
             })  # fmt: skip
             own = portraits._away(numbers, i)
             assert own.value == pytest.approx(0.25) and own.within == pytest.approx(within)
+
+
+def test_only_the_left_panels_of_shapes_have_numbers_at_their_places() -> None:
+    position, shown = np.zeros((2, 50, 5)), np.arange(len(shapes.PHASES))
+    position[1] = 10.0 * np.sin(np.arange(50))[:, None]
+    share = np.linspace(0.0, 1.0, 4)
+    figure = shapes.draw_shapes(Numbers(
+        {"share_closed": share, "share_near": share}, names=["thick", "thin"],
+        x=np.arange(5.0), position=position, shown=shown,
+    ))  # fmt: skip
+    has = [any(own.get_text() for own in panel.get_yticklabels()) for panel in figure.axes]
+    assert has == 2 * [True, False, False, False, False]
+    assert not figure.legends[0].get_frame_on()

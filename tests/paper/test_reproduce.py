@@ -180,6 +180,8 @@ def test_settling_is_the_last_period_away_from_the_cycle() -> None:
     assert settling(strobe, np.ones(2), 2, 5.0) == 0
     assert settling(strobe[:, 60:140], np.ones(2), 2, 0.2) == 0
     assert settling(strobe[:, 60:140], np.ones(2), 1, 0.2) == 80
+    short = np.array([[0.0, 0.0, 0.28], [0.0, 0.0, 0.0]])  # the last is 0.19 from the mean
+    assert settling(short, np.ones(2), 1, 0.16) == 3
 
 
 def test_positions_begin_at_the_gap(lab: Laboratory) -> None:

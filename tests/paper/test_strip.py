@@ -221,6 +221,15 @@ def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
     assert block.free.tip[early].min() > 0.0 > block.free.tip[~early].max() - 1e-9
 
 
+def test_group_speeds_are_told_in_per_cent_and_kilohertz() -> None:
+    numbers = Numbers({
+        "mean_wave_speed_m_s": 1703.0, "longitudinal_speed_m_s": 5172.0,
+        "timoshenko_lowers_by": [0.6, 0.8], "half_wave_Hz": [6e4, 8e4],
+    })  # fmt: skip
+    [own] = (own for own in lateral.STRUCK_TIP.statements if "wave velocity" in own.text)
+    assert own.measured(numbers).endswith("lower the group speeds by 60 to 80 % at 60 to 80 kHz")
+
+
 def rung(elements: int, steps: int) -> dict[str, object]:
     """Return a rung of the ladder."""
     shares = {"impacts": 0.2, "damping": 0.7, "left": 0.1}

@@ -182,3 +182,11 @@ def test_gap_at_the_root(shape: dict[str, object]) -> None:
     gap, x = Gap(tip=0.003, root=0.0005, **shape), np.linspace(0.0, LENGTH, 30)
     expected = initial_gap(gap, x, LENGTH)
     assert matrices.gap_at_rest(gap, x, LENGTH) == pytest.approx(expected, abs=ROUND_OFF)
+
+
+@pytest.mark.parametrize("points", [1, 2, 3])
+def test_several_points_of_an_element_share_its_spring(points: int) -> None:
+    keys = {"contact.points_per_element": points, "contact.impulse": "consistent"}
+    shares = matrices.assemble(preset("paper", keys), UNIFORM).pair_weights
+    assert (shares is None) == (points == 1)
+    assert points == 1 or (shares is not None and (shares < 1.0).any())

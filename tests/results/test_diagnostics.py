@@ -381,3 +381,13 @@ def test_a_period_must_be_seen_twice(n: int, expected: int | None) -> None:
     doubled = np.tile([0.0, 1.0], (2, 2))
     assert diagnostics.periodicity(doubled, np.ones(2)) == (2, 0.0)
     assert diagnostics.periodicity(doubled[:, :3], np.ones(2)) == (None, None)
+
+
+@pytest.mark.parametrize(("first", "hits"), [(99, [False]), (98, [False, True])])
+def test_strikes_need_two_samples_to_be_placed(first: int, hits: list[bool]) -> None:
+    history = synthetic_history(small_case(), tip_strikes=(0.5,)).isel(time=slice(first, 100))
+    assert diagnostics.ProbeMotion.of(history).is_hit[0].tolist() == hits
+
+
+def test_the_place_of_the_probes_is_told() -> None:
+    assert diagnostics.probe_place(synthetic_history(small_case())) == "the tip"

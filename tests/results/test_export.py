@@ -77,8 +77,10 @@ def test_universal_files_hold_what_is_stored(tmp_path: Path, stored: Callable[..
             arrays = [key for key in ("node_nums", "x", "y", "z", "data") if key in own]
             told += [f"  {k} {golden.numbers(np.asarray(own[k], float))}" for k in arrays]
     stored("\n".join(told))
-    [alone] = export(history.isel(frame=slice(0, 1)), case, "uff", tmp_path / "b.uff")
+    [alone] = export(history.isel(frame=[0], period=[0]), case, "uff", tmp_path / "b.uff")
     assert alone.name == "b.uff"
+    [_, _, _, *sets] = pyuff.UFF(str(alone)).read_sets()  # the only period has a step of 1
+    assert {own["abscissa_inc"] for own in sets if own["abscissa_axis_lab"] == "period"} == {1.0}
 
 
 CASES: dict[str, tuple[str, dict[str, Any]]] = {

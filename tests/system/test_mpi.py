@@ -62,3 +62,15 @@ def test_an_uncaught_exception_ends_all_ranks_with_a_failure(
     hook(ValueError, ValueError("why"), None)
     assert ended == [1]
     assert "ValueError: why" in capsys.readouterr().err
+
+
+def test_a_single_rank_has_nothing_to_release(monkeypatch: pytest.MonkeyPatch) -> None:
+    collected: list[int] = []
+    monkeypatch.setattr(mpi.gc, "collect", lambda: collected.append(1))
+    monkeypatch.setitem(sys.modules, "petsc4py", SimpleNamespace(PETSc=None))
+    comm: Any = SimpleNamespace(size=1, Barrier=lambda: collected.append(2))
+    mpi.release(comm)
+    assert not collected
+    comm.size = 2
+    mpi.release(comm)
+    assert collected == [1, 2]

@@ -134,7 +134,7 @@ def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
     cells = np.bincount(mesh.bodies)
     if cells.size < size:
         return None
-    load, rank_of = np.zeros(size, dtype=np.int64), np.empty(cells.size, dtype=np.int64)
+    load, rank_of = np.zeros(size, dtype=np.int64), np.zeros(cells.size, dtype=np.int64)
     for body in np.argsort(-cells, kind="stable").tolist():
         rank_of[body] = np.argmin(load)
         load[rank_of[body]] += cells[body]

@@ -61,7 +61,7 @@ from delam_fem.studies.branches.continuation import (
 from delam_fem.studies.branches.continuation import Path as Way
 from delam_fem.studies.options import Continue
 from delam_fem.studies.orbits.maps import PeriodMap
-from delam_fem.studies.orbits.newton import USUAL, Ensemble, Perturbations, is_zero
+from delam_fem.studies.orbits.newton import Ensemble, Perturbations, is_zero
 from delam_fem.studies.orbits.search import (
     SETTLE,
     kicks,
@@ -433,10 +433,10 @@ class Plan:
 
     key: str
     way: Way
-    periods: int = 1
-    doublings: int = 1
-    settle: int = SETTLE
-    perturbations: Perturbations = USUAL
+    periods: int
+    doublings: int
+    settle: int
+    perturbations: Perturbations
 
 
 def follow(

@@ -1,13 +1,18 @@
 """Reductions of cases: solids, floating structures, numbers of the table."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.model import layout
+from delam_fem.model import layout, reduction
+from delam_fem.model.modal import Basis, basis_of
 from delam_fem.model.reduction import reduced_case
 
-FREE = {"mesh.elements": 16, "support.start": "free", "support.end": "free"}
+FREE = {"mesh.elements": 16, "support.start": "free", "support.end": "free", "excitation": {
+    "kind": "force", "lamina": "upper", "position": 0.1, "frequency": 9.0, "amplitude": 1.0,
+}}  # fmt: skip
 ROUND_OFF = 3e-4
 """Of a solid's stiffness, against which a sheet bends: K⁻¹ k_b itself is off by 8e-5."""
 
@@ -37,11 +42,25 @@ def test_a_solid_becomes_a_diagonal_system_of_its_middle_lines(kind: str) -> Non
 
 
 def test_a_floating_stack_keeps_its_rigid_motions() -> None:
-    case = preset("embedded", {**FREE, "excitation": {"kind": "force", "lamina": "upper",
-        "position": 0.1, "frequency": 9.0, "amplitude": 1.0}})  # fmt: skip
-    found = reduced_case(case, 6)
+    found = reduced_case(preset("embedded", FREE), 6)
     squares = np.sort(found.basis.squares)
     assert squares[1] < 1e-6 * squares[2]
     full, own = found.frequencies
     np.testing.assert_allclose(own[2:6], full[2:6], rtol=1e-6)
     assert found.highest > found.highest_mode > own[5] * 0.99
+
+
+def test_only_what_floats_is_shifted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the square of the lowest frequency of a lamina that is clamped."""
+    shifts: list[float] = []
+
+    def noted(*given: Any, shift: float, **more: Any) -> Basis:
+        shifts.append(shift)
+        return basis_of(*given, shift=shift, **more)
+
+    monkeypatch.setattr(reduction, "basis_of", noted)
+    floating = preset("embedded", FREE)
+    for case in (floating, preset("embedded", {"mesh.elements": 16})):
+        reduced_case(case, 3)
+    slowest = min(own.angular_frequencies(1)[0] for own in floating.lamina)
+    assert shifts == [pytest.approx(slowest**2), 0.0]

@@ -70,7 +70,9 @@ def test_resting_pairs_are_lit_where_they_are(tmp_path: Path) -> None:
     history["contact_state"][:] = 0
     history["contact_state"][-1, 3] = RESTING
     (path,) = write_film(history, case, [tmp_path / "a.gif"], periods=0.1, stretch=1.0)
-    before, after = pictures(path)[-2:, 100:-130, : SIZE[0] * 3 // 4].astype(float)
+    film = pictures(path)
+    assert set(np.unique(film[:, animation.BAR, animation.EDGE : -animation.EDGE])) == {60, 215}
+    before, after = film[-2:, 100:-130, : SIZE[0] * 3 // 4].astype(float)
     dark = (after.max(axis=-1) < 60) & (before.max(axis=-1) > 80)
     rows = np.flatnonzero(dark.any(axis=1))
     assert dark.sum() > 50 and np.ptp(rows) < 40

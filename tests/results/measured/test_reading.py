@@ -555,6 +555,12 @@ def test_channels_are_interpolated_to_the_finest_step_that_all_have() -> None:
         np.testing.assert_array_equal(time, moved[-n:])
         np.testing.assert_allclose(data["sensor_a"], cubic(np.maximum(time, 1.0)), rtol=1e-12)
         np.testing.assert_allclose(data["sensor_b"], 3.0 * cubic(time), rtol=1e-12)
+    whole = np.arange(8.0)
+    for end, n in ((7.0 - EQUAL, 8), (7.0 - 2.0 * EQUAL, 7)):
+        other = channel("b", B[:5], points=np.r_[0.0, 2.0, 4.0, 6.0, end])
+        assert dataset([channel("a", A, points=whole), other]).sizes["time"] == n
+    other = channel("b", B, points=np.r_[6.0, 7.0, 8.2, np.arange(9.0, 14.0)])  # one step shared
+    assert dataset([channel("a", A, points=whole), other]).sizes["time"] == 2
     shared = coarse[1:3] + 1e-3  # half a second in common with b, more than its step
     data = dataset([channel("a", A[:3], points=np.r_[coarse[:2], 2.0]),
                     channel("b", B, points=shared[0] - 0.3 + 0.1 * np.arange(8))])  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import golden
 import numpy as np
@@ -17,6 +18,8 @@ from delam_fem.results.measured.responses import (
     QUIET,
     TRIGGER,
     UNEVEN,
+    Pole,
+    _at_peak,
     cut,
     on_axis,
     poles,
@@ -301,6 +304,25 @@ def test_poles_of_exact_responses() -> None:
     assert [own.frequency for own in poles(data, 30.0, 80.0)] == pytest.approx([55.0], rel=1e-4)
     assert poles(data, 22.0, 50.0) == []
     assert {round(own.frequency) for own in poles(data, 0.0, 70.0)} <= {20, 55}  # from zero on
+
+
+@pytest.mark.parametrize(("agreeing", "is_pole"), [(6, False), (7, True)])
+def test_seven_of_ten_orders_must_have_a_pole(agreeing: int, is_pole: bool) -> None:
+    """Of twenty orders the upper half counts; a pole counts near the peak, if it decays slowly."""
+    others = [([10.51], [0.1]), ([10.0], [0.0]), ([10.0], [0.3])]
+    pairs = [([10.0], [0.1])] * (10 + agreeing) + [*others, ([], [])][: 10 - agreeing]
+    model = SimpleNamespace(pole_freq=[f for f, _ in pairs], pole_xi=[d for _, d in pairs])
+    found = _at_peak(model, 10.0)
+    assert found == (Pole(10.0, 0.1, 0.0, 0.0) if is_pole else None)
+
+
+@pytest.mark.parametrize(("by", "is_pole"), [((0.01, 0.05), True), ((0.05, 0.0), False)])
+def test_frequencies_of_a_pole_scatter_little_and_damping_may(
+    by: tuple[float, float], is_pole: bool
+) -> None:
+    signs = np.tile([1.0, -1.0], 10)[:, None]
+    model = SimpleNamespace(pole_freq=10.0 + by[0] * signs, pole_xi=0.1 + by[1] * signs)
+    assert (_at_peak(model, 10.0) is not None) == is_pole
 
 
 def test_messages_of_poles_are_exact() -> None:

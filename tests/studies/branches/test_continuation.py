@@ -13,6 +13,7 @@ from toys import DelayedLogistic, Henon, Toy
 
 from delam_fem.case.files import preset
 from delam_fem.numerics.types import FloatArray
+from delam_fem.studies.branches import continuation
 from delam_fem.studies.branches.continuation import (
     Path,
     Point,
@@ -79,6 +80,13 @@ def test_a_doubling_and_its_branch(roughness: float, how: Perturbations) -> None
     assert np.sort(nearest.strobes[:, 0]) == pytest.approx(exact, abs=1e-6 + 5.0 * roughness)
     second = [e for e in events_of(found, path.span) if e.kind == "period doubling"]
     assert second[0].parameter == pytest.approx(Henon.second, abs=6e-3)
+
+
+def test_a_point_leads_on_if_two_steps_follow(monkeypatch: pytest.MonkeyPatch) -> None:
+    some: Any = object()
+    for steps, leads_on in (([some, some], True), ([some, None], False), ([None], False)):
+        monkeypatch.setattr(continuation, "next_point", lambda *_, left=steps: left.pop(0))
+        assert continuation._leads_on(some, some, some) == leads_on and not steps
 
 
 def test_the_diagram_and_the_dataset_are_the_stored_ones(stored: Callable[..., None]) -> None:

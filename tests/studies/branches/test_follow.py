@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import xarray as xr
 import delam_fem as df
 from delam_fem.studies.branches import follow as following
 from delam_fem.studies.branches.follow import FOLDER, RESULT, follow
+from delam_fem.studies.options import Continue
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.system.errors import CaseError
 
@@ -143,3 +146,10 @@ def test_bad_ranges_are_refused(
 ) -> None:
     with pytest.raises(CaseError, match=message):
         follow(df.preset("paper", SMALL), key, start, stop, tmp_path)
+
+
+def test_defaults_are_those_of_the_command() -> None:
+    own = inspect.signature(follow).parameters
+    given = {field.name: field.default for field in fields(Continue)}
+    for name, option in (("periods", "period"), ("doublings", "doublings"), ("step", "step")):
+        assert own[name].default == given[option], name

@@ -19,6 +19,7 @@ from delam_fem.studies.convergence.analysis import (
     NO_LIMIT,
     Convergence,
     exact_free_motion,
+    limit_over_meshes,
     overview,
     page,
     pictures,
@@ -91,6 +92,13 @@ def test_order_and_limit_of_a_ladder() -> None:
     told = found.limit(rungs, "tip_max_2", by="elements")
     assert told.orders == pytest.approx([1.0, 1.0], abs=1e-3)
     assert told.value == pytest.approx(0.032, rel=1e-5)
+
+
+def test_without_a_limit_the_last_method_stands_for_it() -> None:
+    laws = "newton@newmark,newton@moreau-jean,penalty"
+    for limit, words in ((64000, "newton@moreau-jean, 64000"), (0, "penalty@newmark, 4000")):
+        figure = limit_over_meshes(whole(ladder(laws=laws, limit_steps=limit)))
+        assert f"\n{words} steps per period" in figure.get_suptitle()
 
 
 def test_error_is_relative_to_half_the_range_of_the_limit() -> None:

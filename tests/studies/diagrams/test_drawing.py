@@ -173,6 +173,9 @@ def test_response_draws_both_directions_and_the_linear_motion() -> None:
 
 def test_what_depends_on_the_direction_is_shaded() -> None:
     figure = diagram("bifurcation", lines())
+    data = lines()
+    data["tip_amplitude"][1, 2, 0] = data["tip_amplitude"][0, 2, 0]  # the other lamina is enough
+    assert len(diagram("bifurcation", data).axes[0].patches) == 1
     (band,) = figure.axes[0].patches
     assert [band.get_x(), band.get_x() + band.get_width()] == pytest.approx([3.3, 3.5])
 
@@ -213,6 +216,14 @@ def test_lyapunov_over_one_and_over_two_axes() -> None:
     (mesh,) = [c for c in two.axes[0].collections if isinstance(c, QuadMesh)]
     assert mesh.get_array().ravel().tolist() == plane().lyapunov_exponent.T.values.ravel().tolist()
     assert (mesh.norm.vmin, mesh.norm.vmax) == (-1.0, 1.0)
+    for values, bound in ((np.nan, 1.0), (0.0, 1.0), (-0.25, 0.25)):
+        data = plane()
+        data["lyapunov_exponent"] = np.nan * data["lyapunov_exponent"]
+        data["lyapunov_exponent"][0, 0] = values
+        (mesh,) = [
+            c for c in diagram("lyapunov", data).axes[0].collections if isinstance(c, QuadMesh)
+        ]
+        assert (mesh.norm.vmin, mesh.norm.vmax) == (-bound, bound)
 
 
 def test_plane_colours_by_kind_and_writes_the_period() -> None:

@@ -152,3 +152,22 @@ def test_files_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     path.write_text("time [s],tip thick [m]\n" + "".join(f"{k / 10},0\n" for k in range(60)))
     with pytest.raises(CaseError, match="tip displacements of thick and thin"):
         tips_of(experiment().case, path)
+
+
+def test_every_draw_has_a_seed_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The parameters, what else may differ, the noise of the measurement and of the simulations."""
+    seeds: list[int] = []
+    generator = np.random.default_rng
+
+    def noted(seed: int) -> np.random.Generator:
+        seeds.append(seed)
+        return generator(seed)
+
+    def simulated(own: Experiment, parameters: np.ndarray, *_: object, **__: object) -> np.ndarray:
+        ramp = np.linspace(1.0, 2.0, 10).reshape(1, 1, 2, 5)
+        return 1e-3 * (1.0 + parameters[:, :1, None, None]) * ramp * np.exp(1j * ramp)
+
+    monkeypatch.setattr(np.random, "default_rng", noted)
+    monkeypatch.setattr(Experiment, "simulate", simulated)
+    identify(experiment(), tmp_path, simulations=110, finer=0, checks=0, seed=7)
+    assert seeds[:4] == [7, 10, 8, 9]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
+from toys import Henon
 
-from delam_fem.studies.orbits.newton import Solved
+from delam_fem.studies.orbits import newton, search
+from delam_fem.studies.orbits.newton import Perturbations, Solved
 from delam_fem.studies.orbits.search import (
     BENT,
     LEAST_DISTANCE,
@@ -136,3 +140,21 @@ def test_multipliers_are_matched_and_sorted() -> None:
     values = by_modulus(np.array([0.1, 0.5 - 0.5j, -0.9, 0.5 + 0.5j]))
     assert values == pytest.approx([-0.9, 0.5 + 0.5j, 0.5 - 0.5j, 0.1])
     assert matched(values[::-1] + 0.01, values) == pytest.approx(values + 0.01)
+
+
+@pytest.mark.parametrize(("solved_at", "derivatives"), [(1, 1), (3, 3), (9, 6)])
+def test_a_search_takes_at_most_six_derivatives(
+    monkeypatch: pytest.MonkeyPatch, solved_at: int, derivatives: int
+) -> None:
+    """And no more when one of them leads to the orbit."""
+    map_, begun = Henon(), []
+
+    def solved(*given: Any) -> Solved:
+        begun.append(given)
+        found = newton.solved(*given)
+        return found if len(begun) == solved_at else replace(found, residual=1.0)
+
+    monkeypatch.setattr(search, "solved", solved)
+    how = Perturbations(copies=6, size=0.03, kick=0.05)
+    search.coarse_orbit(map_, 0.3, map_.fixed(0.3), 1, how)
+    assert len(begun) == derivatives

@@ -1,5 +1,8 @@
 """Damaged journals and results: a message, or the damaged points anew; never a wrong number."""
 
+import errno
+import fcntl
+import os
 from pathlib import Path
 
 import numpy as np
@@ -133,3 +136,14 @@ def test_the_dataset_of_another_program_is_refused(tmp_path: Path) -> None:
     xr.Dataset({"t": ("x", [1.0])}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
     with pytest.raises(CaseError, match="expected the result of a sweep"):
         open_result(tmp_path / "a.nc")
+
+
+def test_a_file_system_without_locks_takes_a_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(handle: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    part = journal_with(tmp_path / "sweep.journal", 1)
+    assert part.name.startswith("1-of-1.")

@@ -21,7 +21,7 @@ from delam_fem.studies.sweeps.grid import Sweep, load_sweep, sweep_of
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
 from delam_fem.studies.sweeps.run import run_shard, run_sweep, share_size
-from delam_fem.studies.sweeps.schedule import Shard, owners, parse_shard
+from delam_fem.studies.sweeps.schedule import WHOLE, Shard, owners, parse_shard
 from delam_fem.system.errors import CaseError
 
 TINY = """
@@ -108,6 +108,7 @@ def test_a_bad_shard_is_refused(text: str) -> None:
 
 def test_a_shard_is_read() -> None:
     assert parse_shard("3/16") == Shard(3, 16)
+    assert parse_shard("1/1") == WHOLE and WHOLE.is_whole
 
 
 def contents(folder: Path) -> dict[str, bytes]:
