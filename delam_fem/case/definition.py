@@ -77,11 +77,10 @@ _OF_PERIODS = (
 def _tables(value: object) -> object:
     """Check that there are [[lamina]] tables."""
     if not isinstance(value, list | tuple) or not value:
-        count = "none" if isinstance(value, list | tuple) else "something else"
         raise PydanticCustomError(
             "inconsistent",
             "expected one or more [[lamina]] tables, given {count}",
-            {"count": count},
+            {"count": "none" if isinstance(value, list | tuple) else "something else"},
         )
     return value
 
@@ -358,8 +357,9 @@ class Case(Section):
             for name in ("stop", "impactor"):
                 number, count = getattr(own, name), len(getattr(self, name))
                 if number is not None and number > count:
-                    text = f"expected at most {count} {name}s, given {number}"
-                    raise inconsistent(f"{key}.{name}", text)
+                    raise inconsistent(
+                        f"{key}.{name}", f"expected at most {count} {name}s, given {number}"
+                    )
             if own.sampling_rate is not None and own.sampling_rate > most * (1.0 + ROUND_OFF):
                 raise inconsistent(
                     f"{key}.sampling_rate",
@@ -539,8 +539,9 @@ class Case(Section):
         Its sensors, stops, impactors and initial states are left out.
         """
         mesh = self.mesh if self.mesh.file is None else Mesh(elements=BEAM_CELLS)
-        none = dict.fromkeys(("sensor", "stop", "impactor", "initial"), ())
-        return self.model_copy(update={"mesh": mesh, "model": Model(), **none})
+        return self.without_strikes.model_copy(
+            update={"mesh": mesh, "model": Model(), "sensor": ()}
+        )
 
     @property
     def is_floating(self) -> bool:

@@ -432,10 +432,7 @@ class SweptMotion:
         """Return f(t), same shape as `times` [Hz]."""
         share = np.minimum(np.asarray(times, dtype=np.float64) / self.duration, 1.0)
         f0, f1 = self.start_frequency, self.end_frequency
-        frequency: FloatArray = (
-            f0 * (f1 / f0) ** share if self.logarithmic else f0 + (f1 - f0) * share
-        )
-        return frequency
+        return np.asarray(f0 * (f1 / f0) ** share if self.logarithmic else f0 + (f1 - f0) * share)
 
     def _law(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return phi / (2 pi) [-] and f' [Hz/s] at times t up to T, same shapes as t."""
@@ -550,10 +547,9 @@ def swept_motion(
 def _states(A: float, phi: FloatArray, rotation: FloatArray, change: FloatArray) -> FloatArray:
     """Return A sin(phi) and its derivatives, shape (k, 3); phi' is `rotation`, phi'' `change`."""
     sin, cos = np.sin(phi), np.cos(phi)
-    states: FloatArray = A * np.stack(
-        [sin, rotation * cos, change * cos - rotation**2 * sin], axis=-1
+    return np.asarray(
+        A * np.stack([sin, rotation * cos, change * cos - rotation**2 * sin], axis=-1)
     )
-    return states
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:

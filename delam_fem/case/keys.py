@@ -13,7 +13,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from textwrap import wrap
 from types import MappingProxyType, UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
@@ -67,7 +67,6 @@ class Table:
         name: "gap" for `[gap]`; "" for the keys before the first table.
         kind: value of the key `kind` of an excitation; "" of other tables.
         is_array: whether it is written `[[name]]` and may be repeated.
-        is_required: whether a case must have it.
         meaning: what it is, in a sentence.
         keys: its keys in the order of the model.
         model: the model that checks it.
@@ -76,7 +75,6 @@ class Table:
     name: str
     kind: str
     is_array: bool
-    is_required: bool
     meaning: str
     keys: tuple[Key, ...]
     model: type[Section]
@@ -92,43 +90,33 @@ def tables() -> tuple[Table, ...]:
     """Return all tables of a case file in their order; the first has the keys before any table."""
     fields = Case.model_fields
     below = {name: _models(field.annotation) for name, field in fields.items()}
-    plain = [name for name, models in below.items() if not models]
-    found = [_table(Case, "", plain, is_required=True)]
+    found = [_table(Case, "", [name for name, models in below.items() if not models])]
     for name, models in below.items():
         for model in models:
             inner = {key: _models(f.annotation) for key, f in model.model_fields.items()}
             keys = [*(key for key in inner if not inner[key]), *model.also_written]
-            is_array = _is_array(fields[name].annotation)
             found.append(
                 _table(
                     model,
                     name,
                     sorted(keys, key=lambda key: key != "kind"),
-                    is_array=is_array,
-                    is_required=fields[name].is_required(),
+                    is_array=_is_array(fields[name].annotation),
                 )
             )
             found += [  # such tables have the same name
-                _table(own, name, [*own.model_fields], is_array=True, is_required=False)
+                _table(own, name, [*own.model_fields], is_array=True)
                 for models_of in inner.values()
                 for own in models_of
             ]
     return tuple(found)
 
 
-def _table(
-    model: type[Section],
-    name: str,
-    keys: list[str],
-    *,
-    is_required: bool,
-    is_array: bool = False,
-) -> Table:
+def _table(model: type[Section], name: str, keys: list[str], *, is_array: bool = False) -> Table:
     """Return a table with some keys of its model."""
     kind = model.model_fields.get("kind")
-    own = tuple(_key(model, key, meanings(model)) for key in keys)
     default = "" if kind is None or kind.is_required() else kind.default
-    return Table(name, default, is_array, is_required, summary(model), own, model)
+    own = tuple(_key(model, key, meanings(model)) for key in keys)
+    return Table(name, default, is_array, summary(model), own, model)
 
 
 def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
@@ -144,10 +132,12 @@ def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
     default = None if is_required or field.default is PydanticUndefined else field.default
     parts = [*_parts(annotation)]
     unit = (found[1] if found else "-") if {int, float}.intersection(parts) else ""
-    literals = [part for part in parts if get_origin(part) is Literal]
-    choices = tuple(str(word) for part in literals for word in get_args(part))
-    type_ = words or _type(annotation, choices)
-    return Key(name, type_, choices, unit, is_required, default, meaning)
+    choices = tuple(
+        str(word) for part in parts if get_origin(part) is Literal for word in get_args(part)
+    )
+    return Key(
+        name, words or _type(annotation, choices), choices, unit, is_required, default, meaning
+    )
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
@@ -221,8 +211,7 @@ def case_schema() -> Schema:
     several = {"type": "array", "items": {"anyOf": [ends, inner]}}
     del made["$defs"]["Support"]["properties"]["inside"]
     made["properties"]["support"] = {"anyOf": [ends, several]}
-    whole = _described(made, listed[0])
-    return {"$schema": DIALECT, **whole, "title": "A case of delam_fem"}
+    return {"$schema": DIALECT, **_described(made, listed[0]), "title": "A case of delam_fem"}
 
 
 def _described(schema: Schema, table: Table) -> Schema:
@@ -233,9 +222,10 @@ def _described(schema: Schema, table: Table) -> Schema:
         name: _plain({"type": "number", "exclusiveMinimum": 0.0}, keys[name])
         for name in table.model.also_written
     }
-    required = [name for name in schema.get("required", []) if name not in _INSTEAD]
-    if table.kind:
-        required.append("kind")
+    required = [
+        *(name for name in schema.get("required", []) if name not in _INSTEAD),
+        *(["kind"] if table.kind else []),
+    ]
     alternatives = [
         {"anyOf": [{"required": [name]} for name in (key, *others)]}
         for key, others in _INSTEAD.items()
@@ -258,17 +248,12 @@ def _plain(schema: Schema, key: Key | None) -> Schema:
         del own["default"]
     if key is not None:
         own["description"] = key.meaning
-        if key.has_unit and own.get("type") == "number":
-            own = _with_unit(own)
+        if key.has_unit and own.get("type") == "number":  # it may also be a text with its unit
+            about: Schema = {
+                name: own.pop(name) for name in ("default", "description") if name in own
+            }
+            own = {**about, "anyOf": [own, {"type": "string", "pattern": QUANTITY}]}
     return own
-
-
-def _with_unit(schema: Schema) -> Schema:
-    """Return the schema of a number that may also be a text with its unit."""
-    about: Schema = {
-        name: schema.pop(name) for name in ("default", "description") if name in schema
-    }
-    return {**about, "anyOf": [schema, {"type": "string", "pattern": QUANTITY}]}
 
 
 KindName = Literal["apart", "paper", "layered", "edge"]
@@ -323,8 +308,9 @@ def _table_lines(table: Table, data: Data) -> Iterator[str]:
     if isinstance(found, list) != table.is_array:  # the other tables of this name
         entries = [None]
     is_absent = entries == [None] or entries[0].get("kind", "") != table.kind
-    is_other = is_absent and table.kind
-    instead = f'{table.heading} of kind "{table.kind}" instead: ' if is_other else ""
+    instead = (
+        f'{table.heading} of kind "{table.kind}" instead: ' if is_absent and table.kind else ""
+    )
     yield from (f"# {line}" for line in _wrapped(instead + table.meaning, WIDTH - 2))
     if is_absent:
         if not instead:
@@ -352,8 +338,7 @@ def _key_lines(table: Table, given: Mapping[str, Any], *, is_active: bool = True
         yield from (f"{'#' if line.startswith('#') else '':<{COLUMN}}# {text}" for text in others)
 
 
-def _wrapped(text: str, width: int) -> list[str]:
-    return wrap(text, width, break_on_hyphens=False)
+_wrapped = partial(wrap, break_on_hyphens=False)
 
 
 def _comment(key: Key, is_needed: bool) -> str:

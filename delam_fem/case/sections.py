@@ -124,8 +124,10 @@ class Lamina(Section):
     def _whole_point(self) -> Self:
         """Check that a point has both a mass and a spring."""
         if (self.mass is None) != (self.stiffness is None):
-            key = "stiffness" if self.stiffness is None else "mass"
-            raise inconsistent(key, "missing, but required of a point, which has both")
+            raise inconsistent(
+                "stiffness" if self.stiffness is None else "mass",
+                "missing, but required of a point, which has both",
+            )
         return self
 
     @property
@@ -170,8 +172,7 @@ class Lamina(Section):
             waves = np.pi * (np.arange(n) + 0.5) / self.length
             return np.asarray(waves * np.sqrt(self.young_modulus / self.density))
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
-        frequencies: FloatArray = (cantilever_roots(n) / self.length) ** 2 * speed
-        return frequencies
+        return np.asarray((cantilever_roots(n) / self.length) ** 2 * speed)
 
 
 _PICTURE = {"length": 1.0, "width": 0.1, "thickness": 0.05, "density": 2000.0,
@@ -265,8 +266,9 @@ class Gap(Section):
             raise inconsistent("tip", "missing, but required unless gap.file is given")
         for key in ("tip", "root"):
             if self.file is not None and getattr(self, key):
-                text = f"expected no {key} beside gap.file, which has the gap itself"
-                raise inconsistent(key, text)
+                raise inconsistent(
+                    key, f"expected no {key} beside gap.file, which has the gap itself"
+                )
         return self
 
 

@@ -280,19 +280,14 @@ def parse_override(text: str) -> tuple[str, object]:
         )
     if key.count(".") >= MOST_LEVELS:
         raise CaseError(f"override {shown(key)}: expected at most {MOST_LEVELS} parts")
-    return key, _override_value(key, value)
-
-
-def _override_value(key: str, text: str) -> object:
-    """Return the TOML value of a text, or the text itself if it is not a TOML value."""
-    if not text:
-        return None
+    if not value:
+        return key, None
     try:
-        found = parsed(f"value = {text}", f"override {shown(key)}")
+        found = parsed(f"value = {value}", f"override {shown(key)}")
     except tomllib.TOMLDecodeError:
-        return text
-    value: object = found["value"]
-    return text if len(found) > 1 or isinstance(value, date | datetime | time) else value
+        return key, value
+    is_word = len(found) > 1 or isinstance(found["value"], date | datetime | time)
+    return key, value if is_word else found["value"]
 
 
 def set_key(data: Data, key: str, value: object) -> None:
@@ -356,9 +351,9 @@ def _entry(tables: list[Data], part: str, key: str) -> Data:
         return found[0]
     if found:
         raise CaseError(f"override {key}: {len(found)} entries {part!r}; give a number from 1")
-    names = ", ".join(_names(tables))
     raise CaseError(
-        f"override {key}: no entry {part!r}; expected one of {names or 'none'} or a number from 1"
+        f"override {key}: no entry {part!r}; expected one of {', '.join(_names(tables)) or 'none'} "
+        "or a number from 1"
     )
 
 

@@ -59,8 +59,9 @@ class Expected:
         try:
             return inner(value)
         except ValidationError:
-            what = {"what": self.words}
-            raise PydanticCustomError("unexpected", "expected {what}", what) from None
+            raise PydanticCustomError(
+                "unexpected", "expected {what}", {"what": self.words}
+            ) from None
 
 
 def inconsistent(key: str, text: str) -> PydanticCustomError:
@@ -227,11 +228,9 @@ class Unit:
         self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Return the schema of the field with this validator before it."""
-        return core_schema.no_info_before_validator_function(self._converted, handler(source))
-
-    def _converted(self, value: object) -> object:
-        """Convert a value if it carries a unit."""
-        return in_si(value, self.name)
+        return core_schema.no_info_before_validator_function(
+            lambda value: in_si(value, self.name), handler(source)
+        )
 
 
 def in_si(value: object, unit: str, key: str = "") -> object:

@@ -363,29 +363,13 @@ def _lasting(stream: TextIO | None, number: int) -> TextIO:
         with suppress(OSError):
             stream.flush()
     encoding = getattr(stream, "encoding", None) or "utf-8"
-    # a raw stream in the place of a buffer, as `python -u` has it
-    raw: Any = _Lasting(number)
+    # a raw stream in the place of a buffer, as `python -u` has it; the descriptor stays open
+    raw: Any = _Lasting(number, "wb", closefd=False)
     return io.TextIOWrapper(raw, encoding, "backslashreplace", write_through=True)
 
 
-class _Lasting(io.RawIOBase):
+class _Lasting(io.FileIO):
     """The raw stream of a descriptor; after a failure it writes to the null device."""
-
-    def __init__(self, number: int) -> None:
-        """Store the descriptor, which stays open."""
-        self._number = number
-
-    def writable(self) -> bool:
-        """Return whether the stream can be written: True."""
-        return True
-
-    def isatty(self) -> bool:
-        """Return whether the stream is a terminal."""
-        return os.isatty(self._number)
-
-    def fileno(self) -> int:
-        """Return the descriptor."""
-        return self._number
 
     def write(self, data: bytes) -> int:  # type: ignore[override]
         """Write data; drop what cannot be written."""
@@ -393,12 +377,12 @@ class _Lasting(io.RawIOBase):
         size = len(view)
         while len(view):
             try:
-                view = view[os.write(self._number, view) :]
+                view = view[os.write(self.fileno(), view) :]
             except BlockingIOError:
-                select.select([], [self._number], [])
+                select.select([], [self.fileno()], [])
             except OSError:
                 null = os.open(os.devnull, os.O_WRONLY)
-                os.dup2(null, self._number)
+                os.dup2(null, self.fileno())
                 os.close(null)
         return size
 

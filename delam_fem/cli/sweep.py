@@ -318,8 +318,7 @@ def _computed(
                 is_confirmed=yes,
             )  # fmt: skip
     about = data.attrs
-    counted = ("points", "completed", "diverged", "failed", "missing")
-    rows = [(name, str(about[f"n_{name}"])) for name in counted]
+    rows = [(name, str(about[f"n_{name}"])) for name in dataset.COUNTED]
     if "workers" in about:  # a result without sweep.json does not say it
         rows += [
             ("workers", str(about["workers"])),

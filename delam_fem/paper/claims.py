@@ -26,14 +26,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from delam_fem.numerics.types import FloatArray
-from delam_fem.paper.lab import is_as_described, strikes
+from delam_fem.paper.lab import Laboratory, is_as_described, strikes
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import HISTORY_PERIODS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delam_fem.paper.lab import Laboratory
     from delam_fem.results.folder import Result
 
 Verdict = Literal["holds", "does not hold", "undecided", "open"]

@@ -83,8 +83,7 @@ def sag(lamina: Lamina, gravity: float) -> float:
         lamina: the strip.
         gravity: g [m/s2].
     """
-    weight = lamina.mass_per_length * gravity
-    return weight * lamina.length**4 / (8.0 * lamina.flexural_rigidity)
+    return lamina.mass_per_length * gravity * lamina.length**4 / (8.0 * lamina.flexural_rigidity)
 
 
 def on_ground(

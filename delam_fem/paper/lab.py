@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
@@ -146,8 +147,7 @@ def swept_extremes(result: Result) -> tuple[FloatArray, FloatArray]:
     Returns:
         Times, shape (n,) [s]; smallest and largest displacement of both tips, shape (2, 2, n) [m].
     """
-    history = result.history
-    extremes = np.stack([history[f"envelope_{end}"].to_numpy() for end in ("min", "max")])
+    extremes = np.stack([result.history[f"envelope_{end}"].to_numpy() for end in ("min", "max")])
     return (np.arange(extremes.shape[-1]) + 0.5) * result.case.period, extremes
 
 
@@ -165,8 +165,9 @@ def swept_envelope(result: Result) -> tuple[FloatArray, FloatArray]:
     f = base_motion(result.case.excitation).instantaneous_frequency(middle)
     half = np.ceil(0.5 / (f * result.case.period)).astype(np.int64)
     ranges = [slice(max(k - w, 0), k + w + 1) for k, w in enumerate(half.tolist())]
-    half_range = [0.5 * (high[:, r].max(axis=1) - low[:, r].min(axis=1)) for r in ranges]
-    envelope = np.stack(half_range, axis=1)
+    envelope = np.stack(
+        [0.5 * (high[:, r].max(axis=1) - low[:, r].min(axis=1)) for r in ranges], axis=1
+    )
     rates = [lam.damping_ratio * lam.angular_frequencies(1)[0] for lam in result.case.lamina]
     envelope[:, middle < -np.log(TRANSIENT_LEFT) / min(rates)] = np.nan
     return f, envelope
@@ -279,16 +280,12 @@ class Laboratory:
             KeyboardInterrupt: the sweep was interrupted.
         """
         from delam_fem.studies.sweeps.grid import sweep_of
-        from delam_fem.studies.sweeps.run import run_sweep
+        from delam_fem.studies.sweeps.run import completed
 
         sweep = sweep_of({"base": "paper", "engine": self.engine} | dict(description))
         _log.info("%s: %d points", sweep.file.name, sweep.n_points)
         with tempfile.TemporaryDirectory() as folder:
-            data = run_sweep(sweep, folder, self.executor).load()
-            data.close()
-        if data.attrs["outcome"] == "interrupted":
-            raise KeyboardInterrupt
-        return data
+            return completed(sweep, Path(folder), self.executor)
 
 
 @contextmanager
@@ -312,20 +309,22 @@ def motion_case(
     overrides: Mapping[str, object] | None = None,
 ) -> Case:
     """Return the paper's case at a frequency [Hz] with one of its two methods."""
-    keys: dict[str, object] = {
-        "excitation.frequency": frequency,
-        "contact.law": LAWS[method],
-        "time.periods": plan.periods,
-        "output.fields_per_period": 100,
-    }
-    return preset("paper", keys | dict(overrides or {}))
+    return preset(
+        "paper",
+        {
+            "excitation.frequency": frequency,
+            "contact.law": LAWS[method],
+            "time.periods": plan.periods,
+            "output.fields_per_period": 100,
+            **(overrides or {}),
+        },
+    )
 
 
 def both_methods(lab: Laboratory) -> dict[tuple[float, PaperMethod], Result]:
     """Compute the four reference motions by both methods; keys are frequency [Hz] and method."""
     keys: list[tuple[float, PaperMethod]] = [(f, m) for f in FREQUENCIES for m in LAWS]
-    results = lab.motions([motion_case(f, lab.plan, m) for f, m in keys])
-    return dict(zip(keys, results, strict=True))
+    return dict(zip(keys, lab.motions([motion_case(f, lab.plan, m) for f, m in keys]), strict=True))
 
 
 def _computed(case: Case, engine: EngineName) -> Result:

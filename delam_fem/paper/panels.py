@@ -105,12 +105,14 @@ def two_portraits(
     rows = len(results)
     figure = canvas(0.6 + 3.9 * rows + 2.8 * n_below)
     grid = figure.add_gridspec(rows + n_below, 2, height_ratios=[3.9] * rows + [2.8] * n_below)
-    above = grid[:rows, :].subgridspec(rows, 2)
-    panels = above.subplots(squeeze=False, sharex="col", sharey=True)
+    panels = grid[:rows, :].subgridspec(rows, 2).subplots(squeeze=False, sharex="col", sharey=True)
     for row, result, title in zip(panels, results, titles, strict=True):
         for i, (q, v) in enumerate(portrait(result)):
-            drawn = line(1e3 * q, v, color=LAMINA_COLOURS[i], linewidth=0.6)
-            show(row[i], drawn, title=f"{result.case.lamina[i].name}, {title}")
+            show(
+                row[i],
+                line(1e3 * q, v, color=LAMINA_COLOURS[i], linewidth=0.6),
+                title=f"{result.case.lamina[i].name}, {title}",
+            )
         row[0].set_ylabel("velocity of the tip [m/s]")
     for i, column in enumerate(panels.T):
         label_x(column, f"displacement of the tip $q_{i + 1}$ [mm]")

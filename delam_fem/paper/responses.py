@@ -185,8 +185,10 @@ def draw_linear(numbers: Numbers) -> Figure:
 def _linear_lines(numbers: Numbers, i: int) -> Iterator[Line]:
     """Yield all linear responses of one lamina."""
     f = np.linspace(*BAND, 20001)
-    exact = 1e3 * numbers.case.linear_amplitude(i, f)
-    yield line(f, exact, color=BASE_COLOUR, linewidth=2.5, label="exact")
+    yield line(
+        f, 1e3 * numbers.case.linear_amplitude(i, f),
+        color=BASE_COLOUR, linewidth=2.5, label="exact",
+    )  # fmt: skip
     for name, (f_swept, amplitude) in numbers.envelopes.items():
         look = _STYLES[name] | {"linewidth": 1.0, "label": f"swept {name}"}
         yield line(f_swept, 1e3 * amplitude[i], **look)
@@ -309,8 +311,7 @@ def measure_contact(lab: Laboratory) -> Numbers:
     case = motion_case(RESONANT, lab.plan)
     data = _contact_sine(lab).transpose("lamina", "direction", "frequency", ...)
     cases = [swept_case("linear", ends, case.contact.law, CONTACT_STEPS) for ends in WAYS.values()]
-    swept = dict(zip(WAYS, lab.motions(cases), strict=True))
-    envelopes = {way: swept_envelope(result) for way, result in swept.items()}
+    envelopes = dict(zip(WAYS, map(swept_envelope, lab.motions(cases)), strict=True))
     marked = lab.motions([motion_case(f, lab.plan) for f in FREQUENCIES])
     f, amplitude = data["frequency"].to_numpy(), data["tip_amplitude"].to_numpy()
     up, down = amplitude[:, 0], amplitude[:, 1]
@@ -461,8 +462,7 @@ def _inside(numbers: Numbers) -> Criterion:
     """
     first, last = doubled_window(numbers, 3.65) or (math.nan, math.nan)
     inside, step = min(3.65 - first, last - 3.65), float(np.diff(numbers.frequency_hz).min())
-    name = "distance to the nearer end"
-    return Criterion(name, inside, ">", 0.0, "Hz", (inside, inside + step))
+    return Criterion("distance to the nearer end", inside, ">", 0.0, "Hz", (inside, inside + step))
 
 
 def _periods(numbers: Numbers) -> FloatArray:

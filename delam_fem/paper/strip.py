@@ -271,11 +271,10 @@ def rolling(
     """
     lamina = lamina or thin_strip()
     operators = ground.on_ground(lamina, n_elements, "everywhere", gravity=gravity)
-    shape = ground.lifted(lamina, n_elements, height, lift, gravity=gravity)
     out = run(
         *METHODS[method],
         operators,
-        released(shape, operators),
+        released(ground.lifted(lamina, n_elements, height, lift, gravity=gravity), operators),
         time_step=_period(lamina) / steps_per_period,
         stretch=steps_per_period // STRETCHES,
         n_stretches=round(periods * STRETCHES),
@@ -344,10 +343,9 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
     elements, steps = (
         ((20, 80), (5_000, 20_000)) if fast else ((20, 40, 80), (5_000, 20_000, 80_000))
     )
-    stiff = ground.steel_strip(damping_ratio=max(DAMPING_RATIOS))
     return RollingStudy(
         by_law={name: rolling(method=name, periods=LONG) for name in METHODS},
-        stiff=rolling(stiff, periods=LONG),
+        stiff=rolling(ground.steel_strip(damping_ratio=max(DAMPING_RATIOS)), periods=LONG),
         by_height={
             height: rolling(height=height, n_elements=40, steps_per_period=10_000)
             for height in HEIGHTS
@@ -554,7 +552,6 @@ class TipBlock:
         """Return force, duration and impulse of the first peak."""
         beam, (force, end) = exact_beam(self.lamina), self.peak()
         exact = beam.spring_force(np.linspace(0.0, end, 400), self.speed, self.stiffness)
-        velocity = _at(end, self.spring, self.spring.tip_velocity)
         return {
             "block_stiffness_N_m": self.stiffness,
             "peak_force_N": force,
@@ -566,7 +563,7 @@ class TipBlock:
             "duration_of_block_us": {
                 f"{k:g}": 1e6 * peak_end() * beam.contact_time(k) for k in BLOCK_STIFFNESSES
             },
-            "restitution_after_peak": velocity / self.speed,
+            "restitution_after_peak": _at(end, self.spring, self.spring.tip_velocity) / self.speed,
         }
 
     def _wave_numbers(self) -> dict[str, Any]:
@@ -576,7 +573,6 @@ class TipBlock:
         early = self.spring.time < self.undisturbed()
         wave, exact = self.wave(self.spring)[:, early], self.exact_wave()[:, early]
         misfit = np.sqrt(np.mean((wave[1] - exact[1]) ** 2) / np.mean(exact[1] ** 2))
-        rod_speed = np.sqrt(self.lamina.young_modulus / self.lamina.density)
         return {
             "undisturbed_us": 1e6 * self.undisturbed(),
             "wave_strain_max": np.abs(wave).max(axis=1).tolist(),
@@ -590,7 +586,9 @@ class TipBlock:
                 1.0 - beam.timoshenko_group_speed(frequency) / beam.group_speed(frequency)
             ).tolist(),
             "mean_wave_speed_m_s": float(np.mean(distance / middle)),
-            "longitudinal_speed_m_s": float(rod_speed),
+            "longitudinal_speed_m_s": float(
+                np.sqrt(self.lamina.young_modulus / self.lamina.density)
+            ),
         }
 
     def _is_peak(self) -> BoolArray:

@@ -24,7 +24,6 @@ from matplotlib.patches import Patch
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics import settling as at
-from delam_fem.numerics.settling import FEWEST_STROBES, KINDS, SAME_ATTRACTOR, UNSETTLED
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
@@ -44,7 +43,6 @@ from delam_fem.results.figures.style import (
     stacked,
     styled,
 )
-from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (
     Block,
     Cell,
@@ -57,6 +55,8 @@ from delam_fem.results.pages.html import (
     Section,
     Table,
     embedded,
+    files,
+    page,
 )
 from delam_fem.studies.linear import linear_amplitudes
 from delam_fem.studies.study import number
@@ -260,11 +260,11 @@ def _directions(
 
 
 def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
-    """Shade where settled amplitudes of both directions differ by more than `SAME_ATTRACTOR`."""
+    """Shade where settled amplitudes of both directions differ by more than `at.SAME_ATTRACTOR`."""
     if "direction" not in data.dims or "tip_amplitude" not in data:
         return
     a = data["tip_amplitude"].transpose("direction", axis.name, "lamina").to_numpy()
-    differs = (np.abs(a[0] - a[1]) > SAME_ATTRACTOR * np.maximum(a[0], a[1])).any(axis=-1)
+    differs = (np.abs(a[0] - a[1]) > at.SAME_ATTRACTOR * np.maximum(a[0], a[1])).any(axis=-1)
     differs &= ~is_unsettled(data).any("direction").to_numpy()  # one may still become the other
     edges = np.flatnonzero(np.diff(differs.astype(np.int8), prepend=0, append=0))
     x = axis.shown
@@ -279,7 +279,7 @@ def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None
 def _mark_points(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
     """Mark the points that have not settled or have no result at the bottom of the panel."""
     for is_marked, marker, colour, label in (
-        (is_unsettled(data), "s", UNSETTLED_COLOUR, KINDS[UNSETTLED]),
+        (is_unsettled(data), "s", UNSETTLED_COLOUR, NOT_SETTLED),
         (data["outcome"] != "completed", "x", BLACK, "not completed"),
     ):
         others = [dim for dim in is_marked.dims if dim != axis.name]
@@ -478,10 +478,10 @@ _NEEDS: Mapping[DiagramName, tuple[tuple[int, ...], Mapping[str, int], Mapping[s
             "bifurcation": ((1,), {"strobes": 1}, {"strobe_displacement": "strobes = 40"}),
             "plane": (
                 (2,),
-                {"summary": 1, "strobes": FEWEST_STROBES},
+                {"summary": 1, "strobes": at.FEWEST_STROBES},
                 {
                     "periodicity": "summary = true",
-                    "strobe_displacement": f"strobes = {2 * FEWEST_STROBES}",
+                    "strobe_displacement": f"strobes = {2 * at.FEWEST_STROBES}",
                 },
             ),
             "lyapunov": ((1, 2), {"lyapunov": 1}, {"lyapunov_exponent": "lyapunov = 200"}),
@@ -645,12 +645,11 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
         Section("", [Paragraph(sentence(data), "verdict")]),
         Section("Diagrams", [*_diagrams(directory)]),
         Section("Points", [*_points(data, directory)]),
-        Section("Files", [html.files(directory, FILES)]),
+        Section("Files", [files(directory, FILES)]),
         Section("Sweep", [Preformatted(str(about["sweep"]))]),
         Section("Case", [Preformatted(str(about["case"]))]),
     ]
-    shown = [section for section in sections if section.blocks]
-    text = html.page(str(about["title"]), shown, contents=True)
+    text = page(str(about["title"]), [s for s in sections if s.blocks], contents=True)
     return write_text(directory / "report.html", text)
 
 
@@ -723,8 +722,9 @@ def _diagrams(directory: Path) -> Iterator[Block]:
 def _points(data: xr.Dataset, directory: Path) -> Iterator[Block]:
     """Yield the map of the points and their table."""
     if data["outcome"].size > MOST_POINTS:
-        text = f"{data['outcome'].size} points are too many for a page; they are in sweep.nc."
-        yield Paragraph(text, "about")
+        yield Paragraph(
+            f"{data['outcome'].size} points are too many for a page; they are in sweep.nc.", "about"
+        )
         return
     found = list(points(data, directory))
     yield from _maps(data, found)
@@ -737,11 +737,11 @@ def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[Block]:
     axes = [str(name) for name in data["outcome"].dims if name != "direction"]
     if len(axes) != 2:
         return
-    text = (
+    yield Paragraph(
         "Periods after which the motion repeats, – where it does not, … where it has not settled; "
-        "a cell leads to its run."
+        "a cell leads to its run.",
+        "about",
     )
-    yield Paragraph(text, "about")
     sizes = [data.sizes[name] for name in axes]
     for of_direction in np.array(found, dtype=object).reshape(-1, *sizes):
         rows = [

@@ -98,8 +98,10 @@ def first_frequencies(case: Case) -> list[float]:
 
 def slowest_decay(case: Case) -> float:
     """Return the smallest rate D ω at which the first mode of a lamina dies out [1/s]."""
-    rates = zip(case.lamina, first_frequencies(case), strict=True)
-    return min(lamina.damping_ratio * omega for lamina, omega in rates)
+    return min(
+        lamina.damping_ratio * omega
+        for lamina, omega in zip(case.lamina, first_frequencies(case), strict=True)
+    )
 
 
 def settling_periods(case: Case, settled: float = SETTLED) -> int:

@@ -184,7 +184,6 @@ def structure_modes(
     shapes = deflections / largest[:, None, None]
     flat = shapes.reshape(n, -1)
     upwards = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])  # the largest deflection
-    partner_frequencies = np.where(partners < 0, np.nan, other_frequencies[partners])
     return StructureModes(
         kind,
         layout.names,
@@ -195,7 +194,7 @@ def structure_modes(
         spans,
         openings.reshape(len(places), n).T,
         partners,
-        partner_frequencies,
+        np.where(partners < 0, np.nan, other_frequencies[partners]),
     )
 
 
@@ -360,8 +359,8 @@ def modes_of(structure: Structure, case: Case, n: int) -> Modes:
         whole[:, own] = vectors.T
         deflections = nodal(layout, whole, np.zeros(n))[0, i]
         shapes[i] = deflections / deflections[:, -1:]  # 1 at the last point
-    exact = [np.asarray(lamina.angular_frequencies(n)) / (2.0 * np.pi) for lamina in case.lamina]
-    return Modes(layout.names, frequencies, np.stack(exact), layout.x, shapes)
+    exact = np.stack([lamina.angular_frequencies(n) / (2.0 * np.pi) for lamina in case.lamina])
+    return Modes(layout.names, frequencies, exact, layout.x, shapes)
 
 
 STUDY: Study[options.Modes, Modes | StructureModes] = Study(

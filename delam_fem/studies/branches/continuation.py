@@ -22,6 +22,7 @@ import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
@@ -86,14 +87,14 @@ def events_of(points: Sequence[Point], span: float) -> list[Event]:
     if len(points) < 3:
         return []
     found = [m.multipliers for m in points]
-    doubling = np.array([m.doubling for m in found])
-    torus = np.array([m.torus for m in found])
     angles = np.array([m.angle for m in found])
     events = [
-        *crossings("period doubling", doubling, points, span),
+        *crossings("period doubling", np.array([m.doubling for m in found]), points, span),
         *[
             event
-            for event in crossings("Neimark-Sacker", torus, points, span)
+            for event in crossings(
+                "Neimark-Sacker", np.array([m.torus for m in found]), points, span
+            )
             if abs(angles[event.index] - angles[event.index - 1]) < SAME_PAIR
         ],
         *folds(points, span),
@@ -236,8 +237,7 @@ def grazings(points: Sequence[Point]) -> list[Event]:
             before, after = left.gaps[period], right.gaps[period]
             if np.isfinite([before, after]).all() and (before > 0.0) != (after > 0.0):
                 low, high = sorted((left.parameter, right.parameter))
-                middle = 0.5 * (low + high)
-                found.append(Event("grazing", middle, low, high, i + 1))
+                found.append(Event("grazing", 0.5 * (low + high), low, high, i + 1))
     return found
 
 
@@ -291,7 +291,7 @@ class Point:
         """Norm of the slow coordinates."""
         return float(np.linalg.norm(self.slow))
 
-    @property
+    @cached_property
     def multipliers(self) -> Multipliers:
         """Multipliers with their samples."""
         return multipliers(self.decays)
@@ -337,12 +337,7 @@ def measured(
     units = np.append(np.full(y.size, scale), span)
     gaps = seen.gaps if seen.gaps.size else np.full(ensemble.periods, seen.smallest_gap)
     error = at.uncertainty[-1] * span if at.uncertainty.size > y.size else 0.0
-    decays = kicked.decays(at.state, at.parameter, scale)
-    alternation = 0.0
-    if multiple is not None and multipliers(decays).stability != "unstable":
-        with suppress(ArithmeticError):
-            alternation = alternating(ensemble, at)
-    return Point(
+    point = Point(
         at.state,
         at.parameter,
         y,
@@ -350,7 +345,7 @@ def measured(
         at.residual_error,
         float(error),
         derivatives,
-        decays,
+        kicked.decays(at.state, at.parameter, scale),
         slope,
         tangent(derivatives.mean(axis=0), slope * span / scale, heading / units),
         step,
@@ -360,8 +355,12 @@ def measured(
         seen.high,
         gaps,
         0.0 if multiple is None else multiple.distance,
-        alternation,
+        0.0,
     )
+    if multiple is not None and point.multipliers.stability != "unstable":
+        with suppress(ArithmeticError):
+            return replace(point, alternation=alternating(ensemble, at))
+    return point
 
 
 SLOPE = 0.02
@@ -446,7 +445,7 @@ def first_point(ensemble: Ensemble, guess: FloatArray, path: Path) -> Point:
     scale = float(np.linalg.norm(ensemble.map.slow.of(guess)))
     J = ensemble.derivatives(guess, path.start, scale).mean(axis=0)
     found = solved(ensemble, Guess(guess, path.start, scale), J)
-    if not _is_near(found, LOOSE):
+    if not _is_near(found):
         raise ArithmeticError(
             f"the mean map closes to {found.residual:.2g} ± {found.residual_error:.2g} only"
         )
@@ -504,8 +503,9 @@ def _across(
     """Return the orbit in the plane across a direction with λ free; None if there is none near."""
     for _ in range(ROUNDS):
         J = ensemble.derivatives(guess.state, guess.parameter, guess.scale).mean(axis=0)
-        slope = by_parameter(ensemble, guess, SLOPE * span)
-        border = Border(np.append(direction, 0.0), predicted, span, slope)
+        border = Border(
+            np.append(direction, 0.0), predicted, span, by_parameter(ensemble, guess, SLOPE * span)
+        )
         try:
             found = solved(ensemble, guess, J, border)
         except (ArithmeticError, np.linalg.LinAlgError):
@@ -529,9 +529,7 @@ def _opening_side(
         ensemble.map.watched(near.state + sign * move, parameter, 2).openings
         for sign in (1.0, -1.0)
     ]
-    if not openings[0].size:
-        return 1.0
-    return 1.0 if openings[0][-1] >= openings[1][-1] else -1.0
+    return 1.0 if not openings[0].size or openings[0][-1] >= openings[1][-1] else -1.0
 
 
 def followed(
@@ -596,7 +594,7 @@ def why_lost(ensemble: Ensemble, last: Point, path: Path) -> str:
     found = _corrected(ensemble, last, path.span, path.shortest)
     if found is None:
         return "a motion diverges, or the equations are singular"
-    if not _is_near(found, LOOSE):
+    if not _is_near(found):
         return f"the mean map closes to {found.residual:.2g} ± {found.residual_error:.2g} only"
     if not _is_accepted(found, path.shortest, True):
         return f"the orbit that is found lies {found.away / path.shortest:.2g} steps off"
@@ -619,12 +617,11 @@ def _corrected(ensemble: Ensemble, last: Point, span: float, step: float) -> Sol
 
 def _is_accepted(found: Solved, step: float, is_shortest: bool) -> bool:
     """Return whether a corrected point continues the branch."""
-    if not (found.is_solved or (is_shortest and _is_near(found, LOOSE))):
+    if not (found.is_solved or (is_shortest and _is_near(found))):
         return False
-    error = float(np.linalg.norm(found.uncertainty))
-    return found.away <= max(DEVIATION * step, 2.0 * error)
+    return found.away <= max(DEVIATION * step, 2.0 * float(np.linalg.norm(found.uncertainty)))
 
 
-def _is_near(found: Solved, errors: float) -> bool:
-    """Return whether a residual is zero within a number of standard errors."""
-    return found.is_solved or found.residual <= errors * found.residual_error
+def _is_near(found: Solved) -> bool:
+    """Return whether a residual is zero within `LOOSE` standard errors."""
+    return found.is_solved or found.residual <= LOOSE * found.residual_error

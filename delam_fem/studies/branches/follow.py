@@ -203,16 +203,17 @@ def of(
     }
     of_key = {"units": unit_of(key, case)}
     endings = [branch.ending for branch in branches]
-    about = {
-        "title": f"orbits of {case.name}",
-        "case": case.to_toml(),
-        "span": span,
-        "outcome": "interrupted" if "interrupted" in endings else "completed",
-        "endings": ", ".join(endings),
-        **provenance(),
-        **attributes,
-    }
-    data = xr.Dataset(attrs=about)
+    data = xr.Dataset(
+        attrs={
+            "title": f"orbits of {case.name}",
+            "case": case.to_toml(),
+            "span": span,
+            "outcome": "interrupted" if "interrupted" in endings else "completed",
+            "endings": ", ".join(endings),
+            **provenance(),
+            **attributes,
+        }
+    )
     for name, content in columns.items():
         row = VARIABLES[name]
         labels = of_key if name in _OF_KEY else {"units": row.units} if row.units else {}
@@ -270,10 +271,10 @@ def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
             panel.plot(parameter[own], cycle, color=BASE_COLOUR, linewidth=0.8, zorder=2)
     for name, colour in COLOURS.items():
         own = stability == name
-        face = colour if name == "stable" else "white"
         panel.plot(
             np.repeat(parameter[own], q.shape[1]), q[own].ravel(), "o", color=colour,
-            markerfacecolor=face, markersize=3.2, markeredgewidth=0.9, zorder=3,
+            markerfacecolor=colour if name == "stable" else "white", markersize=3.2,
+            markeredgewidth=0.9, zorder=3,
         )  # fmt: skip
     for k in range(data.sizes["event"]):  # at the height of the points beside it
         kind, point = str(data["event_kind"][k].item()), int(data["event_point"][k])
@@ -293,8 +294,7 @@ def _swept(panel: Axes, swept: xr.Dataset, i: int, key: str) -> None:
     names = [str(n) for n in swept.coords if swept[n].attrs.get("key") == key]
     if not names or "strobe_displacement" not in swept:
         raise CaseError(f"over: expected a sweep over {key} with stroboscopic points")
-    strobes = swept["strobe_displacement"].isel(lamina=i)
-    q = 1e3 * strobes.transpose(names[0], ...).to_numpy()
+    q = 1e3 * swept["strobe_displacement"].isel(lamina=i).transpose(names[0], ...).to_numpy()
     x = swept[names[0]].to_numpy()
     q = q.reshape(len(x), -1)
     panel.plot(np.repeat(x, q.shape[1]), q.ravel(), ".", color="#bbbbbb", markersize=3.0, zorder=1)
@@ -495,10 +495,9 @@ def follow(
     map_, state = settled_map(family, start, settle, start_of(case))
     with stop_signals() as is_stopped:
         branches = _branches(map_, state, plan, journal, is_stopped, report)
-    seconds = time.process_time() - begin
     attributes = {
         "title": f"orbits of {case.name}, {family.nature.name}",
-        "key": key, "model": family.nature.name, "processor_seconds": seconds,
+        "key": key, "model": family.nature.name, "processor_seconds": time.process_time() - begin,
         "seed": perturbations.seed,
     }  # fmt: skip
     data = of(branches, case, plan.way.span, attributes)

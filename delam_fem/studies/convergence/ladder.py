@@ -212,10 +212,10 @@ class Rung:
     @property
     def mesh_text(self) -> str:
         """The mesh in words."""
-        text = f"{self.elements} elements"
-        if not isinstance(self.mesh, PointMesh):
-            return text
-        return f"{text} with {self.mesh.per_element} points each"
+        points = (
+            f" with {self.mesh.per_element} points each" if isinstance(self.mesh, PointMesh) else ""
+        )
+        return f"{self.elements} elements{points}"
 
     @property
     def key(self) -> str:
@@ -336,11 +336,13 @@ class Ladder:
             "time.steps_per_period": 1000,
             "time.refine": 1,
             "time.periods": 1,
+            "output.fields_per_period": 0,
+            "output.window_periods": 1,
+            "contact.law": "none@newmark",
         }
         if self.refines == "points":
             sizes["contact.points_per_element"] = 1
-        kept = {"output.fields_per_period": 0, "output.window_periods": 1}
-        return self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})
+        return self.case.with_overrides(sizes)
 
     def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
         plain, periods = _plain(mesh), self.periods

@@ -46,7 +46,6 @@ from delam_fem.studies.convergence.ladder import (
     usual_methods,
 )
 from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
-from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.options import Converge
 from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
@@ -63,7 +62,7 @@ RUNG_BYTES = 3000
 def run_ladder(
     ladder: Ladder,
     directory: str | Path,
-    executor: ExecutorName = "process",
+    executor: executors.ExecutorName = "process",
     *,
     workers: int | None = None,
     resume: bool = False,
@@ -102,7 +101,7 @@ def run_ladder(
         if progress is not None:
             progress(len(rungs) - sum(r.key not in found.results for r in rungs), len(rungs))
 
-    name: ExecutorName = "serial" if workers == 1 else executor
+    name: executors.ExecutorName = "serial" if workers == 1 else executor
     if ladder.case.is_apart:
         for text in refinement_warnings(ladder.case, (rung.points for rung in rungs)):
             _log.warning(text)
@@ -246,19 +245,18 @@ def _result(entry: dict[str, object]) -> RungResult:
 
 def _write(path: Path, found: Convergence) -> None:
     """Write all results to the file, which stays valid at any moment."""
-    entries = []
-    for result in found.results.values():
-        ready = json_ready(asdict(result))
-        entries.append(ready | {"checksum": _checksum(ready)})
-    content = {
-        "title": f"convergence of case {found.ladder.case.name}",
-        **provenance(),
-        "engine": found.ladder.engine,
-        "limit_steps": found.ladder.limit_steps,
-        "identity": found.ladder.identity,
-        "rungs": entries,
-    }
-    write_json(path, content)
+    ready = [json_ready(asdict(result)) for result in found.results.values()]
+    write_json(
+        path,
+        {
+            "title": f"convergence of case {found.ladder.case.name}",
+            **provenance(),
+            "engine": found.ladder.engine,
+            "limit_steps": found.ladder.limit_steps,
+            "identity": found.ladder.identity,
+            "rungs": [entry | {"checksum": _checksum(entry)} for entry in ready],
+        },
+    )
 
 
 def _ladder(case: Case, given: Converge) -> Ladder:
@@ -277,10 +275,9 @@ def _ladder(case: Case, given: Converge) -> Ladder:
         points = POINTS
     refined = [PointMesh(mesh, n) for mesh in meshes for n in points or ()]
     methods = tuple(method(text) for text in given.laws or ()) or usual_methods(case)
-    every = tuple(refined or meshes)
     return Ladder(
-        case, methods, every, steps, given.periods, given.limit_steps, given.engine,
-        given.judged or (),
+        case, methods, tuple(refined or meshes), steps, given.periods, given.limit_steps,
+        given.engine, given.judged or (),
     )  # fmt: skip
 
 

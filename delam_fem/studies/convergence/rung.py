@@ -256,9 +256,11 @@ def compute(rung: Rung, engine: EngineName) -> RungResult:
 
 def rung_hours(rung: Rung, engine: EngineName) -> float:
     """Return the estimated time of a rung on one processor, without the run to its start [h]."""
-    periods = rung.case.n_periods
-    if rung.method == FREE.name:
-        periods = _settling_periods(rung.case) + 1 + RING_PERIODS
+    periods = (
+        _settling_periods(rung.case) + 1 + RING_PERIODS
+        if rung.method == FREE.name
+        else rung.case.n_periods
+    )
     return step_hours(rung.case, engine) * periods / rung.case.n_periods
 
 
@@ -289,8 +291,9 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     )
     periods, residual = run.recorder.n_closed, run.recorder.energy_residual()
     if run.outcome != "completed":
-        error = f"{run.outcome} in period {periods}"
-        return RungResult(rung.key, run.outcome, error, {}, run.cost, periods)
+        return RungResult(
+            rung.key, run.outcome, f"{run.outcome} in period {periods}", {}, run.cost, periods
+        )
     if is_lost(residual):
         return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
     strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
@@ -376,8 +379,7 @@ def fitted_frequency(t: FloatArray, u: FloatArray, omega: float) -> float:
     for _ in range(FREQUENCY_STEPS):
         cos, sin = np.cos(omega * t), np.sin(omega * t)
         a, b = np.linalg.lstsq(np.column_stack([cos, sin]), u, rcond=None)[0]
-        by_omega = t * (b * cos - a * sin)
-        columns = np.column_stack([cos, sin, by_omega])
+        columns = np.column_stack([cos, sin, t * (b * cos - a * sin)])
         change = float(np.linalg.lstsq(columns, u - a * cos - b * sin, rcond=None)[0][2])
         omega += change
         if abs(change) < 1e-15 * omega:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -38,8 +39,7 @@ from delam_fem.results.figures.style import (
     side_by_side,
     stacked,
 )
-from delam_fem.results.measured.reading import assigned, read_measured
-from delam_fem.results.measured.reading import scan as measured_scan
+from delam_fem.results.measured import reading
 from delam_fem.results.overlay.comparison import strongest_frequency
 from delam_fem.results.scan import (
     ORDERS,
@@ -152,7 +152,7 @@ def simulated(
         CaseError: the excitation is not harmonic, the lamina does not exist, the scan has no
             points, or the motion diverges.
     """
-    if not case.is_periodic or case.excitation.length is not None:
+    if not case.is_periodic:
         raise CaseError('detect: expected a harmonic excitation, given another "excitation.kind"')
     f, tones = case.excitation.top_frequency, [case] if pump is None else [pump, case]
     turns = 1 if pump is None else common_turns(pump.excitation.top_frequency, f)
@@ -168,8 +168,9 @@ def simulated(
         window_periods=scan.periods,
         frames_per_period=samples * turns,
     )
-    drives = [by_period(drive(own.excitation), span, is_periodic=True)(0) for own in tones]
-    table = np.sum(drives, axis=0)
+    table = np.sum(
+        [by_period(drive(own.excitation), span, is_periodic=True)(0) for own in tones], axis=0
+    )
     found = [steady_motion(own, structure) for own in tones]
     closed = [own for own in found if own is not None]
     motion = np.sum([own.motion for own in closed], axis=0)
@@ -209,6 +210,19 @@ def drive_responses(
     return found
 
 
+def read_field(
+    files: Sequence[Path], options: Measured, quantity: str, lamina: str
+) -> xr.DataArray:
+    """Return a quantity at the points of a lamina from files of measurements."""
+    data = reading.read_measured(
+        *files,
+        channels=reading.assigned(options.channels),
+        units=options.units,
+        rate=options.rate,
+    )
+    return reading.scan(data, quantity, lamina)
+
+
 def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) -> Measurement:
     """Return the field in files of measurements.
 
@@ -224,10 +238,7 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
     Raises:
         CaseError: fewer than five points are measured, or the record is of another frequency.
     """
-    data = read_measured(
-        *files, channels=assigned(options.channels), units=options.units, rate=options.rate
-    )
-    found = measured_scan(data, scan.quantity, surface_of(case, scan.lamina))
+    found = read_field(files, options, scan.quantity, surface_of(case, scan.lamina))
     field, x = found.to_numpy(), found["position"].to_numpy()
     if x.size < 5 or not np.all(np.diff(x) > 0.0):
         raise CaseError(
@@ -447,7 +458,6 @@ def detect(
         clean = found = shapes(measured)
         noise = per_sample(found.noise, measured.times.size)
     there = np.interp(without.x, found.x, np.broadcast_to(noise, found.x.shape))
-    intact_marks = _marks(shapes(without.noisy(there, scan.seed + INTACT_SEED)))
     return Detection(
         case,
         scan,
@@ -455,7 +465,7 @@ def detect(
         index,
         found,
         _marks(found),
-        intact_marks,
+        _marks(shapes(without.noisy(there, scan.seed + INTACT_SEED))),
         repeated(index, clean, clean.noise, repetitions=repetitions, seed=scan.seed),
         _rms(noise),
     )
@@ -591,9 +601,9 @@ def _index(axes: Axes, own: Mark) -> None:
 
 def _detect(case: Case, options: Detect, place: Place) -> Detection:
     """Detect with options of a user."""
-    measured = None
-    if options.measured:
-        measured = read_scan(options.measured, options, case, options.part(Scan))
+    measured = (
+        read_scan(options.measured, options, case, options.part(Scan)) if options.measured else None
+    )
     return detect(case, options, measured=measured, kept=place.kept)
 
 

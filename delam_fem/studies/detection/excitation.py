@@ -118,8 +118,7 @@ class ExcitationMap(Finding):
         if not allowed.any():
             return None
         best = np.where(allowed, self.worst, -np.inf).argmax()
-        ratio, frequency = np.unravel_index(int(best), self.calls.shape)
-        return int(ratio), int(frequency)
+        return divmod(int(best), self.frequencies.size)
 
     @property
     def worst(self) -> FloatArray:
@@ -312,8 +311,7 @@ def _judged(
     inside = (limited.x >= start - 1e-9) & (limited.x <= end + 1e-9)
     again = repeated("curvature", pure, noise, repetitions=_REPETITIONS)
     error = max(abs(float(again.middle[0]) - start), abs(float(again.middle[1]) - end))
-    numbers = (limited.contrast(start, end), float(visible[inside].max()), again.calls, error)
-    return visible, numbers
+    return visible, (limited.contrast(start, end), float(visible[inside].max()), again.calls, error)
 
 
 TOP = 100.0
@@ -325,8 +323,7 @@ def excitation_figure(found: ExcitationMap) -> Figure:
     best = found.recommended
     row = best[0] if best is not None else int(found.visibility.max(axis=1).argmax())
     figure, panels = stacked(2, 8.0, sharex=True, height_ratios=(3, 2))
-    text = "2f-curvature over its limit of noise"
-    _map(panels[0], found, found.x, found.index[row].T, text)
+    _map(panels[0], found, found.x, found.index[row].T, "2f-curvature over its limit of noise")
     for own in found.case.delamination:
         for edge in (own.start, own.end):
             panels[0].axhline(edge, color="white", linestyle="--", linewidth=1.0)

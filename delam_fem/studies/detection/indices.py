@@ -282,11 +282,11 @@ def repeated(
         seed: seed of the random numbers.
     """
     rng = np.random.default_rng(seed)
-    ends = []
-    for _ in range(repetitions):
-        found = mark(name, replace(shapes.noisy(noise, rng), noise=noise, n_lines=shapes.n_lines))
-        if found.is_detected:
-            ends.append((found.start, found.end))
+    found = [
+        mark(name, replace(shapes.noisy(noise, rng), noise=noise, n_lines=shapes.n_lines))
+        for _ in range(repetitions)
+    ]
+    ends = [(own.start, own.end) for own in found if own.is_detected]
     shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))
     found_ends = np.quantile(ends, shares, axis=0) if ends else np.full((3, 2), np.nan)
     bounds = found_ends[[0, 2]] + np.diff(shapes.x).max() * np.array([[-1.0], [1.0]])

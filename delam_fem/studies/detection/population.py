@@ -115,8 +115,7 @@ class Population:
             n_lines: spectral lines that the noise is estimated from.
         """
         single = self.rms[index] * 10.0 ** (-noise_db / 20.0)
-        frequency = self.specimens[index].frequency
-        pure = Shapes(self.x, frequency, self.orders, self.values[index])
+        pure = Shapes(self.x, self.specimens[index].frequency, self.orders, self.values[index])
         return pure.noisy(per_shape(single, PERIODS * SAMPLES), rng, n_lines)
 
     def at_first(self, n: int | None) -> Population:
@@ -165,13 +164,10 @@ def population(
     surface = surface_of(case, None)
     other = next(own.name for own in case.lamina if own.name != surface)
     total = sum(own.thickness or 0.0 for own in case.lamina)
-    wholes = {
-        kind: intact(case.with_overrides({"support.end": kind}))
-        for kind in sorted({own.support for own in specimens})
-    }
     settling = {
-        kind: settling_periods(whole, SETTLED) / whole.excitation.top_frequency
-        for kind, whole in wholes.items()
+        kind: settling_periods(intact(case.with_overrides({"support.end": kind})), SETTLED)
+        / case.excitation.top_frequency
+        for kind in sorted({own.support for own in specimens})
     }
     columns: dict[str, list[float | int | str]] = {
         "delamination.1.start": [own.start for own in specimens],
@@ -325,9 +321,13 @@ def grid(case: Case, supports: Sequence[str], frequencies: Sequence[float]) -> l
 
 def _whole(case: Case, support: str, frequency: float) -> Case:
     """Return a beam without delaminations, meshed as the population is."""
-    keys = {"support.end": support, "excitation.frequency": frequency}
-    fast = {"mesh.elements": ELEMENTS, "time.steps_per_period": STEPS}
-    return intact(case.with_overrides(keys | fast))
+    keys: dict[str, object] = {
+        "support.end": support,
+        "excitation.frequency": frequency,
+        "mesh.elements": ELEMENTS,
+        "time.steps_per_period": STEPS,
+    }
+    return intact(case.with_overrides(keys))
 
 
 def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.Dataset:
@@ -364,8 +364,10 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.
         "frequency": [own.frequency for own in found.specimens],
         "marked_start": start, "marked_end": end, "hit": hit, "score": score,
     }  # fmt: skip
-    data = {name: ("specimen", np.asarray(values)) for name, values in columns.items()}
-    return xr.Dataset(data, attrs={"noise_db": noise_db})
+    return xr.Dataset(
+        {name: ("specimen", np.asarray(values)) for name, values in columns.items()},
+        attrs={"noise_db": noise_db},
+    )
 
 
 def end_error(judged: xr.Dataset) -> float:
@@ -392,8 +394,7 @@ def intact_scores(
     for k in range(n):
         noisy = pure.noisy(noise, seed * 1_000_003 + k)
         shapes = shapes_of(noisy.field, noisy.times, frequency, noisy.x, orders=(1.0, 2.0))
-        index = curvature(shapes.without_drive(drive))
-        scores.append(float(index.over_limits.max()))
+        scores.append(float(curvature(shapes.without_drive(drive)).over_limits.max()))
     return np.array(scores)
 
 
@@ -544,8 +545,9 @@ class PodStudy(Finding):
             axes.remove()
         for axes, line in zip(panels, lines, strict=False):
             noise = line.trials.attrs["noise_db"]
-            words = f"{_WORDS[line.support]}, {noise:g} dB, {line.frequency:g} Hz"
-            axes.set_title(words, loc="left")
+            axes.set_title(
+                f"{_WORDS[line.support]}, {noise:g} dB, {line.frequency:g} Hz", loc="left"
+            )
         return figure, list(zip(panels, lines, strict=False))
 
 

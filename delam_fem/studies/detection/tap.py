@@ -27,10 +27,8 @@ from delam_fem.case.definition import Case
 from delam_fem.model import discretise
 from delam_fem.numerics.types import FloatArray
 from delam_fem.pipeline import run
-from delam_fem.results.measured.reading import assigned, read_measured
-from delam_fem.results.measured.reading import scan as measured_scan
 from delam_fem.results.scan import scan_positions, surface_of
-from delam_fem.studies.detection.detect import beside_intact, intact
+from delam_fem.studies.detection.detect import beside_intact, intact, read_field
 from delam_fem.studies.detection.indices import FALSE_CALLS, Mark
 from delam_fem.studies.options import Tap
 from delam_fem.studies.study import Finding, Place, Report, Study
@@ -150,14 +148,18 @@ class Taps(Finding):
             beside_intact, self.case, self.mark, self.intact_mark,
             title=f"{self.case.name}, taps on {self.lamina}", ylabel="added softness k_c / k_d [-]",
         )  # fmt: skip
-        caption = "Index of each tap, k_c / k_d, and what noise alone exceeds in 1 of 100 beams."
         return Report(
             name="tap",
             numbers=numbers,
             case=self.case,
             title=f"Taps on {self.case.name}",
             sentences=[verdict],
-            pictures={"figures/tap": (draw, caption)},
+            pictures={
+                "figures/tap": (
+                    draw,
+                    "Index of each tap, k_c / k_d, and what noise alone exceeds in 1 of 100 beams.",
+                )
+            },
         )
 
 
@@ -203,11 +205,7 @@ def tap(case: Case, options: Tap, place: Place | None = None) -> Taps:
         raise CaseError("tap: expected a case with [[delamination]], given laminae apart")
     lamina = surface_of(case, options.lamina)
     if options.measured:
-        channels = assigned(options.channels)
-        data = read_measured(
-            *options.measured, channels=channels, units=options.units, rate=options.rate
-        )
-        field = measured_scan(data, "force", lamina)
+        field = read_field(options.measured, options, "force", lamina)
         x, when, force = field["position"].to_numpy(), field["time"].to_numpy(), field.to_numpy()
     else:
         x = scan_positions(case.length, options.spacing, options.first)

@@ -87,8 +87,7 @@ class Unknown:
         """Return the keys of a case that have this value, one or one for each lamina."""
         if not self.key.startswith(EVERY):
             return (self.key,)
-        last = self.key.removeprefix(EVERY)
-        return tuple(f"lamina.{lamina.name}.{last}" for lamina in case.lamina)
+        return tuple(self.key.replace("*", lamina.name, 1) for lamina in case.lamina)
 
 
 def require_values(unknowns: Sequence[Unknown]) -> None:
@@ -532,9 +531,11 @@ class Identification(Finding):
             for j in range(i)
             if abs(correlation[i, j]) > SEPARATED
         ]
-        text = "These motions separate the unknowns."
-        if pairs:
-            text = f"These motions hardly separate {'; '.join(pairs)}."
+        text = (
+            f"These motions hardly separate {'; '.join(pairs)}."
+            if pairs
+            else "These motions separate the unknowns."
+        )
         numbers = {
             "unknowns": found,
             "correlation": correlation,
@@ -598,8 +599,9 @@ def identify(
     finer, repeated = min(finer, simulations), None
     if finer:
         some = {key: values[:finer] for key, values in also.items()}
-        more = finer_than(experiment.case, finer)
-        repeated = simulate(parameters[:finer], directory / "finer", also=some | more)
+        repeated = simulate(
+            parameters[:finer], directory / "finer", also=some | finer_than(experiment.case, finer)
+        )
     if observed is None:
         truth = np.array([experiment.truth])
         exact = experiment.simulate(truth, directory / "observation", executor="serial")[0]
@@ -645,16 +647,16 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
         rows.append(invariant(harmonics))
         noise.append(scatter)
         samples.append(tips.shape[1])
-    known = replace(experiment, noise=max(noise), n_samples=min(samples))
-    return known, np.concatenate(rows)
+    return replace(experiment, noise=max(noise), n_samples=min(samples)), np.concatenate(rows)
 
 
 def _identify(case: Case, given: options.Identify, place: Place) -> Identification:
     """Identify with options of a user."""
     unknowns = tuple(map(Unknown.parse, given.unknown))
-    doubts = doubts_of(case, given.uncertain)
     return identify(
-        Experiment(case, given.frequency, unknowns, given.noise, uncertain=doubts),
+        Experiment(
+            case, given.frequency, unknowns, given.noise, uncertain=doubts_of(case, given.uncertain)
+        ),
         place.folder,
         measured=given.measured,
         simulations=given.simulations,

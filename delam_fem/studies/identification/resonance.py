@@ -463,8 +463,7 @@ def identified(case: Case, options: Options, place: Place | None = None) -> Foun
         time, tips, ratios = _simulated(case, None if place is None else place.kept)
     else:
         time, tips = tips_of(case, options.measured)
-    noise = np.random.default_rng(options.seed).standard_normal(tips.shape)
-    tips = tips + options.noise * noise
+    tips = tips + options.noise * np.random.default_rng(options.seed).standard_normal(tips.shape)
     motion = swept_motion(given, given.amplitude)
     found = (fit(time, tip, motion) for tip in tips)
     if options.measured is None:

@@ -327,9 +327,11 @@ class Problem:
         table, operators, (engine, usual) = self.table(shift), self.operators, self.stepping
         u, v = state.reshape(2, -1)
         motion = np.array([u, v, np.zeros_like(u)])
-        resting = np.zeros(operators.n_pairs, dtype=np.bool_)
-        if LAWS[self.law.name].spring:
-            resting = operators.gap_matrix @ u + operators.gap0 <= 0.0
+        resting = (
+            operators.gap_matrix @ u + operators.gap0 <= 0.0
+            if LAWS[self.law.name].spring
+            else np.zeros(operators.n_pairs, dtype=np.bool_)
+        )
         set_initial(engine, State(motion, resting), table[0])
         record = one_period(engine, recorder or usual, table)
         if record.n_steps < len(table) - 1:
@@ -378,7 +380,7 @@ class StrobeMap(ProblemMap):
 
 
 MODES = 4
-"""Lowest modes of the structure whose displacements and velocities are the slow coordinates."""
+"""Lowest modes whose displacements and velocities are the slow coordinates: two of each lamina."""
 FREQUENCY = "excitation.frequency"
 
 
@@ -528,10 +530,6 @@ class KeptMap:
         return KeptMap(map_, self._folder / "opened"), first
 
 
-SLOW_MODES = 4
-"""Lowest modes whose displacements and velocities are the slow coordinates: two of each lamina."""
-
-
 @dataclass(frozen=True)
 class ModalProblem:
     """A case whose periods are computed in modes.
@@ -601,9 +599,9 @@ class ModalMap(ProblemMap):
         )
 
 
-def slow_of(model: Reduced, n_modes: int = SLOW_MODES) -> Slow:
+def slow_of(model: Reduced) -> Slow:
     """Return ω q and q' of the lowest modes as slow coordinates."""
-    chosen = np.sort(np.argsort(model.squares, kind="stable")[:n_modes])
+    chosen = np.sort(np.argsort(model.squares, kind="stable")[:MODES])
     omega, count, m = np.sqrt(model.squares[chosen]), chosen.size, model.n_modes
     basis, dual = np.zeros((model.n_state, 2 * count)), np.zeros((2 * count, model.n_state))
     own = np.arange(count)

@@ -180,7 +180,6 @@ class Orbit(Finding):
         if self.exact is not None and not self.nature.is_stepped:
             kept = np.abs(self.exact.values) > LISTED
             values, errors = self.exact.values[kept], self.exact.errors[kept]
-        gap = self.passage.smallest_gap
         return {
             "kind": self.kind,
             "model": self.nature.name,
@@ -208,7 +207,7 @@ class Orbit(Finding):
             "settled_scatter": self.scatter,
             "runs_on_away": self.coarse.away,
             "runs_on_to": None if self.coarse.multiple is None else asdict(self.coarse.multiple),
-            "smallest_tip_gap": gap,
+            "smallest_tip_gap": self.passage.smallest_gap,
             "tip_strobe": self.passage.strobes.tolist(),
             "tip_min": self.passage.low.tolist(),
             "tip_max": self.passage.high.tolist(),
@@ -239,16 +238,13 @@ class Orbit(Finding):
                 f"No orbit: the mean map does not close within its error ({known}), and the map "
                 f"itself closes to {self.best_residual:.1e} at best."
             )
-        return [first, *self._on_stability()]
-
-    def _on_stability(self) -> list[str]:
-        """Return sentences on the stability of the orbit and what it follows from."""
         m = self.coarse.multipliers
         low, high = m.largest
         lines = [
+            first,
             f"Decay of kicks of {100.0 * self.coarse.kick:.3g} % of the state: largest multiplier "
             f"{low:.3f} to {high:.3f} (95 %{', with these steps' * self.nature.is_stepped}), "
-            f"{m.stability}."
+            f"{m.stability}.",
         ]
         if self.exact is not None:
             blind = " It sees no shift of an impact to another time step, and has no say."
@@ -299,9 +295,10 @@ class Orbit(Finding):
             OSError: the folder cannot be written.
         """
         written, path = super().save(directory), Path(directory) / "orbit.npz"
-        parts = self.nature.split(self.state)
         with atomic_file(path) as temporary:
-            np.savez(temporary, tip_displacement=self.passage.history, **parts)
+            np.savez(
+                temporary, tip_displacement=self.passage.history, **self.nature.split(self.state)
+            )
         return [*written, path]
 
 
@@ -360,8 +357,9 @@ def orbit(
             )
         at_end = settled(map_, parameter, start, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
-        kicks = perturbations or usual(case)
-        coarse = coarse_orbit(map_, parameter, guess, periods, kicks, multiple)
+        coarse = coarse_orbit(
+            map_, parameter, guess, periods, perturbations or usual(case), multiple
+        )
         exact, best = exact_orbit(map_, parameter, at_end, periods)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CaseError(f"case {case.name}: no orbit is found: {error}") from None

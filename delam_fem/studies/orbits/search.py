@@ -108,8 +108,7 @@ class Multipliers:
     @property
     def doubling(self) -> FloatArray:
         """Product of all 1 + μ, of values and samples, which changes sign at a period doubling."""
-        rows = np.vstack([self.values, self.samples])
-        return np.asarray(np.prod(1.0 + rows, axis=1).real)
+        return np.asarray(np.prod(1.0 + np.vstack([self.values, self.samples]), axis=1).real)
 
     @property
     def torus(self) -> FloatArray:
@@ -171,8 +170,7 @@ def matched(values: npt.NDArray[Any], to: ComplexArray) -> ComplexArray:
     """Return multipliers in the order of others, matched by the least sum of distances."""
     from scipy.optimize import linear_sum_assignment
 
-    distance = np.abs(values[None, :] - to[:, None])
-    _, columns = linear_sum_assignment(distance)
+    _, columns = linear_sum_assignment(np.abs(values[None, :] - to[:, None]))
     return np.asarray(values[columns], dtype=np.complex128)
 
 
@@ -209,9 +207,7 @@ def map_of(case: Case, key: str) -> PeriodMap:
     Raises:
         CaseError: the case has no such map.
     """
-    if not case.is_massless:
-        return CaseFamily(case, key).map()
-    return ModalMap(case, key)
+    return ModalMap(case, key) if case.is_massless else CaseFamily(case, key).map()
 
 
 def start_of(case: Case) -> FloatArray | None:
@@ -379,8 +375,7 @@ def sampled(
     size = float(np.linalg.norm(y.mean(axis=0)))
     # the multiple is the first after which states repeat better by `LEAVES` than after P
     apart = {k: rms_distance(y[k:], y[:-k]) / size for k in (1, *MULTIPLES)}
-    far = (k for k in MULTIPLES if apart[1] > max(LEAVES * apart[k], LEAST_DISTANCE))
-    times = next(far, None)
+    times = next((k for k in MULTIPLES if apart[1] > max(LEAVES * apart[k], LEAST_DISTANCE)), None)
     return states, None if times is None else Multiple(times, apart[1])
 
 
@@ -423,8 +418,13 @@ def coarse_orbit(
     away, multiple = run_on(ensemble, at)
     multiple = max(multiple, settled_to, key=lambda found: found.distance if found else 0.0)
     ensemble = within(ensemble, at, multiple)
-    decays = ensemble.decays(at.state, parameter, scale)
-    return Coarse(at, ensemble.perturbations.kick, multipliers(decays), away, multiple)
+    return Coarse(
+        at,
+        ensemble.perturbations.kick,
+        multipliers(ensemble.decays(at.state, parameter, scale)),
+        away,
+        multiple,
+    )
 
 
 def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
@@ -496,13 +496,12 @@ def exact_orbit(
     Returns:
         The orbit, None if there is none on any grid; and the best point.
     """
-    best: Root | None = None
+    roots = []
     for root in _roots(map_, parameter, start, periods):
-        if best is None or root.residual < best.residual:
-            best = root
-        if best.is_exact:
+        roots.append(root)
+        if root.is_exact:
             break
-    assert best is not None
+    best = min(roots, key=lambda root: root.residual)
     if not best.is_exact:
         return None, best
     values = by_modulus(np.linalg.eigvals(best.derivative).astype(np.complex128))

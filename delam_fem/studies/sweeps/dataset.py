@@ -41,7 +41,8 @@ OCCASION = "sweep.json"
 
 It is not in the dataset, so that equal sweeps have equal datasets.
 """
-_COUNTED = ("points", "completed", "diverged", "failed", "missing")
+COUNTED = ("points", "completed", "diverged", "failed", "missing")
+"""What the attributes `n_…` count: all points, and those with each outcome."""
 
 _log = logging.getLogger(__name__)
 
@@ -99,7 +100,7 @@ def _require_sweep(data: xr.Dataset) -> None:
     assert (
         n_points
         == int(data.attrs["n_points"])
-        == sum(int(data.attrs[f"n_{what}"]) for what in _COUNTED[1:])
+        == sum(int(data.attrs[f"n_{what}"]) for what in COUNTED[1:])
     )
     assert isinstance(data.attrs["outcome"], str)
     for name in data.data_vars:
@@ -113,52 +114,6 @@ SLAB_NUMBERS = 1_000_000
 """Largest number of values in memory at a time (8 MB)."""
 _TEXT = h5py.string_dtype()
 _WORDS = np.array(OUTCOMES, dtype=object)
-
-
-def write(
-    path: Path,
-    sweep: Sweep,
-    joined: Joined,
-    wanted: tuple[Quantity, ...],
-    *,
-    x: FloatArray,
-    attributes: Mapping[str, str | int | float],
-) -> None:
-    """Write the dataset of a sweep; an existing file is replaced when the new one is complete.
-
-    Args:
-        path: path of the NetCDF file.
-        sweep: the sweep, which has the grid.
-        joined: the finished points; those that are missing are NaN.
-        wanted: quantities in the rows, in order.
-        x: positions of the nodes of the first point, shape (n_nodes,) [m].
-        attributes: attributes of the dataset beside sweep, case and origin.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    grid = tuple(sweep.sizes)
-    outer, *inner = sweep.sizes.values()
-    per_index, size = math.prod(inner), sum(quantity.size for quantity in wanted)
-    step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
-    with atomic_file(path) as temporary, h5netcdf.File(temporary, "w") as file:
-        _coordinates(file, sweep, wanted, x)
-        # NetCDF needs a list of the coordinates without a dimension of the same name
-        off_dimension = [name for name in file.variables if name not in file.dimensions]
-        for row in (*wanted, VARIABLES["outcome"], VARIABLES["error"]):
-            _variable(file, row.name, (*grid, *row.dims), row.units, {"long_name": row.long_name})
-        for start in range(0, outer, step):
-            stop = min(start + step, outer)
-            block = joined.block(start * per_index, stop * per_index, size)
-            _fill(file, slice(start, stop), block, wanted, (stop - start, *inner))
-        file.attrs.update(
-            title=f"sweep {sweep.file.name}",
-            coordinates=" ".join(off_dimension),
-            sweep=sweep.to_toml("case.toml"),
-            case=sweep.base.to_toml(),
-            **origin(),
-            **attributes,
-        )
 
 
 def _coordinates(
@@ -202,8 +157,7 @@ def _variable(
     array = np.asarray(given)
     is_text = array.dtype.kind == "U"
     checked = None if is_text else True  # HDF5 checks the sums of numbers when they are read
-    kind = _TEXT if is_text else array.dtype
-    made = file.create_variable(name, dims, kind, fletcher32=checked)
+    made = file.create_variable(name, dims, _TEXT if is_text else array.dtype, fletcher32=checked)
     made.attrs.update({"units": units, **labels} if units else labels)
     if values is not None:
         made[...] = array.astype(object) if is_text else array
@@ -327,30 +281,48 @@ def write_result(
 ) -> None:
     """Write the dataset of a sweep, and how it was computed.
 
+    An existing dataset is replaced when the new one is complete.
+
     Args:
         sweep: the sweep.
         directory: its folder.
-        joined: the finished points.
+        joined: the finished points; those that are missing are NaN.
         layout: layout of the first point.
         about: how the points were computed; it does not go into the dataset.
 
     Raises:
         OSError: a file cannot be written.
     """
-    counts = joined.counts()
-    n_missing = sweep.n_points - joined.numbers.size
-    attributes = {
-        "n_points": sweep.n_points,
-        **{f"n_{outcome}": count for outcome, count in counts.items()},
-        "n_missing": n_missing,
-        "engine": sweep.file.engine,
-        "outcome": "interrupted" if n_missing else "completed",
-    }
     hosts, processors = zip(*sorted(joined.machines), strict=True) if joined.machines else ((), ())
     machines = {"hosts": ", ".join(hosts), "processors": ", ".join(sorted(set(processors)))}
     write_json(directory / OCCASION, {**occasion(), **machines, **about})
-    wanted = quantities(sweep.file.record, layout)
-    write(directory / RESULT, sweep, joined, wanted, x=layout.x, attributes=attributes)
+    grid, wanted = tuple(sweep.sizes), quantities(sweep.file.record, layout)
+    outer, *inner = sweep.sizes.values()
+    per_index, size = math.prod(inner), sum(quantity.size for quantity in wanted)
+    step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
+    n_missing = sweep.n_points - joined.numbers.size
+    with atomic_file(directory / RESULT) as temporary, h5netcdf.File(temporary, "w") as file:
+        _coordinates(file, sweep, wanted, layout.x)
+        # NetCDF needs a list of the coordinates without a dimension of the same name
+        off_dimension = [name for name in file.variables if name not in file.dimensions]
+        for row in (*wanted, VARIABLES["outcome"], VARIABLES["error"]):
+            _variable(file, row.name, (*grid, *row.dims), row.units, {"long_name": row.long_name})
+        for start in range(0, outer, step):
+            stop = min(start + step, outer)
+            block = joined.block(start * per_index, stop * per_index, size)
+            _fill(file, slice(start, stop), block, wanted, (stop - start, *inner))
+        file.attrs.update(
+            title=f"sweep {sweep.file.name}",
+            coordinates=" ".join(off_dimension),
+            sweep=sweep.to_toml("case.toml"),
+            case=sweep.base.to_toml(),
+            **origin(),
+            n_points=sweep.n_points,
+            **{f"n_{outcome}": count for outcome, count in joined.counts().items()},
+            n_missing=n_missing,
+            engine=sweep.file.engine,
+            outcome="interrupted" if n_missing else "completed",
+        )
 
 
 def is_complete(directory: Path, sweep: Sweep) -> bool:

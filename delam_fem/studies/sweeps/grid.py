@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.definition import Case
@@ -135,8 +135,9 @@ class Axis(Section):
             names = [own.name for table in tables() for own in table.keys if own.has_unit]
             near = difflib.get_close_matches(key.rpartition(".")[2], names, n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
-            text = f"expected a key whose values have a unit, given {data.get('key')!r}{hint}"
-            raise inconsistent("key", text)
+            raise inconsistent(
+                "key", f"expected a key whose values have a unit, given {data.get('key')!r}{hint}"
+            )
         for name in {"start", "stop", "values"} & set(own) if units else ():
             value, is_list = own[name], isinstance(own[name], list | tuple)
             own[name] = (
@@ -599,8 +600,6 @@ def sweep_of(
 
 def _file_of(data: Data) -> SweepFile:
     """Return the content of a sweep file as a checked `SweepFile`."""
-    from pydantic import ValidationError
-
     try:
         return SweepFile.model_validate(data)
     except ValidationError as error:
