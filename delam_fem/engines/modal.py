@@ -712,8 +712,7 @@ class ModalEngine(Engine):
             CaseError: the problem has no such modes.
         """
         touching = operators.without_contact() if is_open else operators
-        periods = Periods(reduce(touching, modes), time_step, refine)
-        self.stepper = ModalStepper(operators, periods)
+        self.stepper = ModalStepper(operators, Periods(reduce(touching, modes), time_step, refine))
         self._driven: tuple[FloatArray, Drive] | None = None
 
     def state(self) -> State:
@@ -782,6 +781,7 @@ class ModalEngine(Engine):
         T, V = self.stepper.periods.energies(period.end)
         residual = T + V - stored[0] - stored[1] - (work - modal - creep - closing)
         more, loss = self.stepper.carried(), modal + creep
-        by_force = self.stepper.operators.base.is_force
-        works = (0.0, work) if by_force else (work + more - carried, 0.0)
+        works = (
+            (0.0, work) if self.stepper.operators.base.is_force else (work + more - carried, 0.0)
+        )
         return T + more, V, 0.0, *works, loss, 0.0, closing, 0.0, residual

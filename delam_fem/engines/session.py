@@ -300,8 +300,7 @@ class Solution:
     @property
     def energy(self) -> dict[str, FloatArray]:
         """Columns of the energy ledger by name, each of shape (n_periods,) [J]."""
-        rows = self.recorder.ledger[: self.recorder.n_closed]
-        return dict(zip(LEDGER, rows.T, strict=True))
+        return dict(zip(LEDGER, self.recorder.ledger[: self.recorder.n_closed].T, strict=True))
 
 
 Stop = Callable[[int], bool]
@@ -335,8 +334,9 @@ class Session:
             enough: called after each block of periods; True completes it.
             every: see `simulate`.
         """
-        parts = self.engine, self.recorder, self.motion
-        return simulate(*parts, stop=stop, enough=enough, every=every)
+        return simulate(
+            *(self.engine, self.recorder, self.motion), stop=stop, enough=enough, every=every
+        )
 
     def run_kept(self, folder: Path | None, case: Case, name: str = "compiled") -> Outcome:
         """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.
@@ -534,8 +534,7 @@ def solve(
     with session(
         operators, law, scheme, states, span, initial=initial, engine=engine, comm=comm
     ) as opened:
-        outcome = opened.run() if stop is None else opened.run(stop, every=1)
-        return opened.solution(outcome)
+        return opened.solution(opened.run() if stop is None else opened.run(stop, every=1))
 
 
 def _length(

@@ -137,8 +137,7 @@ def _given_ranks(cells: IntArray, ranks: IntArray, *, is_first: bool) -> Callabl
         is_first: whether this is rank 0, which has the cells.
     """
     n, k = cells.shape
-    rows = np.repeat(np.arange(n), k)
-    touches = sp.csr_matrix((np.ones(n * k), (rows, cells.ravel())))
+    touches = sp.csr_matrix((np.ones(n * k), (np.repeat(np.arange(n), k), cells.ravel())))
     owns = sp.csr_matrix((np.ones(n), (np.arange(n), ranks)))
     near = (touches @ (touches.T @ owns)).tolil().rows
     lists = [[r, *(q for q in near[c] if q != r)] for c, r in enumerate(ranks) if is_first]

@@ -95,19 +95,12 @@ def struck(structure: Structure, case: Case) -> Structure:
 
 def striking_rows(structure: Structure, case: Case) -> sp.csr_matrix:
     """Return rows that read the deflections at all stops and impactors, shape (k, n)."""
-    layout, n = structure.layout, structure.operators.n_dofs
-    rows = [sp.csr_matrix((0, n))]
-    for section in ("stop", "impactor"):
-        for number, own in enumerate(getattr(case, section), start=1):
-            which, places, _ = _places(own, structure, f"{section}.{number}", case)
-            rows.append(_deflections(layout, which, places, n))
-    return sp.vstack(rows, format="csr")
-
-
-def _deflections(layout: Layout, part: int, places: FloatArray, n: int) -> sp.csr_matrix:
-    """Return rows that read the deflections of a part from n free dofs, shape (k, n)."""
-    numbered = layout.n_numbered(n)
-    return layout.of_dofs(interpolation_rows(layout.parts[part], places, numbered))
+    rows = (
+        _places(own, structure, f"{section}.{number}", case)[2]
+        for section in ("stop", "impactor")
+        for number, own in enumerate(getattr(case, section), start=1)
+    )
+    return sp.vstack([sp.csr_matrix((0, structure.operators.n_dofs)), *rows], format="csr")
 
 
 def with_stops(structure: Structure, case: Case) -> Structure:
@@ -121,14 +114,19 @@ def with_stops(structure: Structure, case: Case) -> Structure:
         return structure
     added: list[_Added] = []
     for number, own in enumerate(case.stop):
-        which, places, shares = _places(own, structure, f"stop.{number + 1}", case)
+        which, places, N, shares = _places(own, structure, f"stop.{number + 1}", case)
         factor = 1.0 if own.stiffness is None else own.stiffness / case.spring[0] * shares
-        N = _deflections(structure.layout, which, places, structure.operators.n_dofs)
         at = structure.layout.parts[which].positions(places)
         gap = own.gap + opening_at_rest(own, at, case.length)
         for side in _SIDES[own.side]:
-            stop = StopPairs(number, which, places, side, 0, own.on == "base")
-            added.append((stop, -side * N, gap, factor))
+            added.append(
+                (
+                    StopPairs(number, which, places, side, 0, own.on == "base"),
+                    -side * N,
+                    gap,
+                    factor,
+                )
+            )
     return _with_pairs(structure, added)
 
 
@@ -145,9 +143,8 @@ def with_impactors(structure: Structure, case: Case) -> Structure:
     added: list[_Added] = []
     start = np.zeros((2, o.n_dofs)) if o.start is None else o.start
     for k, own in enumerate(case.impactor):
-        which, places, _ = _places(own, structure, f"impactor.{k + 1}", case)
+        which, places, N, _ = _places(own, structure, f"impactor.{k + 1}", case)
         side = _SIDES[own.side][0]
-        N = _deflections(structure.layout, which, places, o.n_dofs)
         inside = side * float((N @ start[0])[0]) - own.gap
         if inside > _ROUND_OFF * own.gap:
             raise CaseError(
@@ -223,9 +220,13 @@ def _with_dofs(structure: Structure, case: Case) -> Structure:
     )
     layout, body = replace(structure.layout, n_impactors=count), structure.body
     if reading := layout.reading:
-        belongs = np.append(reading.part, np.full(count, -1))
         layout = replace(
-            layout, reading=replace(reading, matrix=wider(reading.matrix), part=belongs)
+            layout,
+            reading=replace(
+                reading,
+                matrix=wider(reading.matrix),
+                part=np.append(reading.part, np.full(count, -1)),
+            ),
         )
     return Structure(operators, layout, body and replace(body, free=wider(body.free)))
 
@@ -247,8 +248,10 @@ def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float 
 
 def _places(
     own: Stop | Impactor, structure: Structure, key: str, case: Case
-) -> tuple[int, FloatArray, FloatArray]:
-    """Return the part that strikes, its places, and their shares of the stiffness of a stop.
+) -> tuple[int, FloatArray, sp.csr_matrix, FloatArray]:
+    """Return the part that strikes, its places, rows that read their deflections, and shares.
+
+    The rows take the free dofs; the shares are those of the places in the stiffness of a stop.
 
     Raises:
         CaseError: see `with_stops`.
@@ -277,13 +280,14 @@ def _places(
             )
         lengths = half_ways(part.x)[nodes]
         places, shares = nodes.astype(np.float64), lengths / lengths.sum()
-    N = _deflections(layout, which, places, structure.operators.n_dofs)
+    numbered = layout.n_numbered(structure.operators.n_dofs)
+    N = layout.of_dofs(interpolation_rows(part, places, numbered))
     if np.any(np.diff(N.indptr) == 0):
         raise CaseError(
             f"{key}: expected places where the lamina can move, given one where {own.lamina} is "
             "held"
         )
-    return which, places, shares
+    return which, places, N, shares
 
 
 def in_moving_frame(structure: Structure) -> Structure:
@@ -457,7 +461,6 @@ def _sensor(
             None,
             None,
             of_forces=of_pairs,
-            of_impulses=of_pairs,
             of_lumped_impulses=of_pairs,
         )
     assert own.lamina is not None and own.position is not None  # all but contact forces
@@ -492,7 +495,6 @@ def _acceleration(
         len(rows) - 1,
         (float(base[0]), float(base[1]), float(base[2])),
         of_forces=of_pairs,
-        of_impulses=of_pairs,
         of_lumped_impulses=np.asarray(o.gap_matrix @ (row / lumped)),
     )
 

@@ -11,8 +11,9 @@ Hermite interpolants of both parts.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -160,9 +161,9 @@ class SensorRows:
         of_u: row of `Operators.sensors` whose value of u counts; None: none.
         of_v: row of `Operators.sensors` whose value of v counts; None: none.
         of_base: weights of q, q', q'' of the base (or of the force), shape (3,).
-        of_forces: weights of the forces of contact springs, positive where they part the laminae,
-            shape (n_pairs,); None: they do not count.
-        of_impulses: weights of impulses over the time step that act through M, shape (n_pairs,).
+        of_forces: weights of the forces of contact springs, and of impulses over the time step that
+            act through M, positive where they part the laminae, shape (n_pairs,); None: they do not
+            count.
         of_lumped_impulses: the same for impulses that act through the lumped mass.
         unit: unit of the signal.
         words: the sensor in words.
@@ -173,7 +174,6 @@ class SensorRows:
     of_v: int | None
     of_base: tuple[float, float, float] = (0.0, 0.0, 0.0)
     of_forces: FloatArray | None = None
-    of_impulses: FloatArray | None = None
     of_lumped_impulses: FloatArray | None = None
     unit: str = "1"
     words: str = ""
@@ -214,10 +214,6 @@ class Reading:
         if self.comm is not None:
             read = np.sum(self.comm.allgather(read), axis=0)
         return np.asarray(read + base[:, None] * self.base)
-
-    def rows(self, of_readings: sp.spmatrix) -> sp.csr_matrix:
-        """Return functionals of readings as functionals of dofs, shape (k, n_own)."""
-        return sp.csr_matrix(of_readings @ self.matrix)
 
 
 @dataclass(frozen=True)
@@ -273,7 +269,7 @@ class Layout:
         if self.reading is None:
             return rows
         n = self.reading.base.size
-        own = self.reading.rows(rows[:, :n])
+        own = sp.csr_matrix(rows[:, :n] @ self.reading.matrix)
         if rows.shape[1] == n:
             return own
         base = rows[:, n].toarray().ravel() + rows[:, :n] @ self.reading.base
@@ -316,8 +312,9 @@ class Layout:
         Results are kept at the stations. If all pairs are at points, the stations are the points.
         """
         points = np.arange(self.x.size, dtype=np.float64)
-        pairs = [own.places for own in self.touching]
-        return np.asarray(np.unique(np.concatenate([points, *pairs])))
+        return np.asarray(
+            np.unique(np.concatenate([points, *[own.places for own in self.touching]]))
+        )
 
     def stations_of(self, interface: Interface) -> IntArray:
         """Return the station of each pair of an interface, shape (n_pairs,)."""
@@ -372,9 +369,8 @@ class Structure:
         if dofs.max() >= n:
             what = "free dofs" if layout.reading is None else "readings"
             raise ValueError(f"layout: dof {dofs.max()}, expected below {n}, the number of {what}")
-        n_pairs = sum(own.places.size for own in layout.touching)
         for what, given, expected in (
-            ("pairs", n_pairs, o.n_pairs),
+            ("pairs", sum(own.places.size for own in layout.touching), o.n_pairs),
             ("probes", len(layout.probes), o.n_probes),
         ):
             if given != expected:
@@ -387,16 +383,13 @@ _AT_POINT = 1e-9
 """Share of a cell within which a place is at its end."""
 
 
-def opposite(
-    parts: Sequence[Part], lower: int, upper: int, first_pair: int = 0, *, per_element: int = 1
-) -> Interface:
+def opposite(parts: Sequence[Part], lower: int, upper: int, *, per_element: int = 1) -> Interface:
     """Pair the opposite points of two parts, except points where both are held or bonded.
 
     Args:
         parts: all parts of the structure.
         lower: number of the lower part.
         upper: number of the upper part, which has the same number of points.
-        first_pair: row of the first pair in the gap operator.
         per_element: number of pairs per element, at the local coordinates 1/p, 2/p, …, 1; 1: only
             the points.
     """
@@ -409,17 +402,13 @@ def opposite(
     within = is_apart[ends] | is_apart[ends - 1]  # of elements that are not bonded
     is_kept = np.where(local < 1.0, within, is_apart[ends])
     places = np.concatenate([np.flatnonzero(is_apart[:1]), (ends - 1.0 + local)[is_kept]])
-    name = f"{parts[lower].name}-{parts[upper].name}"
-    return Interface(name, (lower, upper), places, first_pair)
+    return Interface(f"{parts[lower].name}-{parts[upper].name}", (lower, upper), places)
 
 
-def neighbours(parts: Sequence[Part], per_element: int) -> tuple[Interface, ...]:
-    """Pair each part with the next one; see `opposite`."""
-    interfaces: list[Interface] = []
-    for lower in range(len(parts) - 1):
-        first_pair = sum(interface.places.size for interface in interfaces)
-        interfaces.append(opposite(parts, lower, lower + 1, first_pair, per_element=per_element))
-    return tuple(interfaces)
+def in_order(interfaces: Sequence[Interface]) -> tuple[Interface, ...]:
+    """Return interfaces whose pairs follow one another in the gap operator."""
+    firsts = accumulate((own.places.size for own in interfaces), initial=0)
+    return tuple(replace(own, first_pair=n) for own, n in zip(interfaces, firsts, strict=False))
 
 
 def interpolation_rows(
@@ -482,8 +471,13 @@ def interpolation(
 
 def place_of(part: Part, x: float) -> float:
     """Return a position [m] as a number of points; 2.25 lies a quarter of the cell behind 2."""
-    place = float(np.interp(x, part.x, np.arange(part.x.size, dtype=np.float64)))
-    return float(round(place)) if abs(place - round(place)) < _AT_POINT else place
+    return float(places_of(part, np.array([x]))[0])
+
+
+def places_of(part: Part, x: FloatArray) -> FloatArray:
+    """Return positions [m] as numbers of points; see `place_of`."""
+    places = np.interp(x, part.x, np.arange(part.x.size, dtype=np.float64))
+    return np.where(np.abs(places - np.round(places)) < _AT_POINT, np.round(places), places)
 
 
 def cells_at(part: Part, place: float) -> tuple[int, ...]:
@@ -515,8 +509,9 @@ def columns_of(
     columns = np.where(dofs == BASE, n_dofs, dofs)
     rows = np.repeat(np.arange(at.size)[:, None], 4, axis=1)
     there = (columns >= 0) & (weights != 0.0)
-    entries = weights[there], (rows[there], columns[there])
-    return sp.csr_matrix(entries, shape=(at.size, n_dofs + 1))
+    return sp.csr_matrix(
+        (weights[there], (rows[there], columns[there])), shape=(at.size, n_dofs + 1)
+    )
 
 
 def gap_matrix(
@@ -526,13 +521,11 @@ def gap_matrix(
 
     A point that is held adds no entry to its row: both parts move with the base there.
     """
-    blocks = []
-    for interface in sorted(interfaces, key=lambda interface: interface.first_pair):
-        lower, upper = (
-            interpolation_rows(parts[number], interface.places, n_dofs)
-            for number in interface.parts
-        )
-        blocks.append(upper - lower)
+    blocks = [
+        interpolation_rows(parts[own.parts[1]], own.places, n_dofs)
+        - interpolation_rows(parts[own.parts[0]], own.places, n_dofs)
+        for own in sorted(interfaces, key=lambda interface: interface.first_pair)
+    ]
     return sp.vstack(blocks, format="csr") if blocks else sp.csr_matrix((0, n_dofs))
 
 

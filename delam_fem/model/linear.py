@@ -61,8 +61,7 @@ def lowest(
 def normalised(vectors: FloatArray, M: sp.spmatrix) -> FloatArray:
     """Return modes with φᵀ M φ = 1 and a positive largest entry: similar modes have one sign."""
     masses = np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
-    largest = np.abs(vectors).argmax(axis=0)
-    signs = np.sign(vectors[largest, np.arange(vectors.shape[1])])
+    signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
     return np.asarray(vectors / (masses * signs))
 
 
@@ -110,8 +109,8 @@ def first_shapes(case: Case, structure: Structure) -> FloatArray:
     Shape (n_dofs,).
     """
     if case.is_apart:
-        n = len(structure.layout.parts)
-        return np.asarray(np.sum([first_mode(structure, i) for i in range(n)], axis=0))
+        numbers = range(len(structure.layout.parts))
+        return np.asarray(np.sum([first_mode(structure, i) for i in numbers], axis=0))
     o = structure.operators
     shape = elastic(o.stiffness, o.mass, 1, case.n_rigid)[1][:, 0]
     return np.asarray(shape / np.abs(o.probes @ shape).max())
@@ -232,11 +231,10 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
         is_free[pivots[k]] = False
     kept = np.flatnonzero(is_free)
     S = sp.identity(n, format="lil")
-    if pivots.size:
-        S[pivots] = (
-            sp.csr_matrix(-splu(H[:, pivots].tocsc()).solve(H[:, kept].toarray()))
-            @ sp.identity(n, format="csr")[kept]
-        )
+    S[pivots] = (
+        sp.csr_matrix(-splu(H[:, pivots].tocsc()).solve(H[:, kept].toarray()))
+        @ sp.identity(n, format="csr")[kept]
+    )
     return sp.csr_matrix(sp.csr_matrix(S)[:, kept])
 
 

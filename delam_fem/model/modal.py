@@ -191,8 +191,7 @@ def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
     found = []
     for dofs, M, C, K in o.bodies():
         A = (K + shift * M).tocsc() if shift else K
-        given = None if o.rayleigh is None else [float(values[dofs[0]]) for values in o.rayleigh]
-        rayleigh = None if given is None else (given[0], given[1])
+        rayleigh = o.rayleigh and (float(o.rayleigh[0][dofs[0]]), float(o.rayleigh[1][dofs[0]]))
         found.append(Body(dofs, M, C, K, shift, _factorised(A), rayleigh))
     return found
 
@@ -462,18 +461,21 @@ def projected(structure: Structure, basis: Basis) -> Structure:
     )
     layout, given = structure.layout, structure.layout.reading
     rows, moved = (V, np.zeros(len(V))) if given is None else (given.matrix @ V, given.base)
-    reading = Reading(sp.csr_matrix(rows), moved, _parts(layout, basis))
-    return Structure(operators, replace(layout, reading=reading, sensors=(), gap_row=None))
+    return Structure(
+        operators,
+        replace(
+            layout,
+            reading=Reading(sp.csr_matrix(rows), moved, _parts(layout, basis)),
+            sensors=(),
+            gap_row=None,
+        ),
+    )
 
 
 def _parts(layout: Layout, basis: Basis) -> IntArray:
     """Return the part to which each coordinate belongs, -1 where bonded parts share it."""
-    of_body = np.full(1 + int(basis.body.max()), -1)
-    owners: dict[int, set[int]] = {}
+    of_body = np.full(1 + int(basis.body_of_dof.max()), -2)  # -2: of no part yet
     for number in range(len(layout.parts)):
-        for body in np.unique(basis.body_of_dof[layout.own_dofs(number)]).tolist():
-            owners.setdefault(body, set()).add(number)
-    for body, parts in owners.items():
-        if len(parts) == 1:
-            of_body[body] = parts.pop()
-    return np.asarray(of_body[basis.body])
+        own = np.unique(basis.body_of_dof[layout.own_dofs(number)])
+        of_body[own] = np.where(of_body[own] == -2, number, -1)
+    return np.maximum(of_body, -1)[basis.body]

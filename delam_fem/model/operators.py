@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -97,13 +97,16 @@ class BaseCoupling:
         return cls(np.zeros(n), np.zeros(n), np.zeros(n))
 
 
+_Matrix = TypeVar("_Matrix")
+
+
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class Recorded(Generic[_Matrix]):
     """What all operators share, whatever holds their matrices: counts of pairs, probes, sensors."""
 
-    mass: Any
-    damping: Any
-    stiffness: Any
+    mass: _Matrix
+    damping: _Matrix
+    stiffness: _Matrix
     base: BaseCoupling
     gap_matrix: sp.csr_matrix
     gap0: FloatArray
@@ -193,7 +196,7 @@ class Recorded:
 
 
 @dataclass(frozen=True, eq=False)
-class Operators(Recorded):
+class Operators(Recorded[sp.csr_matrix]):
     """Matrices of one semi-discrete contact problem, in SI units and float64; never changed.
 
     Two problems are equal if they are one object, so that what follows from one can be kept.
@@ -223,9 +226,6 @@ class Operators(Recorded):
             `BaseCoupling.shift` is, shape (2, n) [m, m/s]; None: at rest.
     """
 
-    mass: sp.csr_matrix
-    damping: sp.csr_matrix
-    stiffness: sp.csr_matrix
     near_null: FloatArray | None = None
     start: FloatArray | None = None
 
@@ -262,8 +262,9 @@ class Operators(Recorded):
 
     def without_contact(self) -> Operators:
         """Return the same operators without pairs."""
-        H = sp.csr_matrix((0, self.n_dofs))
-        return replace(self, gap_matrix=H, gap0=np.zeros(0), pair_weights=None)
+        return replace(
+            self, gap_matrix=sp.csr_matrix((0, self.n_dofs)), gap0=np.zeros(0), pair_weights=None
+        )
 
     @staticmethod
     def from_forms(
@@ -308,8 +309,7 @@ class Operators(Recorded):
             name: _dolfinx.rows_at(space, np.atleast_2d(point), along)
             for name, (point, along) in (probes or {}).items()
         }
-        held = _dolfinx.held_by(base, M)
-        result = Operators.from_petsc(M, C, K, gap=gap, base=held, probes=seen)
+        result = Operators.from_petsc(M, C, K, gap=gap, base=_dolfinx.held_by(base, M), probes=seen)
         for matrix in (M, K, *([] if isinstance(C, tuple) else [C])):
             matrix.destroy()
         return result
@@ -404,7 +404,7 @@ class Operators(Recorded):
 
 
 @dataclass(frozen=True, eq=False)
-class DistributedOperators(Recorded):
+class DistributedOperators(Recorded["PETSc.Mat"]):
     """Matrices of one semi-discrete contact problem, spread over the ranks of a communicator.
 
     The equations and the units are those of `Operators`. This rank owns n_own of the n dofs.
@@ -431,9 +431,6 @@ class DistributedOperators(Recorded):
         is_shared_order: whether the order of the dofs is the same for any number of ranks.
     """
 
-    mass: PETSc.Mat
-    damping: PETSc.Mat
-    stiffness: PETSc.Mat
     comm: MPI.Intracomm = field(kw_only=True)
     is_uncoupled: bool = False
     is_shared_order: bool = False

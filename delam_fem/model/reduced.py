@@ -55,7 +55,6 @@ class Reduced:
     Attributes:
         squares: ω², part by part and increasing within each, shape (m,) [1/s2].
         damping: c of R1, shape (m,) [1/s].
-        part: number of the part of each mode, shape (m,).
         creep: β of each part, shape (c,) [s].
         gap_modes: G, shape (n, m).
         compliance: W of each part, shape (c, n, n) [m/N].
@@ -71,7 +70,6 @@ class Reduced:
 
     squares: FloatArray
     damping: FloatArray
-    part: IntArray
     creep: FloatArray
     gap_modes: FloatArray
     compliance: FloatArray
@@ -103,11 +101,6 @@ class Reduced:
     def n_state(self) -> int:
         """Length of a state (q, q', s of each part)."""
         return 2 * self.n_modes + self.n_parts * self.n_pairs
-
-    @property
-    def frequencies(self) -> FloatArray:
-        """Natural frequencies, shape (m,) [Hz]."""
-        return np.asarray(np.sqrt(self.squares) / (2.0 * np.pi))
 
     def displacement(self, q: FloatArray, s: FloatArray, drive: FloatArray) -> FloatArray:
         """Return the displacements of all dofs, shape (k, n_dofs).
@@ -165,7 +158,6 @@ def reduce(operators: Operators, modes: int) -> Reduced:
     return Reduced(
         squares=squares,
         damping=np.concatenate(damping),
-        part=np.repeat(np.arange(len(each)), [own.size for own in of_part]),
         creep=np.array(creep),
         gap_modes=np.ascontiguousarray(G),
         compliance=W,
@@ -226,8 +218,7 @@ def _rayleigh(
     d = np.einsum("ij,ij->j", vectors, C @ vectors)
     beta = float((d[1] - d[0]) / (squares[1] - squares[0])) if d.size > 1 else 0.0
     alpha = float(d[0] - beta * squares[0])
-    largest = abs(C).max()
-    if abs(C - alpha * M - beta * K).max() > NOT_RAYLEIGH * largest:
+    if abs(C - alpha * M - beta * K).max() > NOT_RAYLEIGH * abs(C).max():
         raise CaseError("model.modes: expected C = alpha M + beta K in each part")
     is_round_off = abs(beta) * squares[-1] <= 1e-9 * abs(d[-1])
     return alpha, 0.0 if is_round_off else beta

@@ -27,11 +27,11 @@ from delam_fem.contact.laws import combination
 from delam_fem.model.attached import StrainRows, striking_rows, with_start
 from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
 from delam_fem.model.discretise import assemble, require_bending, require_mass
-from delam_fem.model.layout import Interface, Layout, Reading, Structure
+from delam_fem.model.layout import Interface, Layout, Reading, Structure, in_order
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import FloatArray
-from delam_fem.system.errors import CaseError, require
+from delam_fem.system.errors import CaseError, reason_of, require
 from delam_fem.system.files import read_arrays, write_arrays
 
 FORMAT = 2
@@ -158,10 +158,9 @@ def _read(path: Path, changed: int, size: int) -> tuple[Case, str, Structure, Fl
             raise ValueError("strains of another size")
         return origin, str(data["mesh"]), structure, strains
     except Exception as error:  # a damaged archive raises a dozen different ones
-        reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
         raise CaseError(
-            f"model.file: {path} is damaged or no file of delam-fem reduce ({reason}); write it "
-            "again with delam-fem reduce"
+            f"model.file: {path} is damaged or no file of delam-fem reduce ({reason_of(error)}); "
+            "write it again with delam-fem reduce"
         ) from None
 
 
@@ -200,12 +199,11 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
     if reading.matrix.shape != (reading.base.size, n) or reading.part.shape != (n,):
         raise ValueError("readings of another size")
     parts = parts_of(origin, data["x"], data["dofs"], data["sections"])
-    interfaces: list[Interface] = []
-    for k, lower in enumerate(data["lower"].tolist()):
-        first = sum(own.places.size for own in interfaces)
-        name, places = f"{parts[lower].name}-{parts[lower + 1].name}", data[f"places_{k}"]
-        interfaces.append(Interface(name, (lower, lower + 1), places, first))
-    return Structure(operators, layout_of(origin, parts, tuple(interfaces), reading))
+    interfaces = [
+        Interface(f"{parts[k].name}-{parts[k + 1].name}", (k, k + 1), data[f"places_{number}"])
+        for number, k in enumerate(data["lower"].tolist())
+    ]
+    return Structure(operators, layout_of(origin, parts, in_order(interfaces), reading))
 
 
 def _assembled(case: Case) -> Iterator[tuple[str, object]]:

@@ -110,8 +110,7 @@ def total_harmonic_distortion(amplitudes: FloatArray) -> FloatArray:
         return np.full(amplitudes.shape[:-1], np.nan)
     first = amplitudes[..., 0]
     rest = np.sqrt((amplitudes[..., 1:] ** 2).sum(axis=-1))
-    thd: FloatArray = np.divide(rest, first, out=np.full_like(first, np.nan), where=first > 0.0)
-    return thd
+    return np.asarray(np.divide(rest, first, out=np.full_like(first, np.nan), where=first > 0.0))
 
 
 def distortion_factor(amplitudes: FloatArray) -> FloatArray:

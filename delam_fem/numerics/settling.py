@@ -63,6 +63,10 @@ LONGEST = 8
 SURE = 2.0
 """Standard errors within which a fitted transient counts as none."""
 
+TIED = 1e-9
+"""Relative difference of excesses within which probes are worst together: scatter alone gives all
+of them the same."""
+
 
 @dataclass(frozen=True)
 class Settling:
@@ -132,7 +136,7 @@ def judge(
     own_allowed = np.maximum(TOLERANCE, scatter)
     left = np.hypot(np.sqrt(np.maximum(creep**2 - error**2, 0.0)), beat)
     excess = np.maximum(left, SURE * error) / own_allowed
-    is_worst = excess >= (1.0 - 1e-9) * excess.max()  # scatter alone gives all the same
+    is_worst = excess >= (1.0 - TIED) * excess.max()
     worst = int(np.argmax(np.where(is_worst, own_allowed, 0.0)))
     transient, uncertainty, allowed = (
         float(values[worst]) for values in (left, SURE * error, own_allowed)
@@ -183,8 +187,7 @@ def _creeping(z: FloatArray, P: int, rate: float) -> tuple[FloatArray, FloatArra
         The rms of b_p over the phases in the phase plane of each probe, its standard error, both
         of shape (n_probes,), and the rest, of the shape of the strobes.
     """
-    n = z.shape[-1]
-    grown = _growth(rate, n)
+    grown = _growth(rate, z.shape[-1])
     rest = np.empty_like(z)
     squares, variances = np.zeros(z.shape[1]), np.zeros(z.shape[1])
     for phase in range(P):
@@ -212,16 +215,14 @@ def _memory(rest: FloatArray) -> FloatArray:
     power = (rest**2).sum(axis=-1)
     both = (rest[..., 1:] * rest[..., :-1]).sum(axis=-1)
     c = np.clip(np.divide(both, power, out=np.zeros_like(power), where=power > 0.0), 0.0, 0.9)
-    widened: FloatArray = (1.0 + c) / (1.0 - c)
-    return widened
+    return np.asarray((1.0 + c) / (1.0 - c))
 
 
 def _decaying(rest: FloatArray, decay: float) -> FloatArray:
     """Return t of the rest as if all of it were the slowest transient, shape (n_probes,)."""
     power = (rest**2).sum(axis=0)
     grown = _growth(2.0 * decay, power.shape[-1])
-    found: FloatArray = np.sqrt(power.mean(axis=-1) / grown.mean())
-    return found
+    return np.asarray(np.sqrt(power.mean(axis=-1) / grown.mean()))
 
 
 def _beating(rest: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
@@ -236,8 +237,7 @@ def _beating(rest: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     slope = power @ g / (g @ g)
     left = power - power.mean(axis=-1, keepdims=True) - slope[:, None] * g
     error = np.sqrt((left**2).sum(axis=-1) / max(n - 2, 1) / (g @ g))
-    largest = _decaying(rest, rate) ** 2
-    squares = np.clip(np.where(slope > SURE * error, slope, 0.0), 0.0, largest)
+    squares = np.clip(np.where(slope > SURE * error, slope, 0.0), 0.0, _decaying(rest, rate) ** 2)
     scatter = np.maximum(power.mean(axis=-1) - squares * grown.mean(), 0.0)
     return np.sqrt(squares), np.sqrt(scatter)
 
@@ -425,8 +425,7 @@ def is_isolated(number: IntArray) -> BoolArray:
     for axis in range(number.ndim):
         along = np.moveaxis(number, axis, 0)
         shared.append(along[1:][along[1:] == along[:-1]])
-    isolated: BoolArray = ~np.isin(number, np.concatenate(shared))
-    return isolated
+    return np.asarray(~np.isin(number, np.concatenate(shared)))
 
 
 def _most_frequent(values: FloatArray) -> float:

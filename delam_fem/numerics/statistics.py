@@ -85,8 +85,7 @@ def orders_of_errors(sizes: npt.ArrayLike, errors: npt.ArrayLike) -> FloatArray:
     h, e = np.asarray(sizes, dtype=float), np.abs(np.asarray(errors, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
         orders = np.log(e[:-1] / e[1:]) / np.log(h[:-1] / h[1:])
-    result: FloatArray = np.where(np.isfinite(orders), orders, np.nan)
-    return result
+    return np.asarray(np.where(np.isfinite(orders), orders, np.nan))
 
 
 def observed_orders(sizes: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
@@ -189,8 +188,7 @@ def block_means(values: FloatArray, blocks: int = BLOCKS) -> FloatArray:
     blocks = min(blocks, n)
     length = n // max(blocks, 1)
     kept = values[..., n - blocks * length :]
-    means: FloatArray = kept.reshape(*values.shape[:-1], blocks, length).mean(axis=-1)
-    return means
+    return np.asarray(kept.reshape(*values.shape[:-1], blocks, length).mean(axis=-1))
 
 
 def interval(means: FloatArray, confidence: float = CONFIDENCE) -> tuple[FloatArray, FloatArray]:
@@ -398,8 +396,7 @@ class Table:
 
     def _value(self, logits: FloatArray) -> FloatArray:
         low, high = self.bounds.T
-        found: FloatArray = low + (high - low) * 0.5 * (1.0 + np.tanh(0.5 * logits))
-        return found
+        return np.asarray(low + (high - low) * 0.5 * (1.0 + np.tanh(0.5 * logits)))
 
 
 def _summaries(
@@ -480,5 +477,4 @@ def _moved(logits: FloatArray, offsets: FloatArray, weights: FloatArray) -> Floa
     rest *= math.sqrt((1.0 + 1.0 / n) * n / (n - columns.shape[1]))
     sizes = np.log(rest**2 + np.finfo(np.float64).tiny)
     growth = np.linalg.lstsq(roots * columns, roots * sizes, rcond=None)[0]
-    result: FloatArray = slopes[0] + rest * np.exp(-0.5 * (columns[:, 1:] @ growth[1:]))
-    return result
+    return np.asarray(slopes[0] + rest * np.exp(-0.5 * (columns[:, 1:] @ growth[1:])))

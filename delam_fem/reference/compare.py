@@ -58,8 +58,7 @@ class Motions:
     @property
     def differences(self) -> FloatArray:
         """Largest difference of all tips at each step, shape (n,) [m]."""
-        largest: FloatArray = np.abs(self.tips - self.reference_tips).max(axis=0)
-        return largest
+        return np.asarray(np.abs(self.tips - self.reference_tips).max(axis=0))
 
     @property
     def until_impact(self) -> float:
@@ -252,8 +251,7 @@ def operator_differences(given: Operators, expected: Operators) -> dict[str, flo
     lumped = np.abs(given.require_lumped_mass() / expected.require_lumped_mass() - 1.0)
     H = np.abs((given.gap_matrix - expected.gap_matrix).toarray())
     largest = np.abs(expected.gap0).max(initial=0.0) or 1.0  # 0: all closed at rest
-    gap0 = np.abs(given.gap0 - expected.gap0) / largest
-    vectors = {"lumped mass": lumped, "H": H, "gap0": gap0}
+    vectors = {"lumped mass": lumped, "H": H, "gap0": np.abs(given.gap0 - expected.gap0) / largest}
     return blocks | columns | {name: float(each.max(initial=0.0)) for name, each in vectors.items()}
 
 

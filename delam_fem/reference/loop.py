@@ -265,13 +265,11 @@ class _System:
     ) -> FloatArray:
         """Return a from M a = f - C v - K u, with the springs in f and K."""
         self._require_springs(P)
-        residual = self.force(base) - self.operators.damping @ v - self.K @ u
-        return self.solve_mass(residual)
+        return self.solve_mass(self.force(base) - self.operators.damping @ v - self.K @ u)
 
     def force(self, base: FloatArray) -> FloatArray:
         """Return the force due to the base motion (q, q', q'') and to the rest gaps of springs."""
-        force: FloatArray = self.spring_force - self.base_columns @ base
-        return force
+        return np.asarray(self.spring_force - self.base_columns @ base)
 
     def _require_springs(self, P: BoolArray) -> None:
         if not np.array_equal(P, self.springs):

@@ -107,8 +107,7 @@ def lumped_mass(mass_per_length: float, h: float) -> FloatArray:
     the finite element method", Earthquake Eng. Struct. Dyn. 4 (1976).
     """
     diagonal = np.diag(element_mass(mass_per_length, h))
-    scaled: FloatArray = diagonal * (mass_per_length * h / diagonal[::DOFS].sum())
-    return scaled
+    return np.asarray(diagonal * (mass_per_length * h / diagonal[::DOFS].sum()))
 
 
 def wave_numbers(n: int) -> list[float]:
@@ -206,8 +205,7 @@ def _contact_points(x: FloatArray, p: int) -> tuple[FloatArray, FloatArray, Floa
         for j in range(p):
             s = h if j == p - 1 else h * (j + 1) / p
             places[k * p + j] = x[k + 1] if j == p - 1 else x[k] + s
-            values = [float(N(s)) for N in shape_functions(h)]
-            rows[k * p + j, DOFS * k : DOFS * (k + 2)] = values
+            rows[k * p + j, DOFS * k : DOFS * (k + 2)] = [float(N(s)) for N in shape_functions(h)]
     rows[np.abs(rows) < _NO_SHAPE] = 0.0
     spacing = np.repeat(lengths / p, p)
     halves = 0.5 * (spacing + np.append(spacing[1:], 0.0))
@@ -424,8 +422,7 @@ def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
                 u[own * j + 2 * k + point] = -1.0
                 u[own * (j + 1) + 2 * k + point] = 1.0
                 for dof, f in zip(stack.dofs[j, k : k + 2].ravel().tolist(), N, strict=True):
-                    slope = f.deriv()(s)  # type: ignore[no-untyped-call]
-                    d[dof] += (z[j + 1] - z[j]) * float(slope)
+                    d[dof] += (z[j + 1] - z[j]) * float(f.deriv()(s))  # type: ignore[no-untyped-call]
                 rows[int(j), 2 * k + point] = u, d
     found = list(rows.values())
     ends = ((0, stack.case.support.start), (stack.x.size - 1, stack.case.support.end))

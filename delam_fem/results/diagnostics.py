@@ -515,8 +515,7 @@ def _periodicity_of(motion: ProbeMotion, N: int) -> dict[str, Any]:
         strobe = strobe[:, :-1]
     if not (np.isfinite(strobe).all() and np.isfinite(q).all()):
         return _NO_PERIODICITY
-    half_range = np.ptp(q, axis=1) / 2.0
-    found = scatters(strobe, half_range)
+    found = scatters(strobe, np.ptp(q, axis=1) / 2.0)
     if not found.size:
         return _NO_PERIODICITY
     P, scatter = _first_below(found, PERIODIC_SCATTER)

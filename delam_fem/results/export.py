@@ -96,8 +96,7 @@ def write_tables(history: xr.Dataset, path: Path) -> list[Path]:
         if not group.data_vars or not all(group.sizes.values()):
             continue
         target = path if name == MAIN else path.with_name(f"{path.stem}-{name}{path.suffix}")
-        text = _long(group) if name in LONG else _wide(group)
-        written.append(write_text(target, text))
+        written.append(write_text(target, _long(group) if name in LONG else _wide(group)))
     return written
 
 
@@ -219,8 +218,7 @@ def _histories(history: xr.Dataset) -> Iterator[dict[str, Any]]:
         if own.ndim == 1:
             yield _set(own, name, axis, 0, is_time=is_time)
             continue
-        labels = map(str, own[own.dims[0]].to_numpy())
-        for i, label in enumerate(labels):
+        for i, label in enumerate(map(str, own[own.dims[0]].to_numpy())):
             node = _node(i, tip) if own.dims[0] == "lamina" else 0
             yield _set(own[i], f"{name} {label}", axis, node, is_time=is_time)
 

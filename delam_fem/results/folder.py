@@ -16,7 +16,7 @@ from delam_fem.case.files import load_case, save_case
 from delam_fem.model.discretise import has_dolfinx
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import atomic_file, write_arrays, write_json
 
 if TYPE_CHECKING:
@@ -288,8 +288,9 @@ def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any
         text = (directory / SUMMARY).read_text("utf-8") if (directory / SUMMARY).exists() else "{}"
         summary = json.loads(text)
     except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
-        reason = str(error).partition("\n")[0][:80]
-        raise CaseError(f"{path}: damaged, or not the result of a run ({reason})") from None
+        raise CaseError(
+            f"{path}: damaged, or not the result of a run ({reason_of(error)})"
+        ) from None
     if "outcome" not in history.attrs or "tip_displacement" not in history:
         raise CaseError(f"{path}: expected the result of a run, found another dataset")
     return load_case(directory / "case.toml"), history, summary

@@ -95,8 +95,7 @@ def blas() -> str:
     except OSError:
         return UNKNOWN
     paths = {Path(line.split(maxsplit=5)[5]) for line in lines if _BLAS.search(line)}
-    names = sorted({f"{path.parent.name}/{path.name}" for path in paths})
-    return ", ".join(names) or UNKNOWN
+    return ", ".join(sorted({f"{path.parent.name}/{path.name}" for path in paths})) or UNKNOWN
 
 
 @cache

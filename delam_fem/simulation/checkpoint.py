@@ -33,7 +33,7 @@ from delam_fem.case.sections import TimeStepping
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import Engine, Outcome, State
 from delam_fem.simulation.recorder import Columns, Jumps, PeriodRecord, Recorder
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import read_arrays, write_arrays
 
 if TYPE_CHECKING:
@@ -343,10 +343,9 @@ def _of_any_length(case: Case) -> str:
 
 def _damaged(path: Path, error: Exception) -> CaseError:
     """Return the error for a file that is not a whole checkpoint."""
-    reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
     return CaseError(
-        f"checkpoint: {path} is damaged or no checkpoint ({reason}); run without --resume or "
-        "--extend to compute everything again, with --overwrite in the same folder"
+        f"checkpoint: {path} is damaged or no checkpoint ({reason_of(error)}); run without "
+        "--resume or --extend to compute everything again, with --overwrite in the same folder"
     )
 
 
@@ -360,8 +359,7 @@ def _restored(
     outcome: Progress = str(data["outcome"])  # type: ignore[assignment]
     present, k = engine.state(), int(data["n_closed"])
     damping, contact = (float(loss) for loss in data["losses"])
-    internal = data["internal"] if "internal" in data else None
-    state = State(data["motion"], data["resting"], (damping, contact), internal)
+    state = State(data["motion"], data["resting"], (damping, contact), data.get("internal"))
     shapes = (present.motion.shape, present.resting.shape)
     if (state.motion.shape, state.resting.shape) != shapes or not 0 < k <= recorder.n_periods:
         raise ValueError("arrays of another size")
@@ -369,31 +367,25 @@ def _restored(
         getattr(recorder, name)[:k] = data[name]
     for j in range(min(k, recorder.window.maxlen or k)):
         prefix = f"window_{j}_"
-        names = [name for name in data if name.startswith(prefix)]
-        record = _rebuild({n.removeprefix(prefix): data[n] for n in names})
-        record.frames = [engine.share(frame) for frame in data[f"{prefix}frames"]]
+        own = {n.removeprefix(prefix): v for n, v in data.items() if n.startswith(prefix)}
+        released, impact, n_steps, ticks = (float(x) for x in own["totals"])
+        record = PeriodRecord(
+            own["base_states"],
+            own["u"],
+            own["v"],
+            own["frame_steps"],
+            own["start"],
+            frames=[engine.share(frame) for frame in own["frames"]],
+            contact=list(own["contact"]),
+            jumps=Jumps(Columns(*(own[f"jump_{name}"] for name in Columns._fields))),
+            released=released,
+            impact=impact,
+            n_steps=int(n_steps),
+            ticks_per_step=int(ticks),
+            resting=own["resting"],
+            damped=own["damped"],
+        )
         recorder.window.append(record)
     recorder.n_closed = k
     engine.restore(state, motion(min(k, recorder.n_periods - 1))[0])
     return outcome
-
-
-def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
-    """Return the record of a period, without its frames, from its arrays by name."""
-    released, impact, n_steps, ticks = (float(x) for x in arrays["totals"])
-    columns = Columns(*(arrays[f"jump_{name}"] for name in Columns._fields))
-    return PeriodRecord(
-        arrays["base_states"],
-        arrays["u"],
-        arrays["v"],
-        arrays["frame_steps"],
-        arrays["start"],
-        contact=list(arrays["contact"]),
-        jumps=Jumps(columns),
-        released=released,
-        impact=impact,
-        n_steps=int(n_steps),
-        ticks_per_step=int(ticks),
-        resting=arrays["resting"],
-        damped=arrays["damped"],
-    )

@@ -123,23 +123,43 @@ def spring_forces(record: PeriodRecord, structure: Structure, case: Case) -> Flo
     The forces follow from the recorded gaps: with the law "penalty" a closed pair carries its
     spring and damper, with "newton-penalty" a pair that rests (`resting_pairs`) its spring.
     """
-    o, law, own = structure.operators, case.contact, structure.layout.gap_row
+    o, own, reads = structure.operators, structure.layout.gap_row, LAWS[case.contact.law].spring
     assert own is not None  # forces are asked for only where gaps are recorded
-    first = o.n_probes + own
-    reads = LAWS[law.law].spring
     if not reads:
         return np.zeros((record.n_steps, o.n_pairs))
-    rows = slice(1, record.n_steps + 1)
+    first, rows = o.n_probes + own, slice(1, record.n_steps + 1)
     gap = o.gap0 + record.u[rows, N_BASE + first : N_BASE + first + o.n_pairs]
-    stiffness, damping = case.spring
+    carries = gap <= 0.0
+    if "penalty_damping" not in reads:
+        carries = resting_pairs(record, gap, case.contact.threshold_velocity)
+    rate = record.v[rows, first : first + o.n_pairs]
+    return contact_forces(case, gap, rate, carries, o.pair_weights)
+
+
+def contact_forces(
+    case: Case, gap: FloatArray, rate: FloatArray, carries: BoolArray, weights: FloatArray | None
+) -> FloatArray:
+    """Return -w (k U + c U̇) of pairs that carry a spring, 0 of others; the shape is that of gaps.
+
+    Laws without springs act by impulses alone; their forces are 0.
+
+    Args:
+        case: law, stiffness and damping.
+        gap: gaps U [m].
+        rate: gap rates U̇ [m/s].
+        carries: whether a pair carries a spring.
+        weights: w of each pair; None: 1.
+
+    Returns:
+        Forces, positive in compression [N].
+    """
+    reads, (stiffness, damping) = LAWS[case.contact.law].spring, case.spring
+    if not reads:
+        return np.zeros(np.shape(gap))
     force = stiffness * gap
     if "penalty_damping" in reads:
-        force = force + damping * record.v[rows, first : first + o.n_pairs]
-        carries = gap <= 0.0
-    else:
-        carries = resting_pairs(record, gap, law.threshold_velocity)
-    weights = 1.0 if o.pair_weights is None else o.pair_weights
-    return np.asarray(np.where(carries, -weights * force, 0.0))
+        force = force + damping * rate
+    return np.where(carries, -(1.0 if weights is None else weights) * force, 0.0)
 
 
 def resting_pairs(record: PeriodRecord, gap: FloatArray, threshold: float) -> BoolArray:
@@ -192,7 +212,7 @@ def _of_period(
     signal += forces @ rows.of_forces
     reads = combination(case.contact.law, case.time.scheme).reads
     is_lumped = "impulse" in reads and case.contact.impulse == "lumped"
-    weights = rows.of_lumped_impulses if is_lumped else rows.of_impulses
+    weights = rows.of_lumped_impulses if is_lumped else rows.of_forces
     assert weights is not None  # beside the weights of forces
     jumps = record.jumps.columns()
     at = np.repeat(_steps_of(record), jumps.sizes) - 1

@@ -143,8 +143,7 @@ def compiled(comm: Any, key: str, make: Callable[[Path], _T]) -> _T:
 def _places(key: str) -> tuple[Path, Path, Path]:
     """Return the folder of all libraries, that of this one, and where FFCx is to look for it."""
     name = hashlib.sha256(key.encode()).hexdigest()[:40]
-    kept = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    shared = Path(kept) / FOLDER
+    shared = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / FOLDER
     is_found = _is_intact(shared / name)
     if not is_found and not is_writable(shared):
         shared = temporary_folder() / FOLDER.name

@@ -9,6 +9,11 @@ class CaseError(ValueError):
     """Report bad input; the message names the key, what was expected and what was given."""
 
 
+def reason_of(error: Exception) -> str:
+    """Return the first line of a foreign error, shortened; its type if it has no text."""
+    return str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+
+
 def require(is_met: bool, key: str, expected: str, given: object) -> None:
     """Raise a CaseError that names key, expected and given unless a condition is met."""
     if not is_met:

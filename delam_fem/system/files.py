@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, reason_of
 
 PREFIX = ".delam_fem-"
 """Prefix of temporary names. No file of a user has it, so what a killed process left is removed.
@@ -154,8 +154,7 @@ def read_arrays(path: Path) -> dict[str, Any]:
             content = {name: archive[name] for name in archive.files}
         digest = str(content.pop(_DIGEST))
     except Exception as error:  # a damaged archive raises a dozen different ones
-        text = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
-        raise ValueError(text) from error
+        raise ValueError(reason_of(error)) from error
     if digest != _digest(content):
         raise ValueError("changed after it was written")
     return content

@@ -154,8 +154,8 @@ def require_options_used() -> None:
         if PETSc is None or PETSc.__file__ is None:
             return False
         used = ctypes.c_int(0)
-        library = ctypes.CDLL(PETSc.__file__)  # petsc4py does not offer this function
-        library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
+        # petsc4py does not offer this function
+        ctypes.CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
         return bool(used.value)
 
     unused = [f"-{name}" for name in given_options() if not is_used(name)]

@@ -11,6 +11,7 @@ from delam_fem.model.layout import (
     Interface,
     Part,
     gap_matrix,
+    in_order,
     opposite,
     selection,
     tributary_lengths,
@@ -30,8 +31,7 @@ def stack(n: int) -> list[Part]:
 
 def test_every_neighbour_of_three_laminae_has_its_pairs() -> None:
     parts = stack(3)
-    lower = opposite(parts, 0, 1)
-    upper = opposite(parts, 1, 2, first_pair=lower.places.size)
+    lower, upper = in_order((opposite(parts, 0, 1), opposite(parts, 1, 2)))
     H = gap_matrix(parts, (lower, upper), 18)
     u = np.zeros(18)
     u[[0, 6, 12]] = 1.0, 3.0, 10.0  # displacement of point 1 of each lamina

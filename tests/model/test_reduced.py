@@ -32,7 +32,7 @@ def test_each_lamina_has_its_modes_and_its_creep() -> None:
     found = reduce(closed_form.assemble(case).operators, 3)
     for i, lamina in enumerate(case.lamina):
         alpha, beta = case.rayleigh(i)
-        own = found.part == i
+        own = slice(3 * i, 3 * i + 3)
         omega = lamina.angular_frequencies(2)
         np.testing.assert_allclose(np.sqrt(found.squares[own][:2]), omega, rtol=2e-3)
         np.testing.assert_allclose(found.damping[own], alpha + beta * found.squares[own])

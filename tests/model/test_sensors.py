@@ -91,7 +91,7 @@ def test_impulses_act_through_the_matrix_of_the_law() -> None:
     p = np.linspace(0.1, 2.0, o.n_pairs)
     dof = structure.layout.parts[1].dofs[10, 0]
     change = splu(o.mass.tocsc()).solve(o.gap_matrix.T @ p)
-    assert sensor.of_impulses @ p == pytest.approx(change[dof], rel=1e-8)
+    assert sensor.of_forces @ p == pytest.approx(change[dof], rel=1e-8)
     lumped = (o.gap_matrix.T @ p) / o.lumped_mass
     assert sensor.of_lumped_impulses @ p == pytest.approx(lumped[dof], rel=1e-8)
     assert (sensor.unit, sensor.words) == ("m/s2", "acceleration of thin at 0.3425 m")

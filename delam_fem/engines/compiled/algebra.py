@@ -61,14 +61,12 @@ def dense_rows(matrix: sp.spmatrix) -> Rows:
     """Return a matrix as `Rows` with all its entries, also those that are zero."""
     values = np.asarray(matrix.todense(), dtype=float)
     n, width = values.shape
-    columns = np.tile(np.arange(width), n)
-    return Rows(width * np.arange(n + 1), columns, values.ravel(), width)
+    return Rows(width * np.arange(n + 1), np.tile(np.arange(width), n), values.ravel(), width)
 
 
 def band_order(pattern: sp.spmatrix) -> IntArray:
     """Return the place of each dof in reverse Cuthill–McKee order, shape (n,)."""
-    csr = sp.csr_matrix(abs(pattern))
-    order = reverse_cuthill_mckee(csr, symmetric_mode=False)
+    order = reverse_cuthill_mckee(sp.csr_matrix(abs(pattern)), symmetric_mode=False)
     place = np.empty(order.size, dtype=np.int64)
     place[order] = np.arange(order.size)
     return place

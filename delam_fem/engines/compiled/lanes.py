@@ -99,8 +99,7 @@ def load(typing, pointer, index):  # type: ignore[no-untyped-def]
     """Return the vector of the four numbers that begin at an index behind a pointer."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
-        return builder.load(place, align=8)
+        return builder.load(_address(context, builder, signature, values), align=8)  # type: ignore[no-untyped-call]
 
     return float64x4(pointer, index), code
 
@@ -110,8 +109,7 @@ def store(typing, pointer, index, value):  # type: ignore[no-untyped-def]
     """Write the four numbers of a vector, beginning at an index behind a pointer."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
-        builder.store(values[2], place, align=8)
+        builder.store(values[2], _address(context, builder, signature, values), align=8)  # type: ignore[no-untyped-call]
         return context.get_dummy_value()
 
     return types.none(pointer, index, value), code
@@ -150,8 +148,7 @@ def _shuffled(order: tuple[int, ...]):  # type: ignore[no-untyped-def]
     @intrinsic
     def function(typing, a):  # type: ignore[no-untyped-def]
         def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-            mask = ir.Constant(_LANES, list(order))
-            return builder.shuffle_vector(values[0], values[0], mask)
+            return builder.shuffle_vector(values[0], values[0], ir.Constant(_LANES, list(order)))
 
         return float64x4(a), code
 
@@ -498,8 +495,7 @@ class Chains:
 def lane_order(n_elements: int) -> IntArray:
     """Return the place of each dof of two laminae in lane order, shape (4 n,)."""
     m = (n_elements + 1) // 2
-    dof = np.arange(4 * n_elements)
-    lamina, rest = np.divmod(dof, 2 * n_elements)
+    lamina, rest = np.divmod(np.arange(4 * n_elements), 2 * n_elements)
     node, component = rest // BLOCK + 1, rest % BLOCK
     is_far = node > m
     row = np.where(is_far, 2 * m - node, node - 1)
@@ -567,11 +563,6 @@ def rayleigh(operators: Operators) -> tuple[FloatArray, FloatArray] | None:
 def product_tape(matrix: Chains) -> FloatArray:
     """Return the coefficients of y = A x: before, middle, after of each row, shape (48 m,)."""
     return _tape(matrix.before, matrix.middle, matrix.after)
-
-
-def diagonal_tape(matrix: Chains) -> FloatArray:
-    """Return the diagonal of A, shape (8 m,)."""
-    return flat(np.einsum("rlii->ril", matrix.middle))
 
 
 def form_tape(matrix: Chains) -> FloatArray:

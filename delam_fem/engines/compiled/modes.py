@@ -389,8 +389,7 @@ def _pays(o: Operators) -> bool:
     if not 0 < n <= MOST_DOFS:
         return False
     pattern = sp.coo_matrix(abs(o.mass) + abs(o.stiffness) + abs(o.damping))
-    order = sp.csgraph.reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=False)
-    place = np.argsort(order)
+    place = np.argsort(sp.csgraph.reverse_cuthill_mckee(pattern.tocsr(), symmetric_mode=False))
     width = int(abs(place[pattern.row] - place[pattern.col]).max(initial=0))  # of the band
     in_step = 2.0 * pattern.nnz / n + 4.0 * width
     return bool(2.0 * o.n_pairs + 12.0 < 4.0 * in_step)

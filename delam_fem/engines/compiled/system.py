@@ -347,7 +347,7 @@ def _with_scheme(chained: _Chained, scheme: StepNumbers) -> System:
     table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (scheme.theta * c_M)
     table[lk.TO_U], table[lk.MINUS_RHO] = scheme.p, -scheme.rho
     load = (
-        lanes.diagonal_tape(M.scaled(dt * c_M / c_K))
+        lanes.flat(np.einsum("rlii->ril", M.scaled(dt * c_M / c_K).middle))
         if is_diagonal
         else lanes.product_tape(K.scaled(np.full(lanes.LANES, -dt)))
     )

@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.linear_algebra import new_vector
 from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread, whole
-from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, Energies
 from delam_fem.simulation.refinement import nearness
 from delam_fem.system.mpi import MPI
@@ -85,6 +85,7 @@ class Dynamics:
         self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
         self.is_resting = False
         self.spring_stiffness = 0.0
+        self._roots = None if o.pair_weights is None else np.sqrt(o.pair_weights)
 
     def _factor(
         self, of_damping: float, of_stiffness: float, prefix: str, scale: float
@@ -103,17 +104,13 @@ class Dynamics:
 
         Reading it adds the shares of the ranks; a run continued from a file has the same bits.
         """
-        total = self._total(self._dissipated)
+        (total,) = linear_algebra.added([self._dissipated], self.comm)
         self._dissipated = total if self.comm.rank == 0 else 0.0
         return total
 
     @dissipated.setter
     def dissipated(self, value: float) -> None:
         self._dissipated = value if self.comm.rank == 0 else 0.0
-
-    def _total(self, share: float) -> float:
-        """Return the sum of the shares of all ranks (collective)."""
-        return share if self.comm.size == 1 else linear_algebra.added([share], self.comm)[0]
 
     def begin(self, base_states: FloatArray) -> Sequence[BaseState]:
         """Begin a period; return the given states as lists.
@@ -265,11 +262,15 @@ class Dynamics:
         """Return H B⁻¹ Hᵀ of a factorised matrix B."""
         return linear_algebra.LazyCompliance(self.operators.n_pairs, partial(self._column, factor))
 
+    def _find_load(self, pairs: IntArray | int, impulses: FloatArray | float) -> None:
+        """Write the load Hᵀ p of impulses p on some pairs to `_load`."""
+        self._impulse.values[:] = 0.0
+        self._impulse.values[pairs] = impulses
+        self._H.multTranspose(self._impulse.total, self._load)
+
     def _column(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
         """Return H B⁻¹ Hᵀ e of the unit vector e of a pair, shape (n_pairs,)."""
-        self._impulse.values[:] = 0.0
-        self._impulse.values[pair] = 1.0
-        self._H.multTranspose(self._impulse.total, self._load)
+        self._find_load(pair, 1.0)
         factor.solve(self._load, self._response)
         self._H.mult(self._response, self._rate.own)
         return factor.scale * self._rate.gather()
@@ -302,10 +303,12 @@ class Dynamics:
         """Return the energy of springs on some pairs at the current gaps [J]."""
         if not self.spring_stiffness:
             return 0.0
-        gap = self._gap_values[pairs]
-        if self.operators.pair_weights is not None:
-            gap = gap * np.sqrt(self.operators.pair_weights[pairs])
+        gap = self._of_springs(self._gap_values, pairs)
         return 0.5 * self.spring_stiffness * float(gap @ gap)
+
+    def _of_springs(self, values: FloatArray, pairs: IntArray | BoolArray) -> FloatArray:
+        """Return gaps or gap rates of spring pairs, times √w if pairs have weights."""
+        return values[pairs] if self._roots is None else self._roots[pairs] * values[pairs]
 
     def state(self) -> FloatArray:
         """Return (u, v, a) of the own dofs, shape (3, n_own)."""

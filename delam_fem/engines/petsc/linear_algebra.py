@@ -84,13 +84,10 @@ def stacked(
         ahead: factor of K [s].
         inertia: factor of M.
     """
-    parts = []
-    for part in (K, C, M, base):
-        indptr, columns, values = part.getValuesCSR()
-        parts.append(sp.csr_matrix((values, columns, indptr), part.getSize()))
-    of_u, of_v, of_a, of_base = parts
-    blocks = of_u, of_v + ahead * of_u, inertia * of_a, of_base
-    whole = sp.hstack(blocks, "csr")
+    of_u, of_v, of_a, of_base = (
+        sp.csr_matrix(part.getValuesCSR()[::-1], part.getSize()) for part in (K, C, M, base)
+    )
+    whole = sp.hstack((of_u, of_v + ahead * of_u, inertia * of_a, of_base), "csr")
     whole.eliminate_zeros()
     return matrix(whole, MPI.COMM_SELF)
 
@@ -367,8 +364,7 @@ class Shared:
     def gather(self) -> FloatArray:
         """Update `values` from the contributions of all ranks (collective) and return them."""
         if not self._is_alone:
-            own = self._memory[self._sent]
-            self._comm.Allgatherv(own, [self._parts, self._counts])
+            self._comm.Allgatherv(self._memory[self._sent], [self._parts, self._counts])
             self.values[:] = np.bincount(self._places, self._parts, self.values.size)
         return self.values
 

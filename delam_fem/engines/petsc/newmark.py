@@ -113,7 +113,6 @@ class Newmark(Dynamics):
             self._compliance(self._M_factor) if coupled_impulses else LumpedCompliance(o)
         )
         self._pairs = np.flatnonzero(self.resting)
-        self._roots = None if o.pair_weights is None else np.sqrt(o.pair_weights)
 
     def _size(self, time_step: float, beta: float, gamma: float) -> _Size:
         """Return a size of steps with its factor."""
@@ -124,8 +123,9 @@ class Newmark(Dynamics):
         softness = self.spring_stiffness * to_u + self._spring_damping * to_v
         keep_u, keep_v = (0.5 - beta) * dt**2, (1.0 - gamma) * dt
         stack = self._stack(*(dt, -1.0) if self._is_average else (0.0, 0.0))
-        S = self._compliance(factor)
-        return _Size(dt, to_u, to_v, keep_u, keep_v, softness, factor, stack, S)
+        return _Size(
+            dt, to_u, to_v, keep_u, keep_v, softness, factor, stack, self._compliance(factor)
+        )
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
@@ -182,22 +182,17 @@ class Newmark(Dynamics):
         self._dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._spring_damping and self._pairs.size:
             self._H.mult(both, self._rate.own)
-            rate = self._of_springs(self._rate.gather())
+            rate = self._of_springs(self._rate.gather(), self._pairs)
             factor = 0.25 * self.time_step * self._spring_damping
             self.damped[self._pairs] += factor * rate**2
             self.contact_damped += factor * float(rate @ rate)
-        smallest: float = self._gap_vector.min()[1]
-        return smallest
+        return self._gap_vector.min()[1]
 
     # -- springs ------------------------------------------------------------------------------
 
     def _push_springs(self) -> None:
         """Correct the candidate state by the forces of the springs (N2)."""
-        k, c = self.spring_stiffness, self._spring_damping
-        drive = k * self._of_springs(self._gap_values)
-        if c:
-            drive += c * self._of_springs(self._rate_values)
-        now = self._now
+        drive, now = self._spring_loads(), self._now
         if now.resistance is not None:
             forces = now.resistance @ drive
         else:
@@ -209,10 +204,12 @@ class Newmark(Dynamics):
         self.v.axpy(now.to_v, self._response)
         self._see()
 
-    def _of_springs(self, values: FloatArray) -> FloatArray:
-        """Return gaps or gap rates of the spring pairs, times √w if pairs have weights."""
-        own = values[self._pairs]
-        return own if self._roots is None else self._roots[self._pairs] * own
+    def _spring_loads(self) -> FloatArray:
+        """Return k U + c U̇ of the spring pairs at the current state."""
+        loads = self.spring_stiffness * self._of_springs(self._gap_values, self._pairs)
+        if self._spring_damping:
+            loads += self._spring_damping * self._of_springs(self._rate_values, self._pairs)
+        return loads
 
     def _push(self, forces: FloatArray) -> None:
         """Write the load H^T λ of forces λ on the spring pairs to `_load`."""
@@ -234,7 +231,9 @@ class Newmark(Dynamics):
             self._now.A.solve(self._load, self._response)
             self._H.mult(self._response, self._rate.own)
             # factors solve with -A, so that S appears with the other sign
-            image = direction - self._now.softness * self._of_springs(self._rate.gather())
+            image = direction - self._now.softness * self._of_springs(
+                self._rate.gather(), self._pairs
+            )
             length = square / float(direction @ image)
             forces += length * direction
             residual -= length * image
@@ -284,10 +283,8 @@ class Newmark(Dynamics):
 
     def _impact(self, decision: Decision) -> float:
         """Change the velocities by impulses; return the change of kinetic energy [J]."""
-        self._impulse.values[:] = 0.0
-        self._impulse.values[decision.hit] = decision.impulses
+        self._find_load(decision.hit, decision.impulses)
         load, change, mean = self._load, self._response, self._velocities
-        self._H.multTranspose(self._impulse.total, load)
         if self._coupled:
             self._M_factor.solve(load, change)
             change.scale(self._M_factor.scale)
@@ -297,16 +294,13 @@ class Newmark(Dynamics):
         self._M.mult(change, load)
         self.v.axpy(1.0, change)
         self._see()
-        return self._total(float(load.dot(mean)))
+        return linear_algebra.added([float(load.dot(mean))], self.comm)[0]
 
     def renew_acceleration(self) -> None:
         """Compute a from M a = f - C v - K u - H^T λ at the current state."""
         self._find_residual(self._base_states[self._step])
         if self._pairs.size:
-            forces = self.spring_stiffness * self._of_springs(self._gap_values)
-            if self._spring_damping:
-                forces += self._spring_damping * self._of_springs(self._rate_values)
-            self._push(forces)
+            self._push(self._spring_loads())
             self._residual.axpy(1.0, self._load)
         self._M_factor.solve(self._residual, self.a)
 

@@ -321,8 +321,7 @@ class MoreauJean(Dynamics):
         if self._is_touching:
             fastest = max(-self._rate_vector.min()[1], self._rate_vector.max()[1])
             self._predicted.own.shift(-CLOSED * dt * fastest)
-        smallest: float = self._predicted.own.min()[1]
-        return smallest
+        return self._predicted.own.min()[1]
 
     def _account(self, load: PETSc.Vec, factor: float) -> None:
         """Account for the change of velocities that the solution for a load is going to make."""
@@ -359,9 +358,7 @@ class MoreauJean(Dynamics):
 
     def _solve_impulses(self, pairs: IntArray, impulses: FloatArray) -> None:
         """Solve with the load of impulses on some pairs."""
-        self._impulse.values.fill(0.0)
-        self._impulse.values[pairs] = impulses
-        self._H.multTranspose(self._impulse.total, self._load)
+        self._find_load(pairs, impulses)
         self._now.A.solve(self._load, self._response)
 
     def _respond(self, pair: int) -> tuple[PETSc.Vec, PETSc.Vec]:

@@ -60,8 +60,9 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         ),
         strict=True,
     )
-    matrices = sp.block_diag(M), sp.block_diag(K)
-    return side_by_side(case, clamped_parts(case, x), matrices, np.concatenate(lumped))
+    return side_by_side(
+        case, clamped_parts(case, x), (sp.block_diag(M), sp.block_diag(K)), np.concatenate(lumped)
+    )
 
 
 def _stack(case: Case, stack: Network) -> Structure:
@@ -230,8 +231,9 @@ def sum_elements(elements: FloatArray) -> sp.csr_matrix:
     n = len(elements)
     dofs = 2 * np.arange(n)[:, None] + np.arange(4)  # (n, 4)
     rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
-    entries = elements.reshape(n, 16)
-    return sp.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * n + 2,) * 2)
+    return sp.csr_matrix(
+        (elements.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * n + 2,) * 2
+    )
 
 
 def _nodes(case: Case, x: npt.ArrayLike) -> FloatArray:

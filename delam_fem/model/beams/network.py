@@ -69,8 +69,9 @@ from delam_fem.model.layout import (
     cells_at,
     columns_of,
     gap_matrix,
+    in_order,
     interpolation_rows,
-    neighbours,
+    opposite,
     place_of,
     probe_rows,
     tributary_lengths,
@@ -140,10 +141,8 @@ class Network:
         return self.n_free + 1 + self.n_axial
 
     def groups(self) -> Iterator[tuple[Segment, Group]]:
-        """Yield every segment with each of its groups."""
-        for segment in self.segments:
-            for group in segment.groups:
-                yield segment, group
+        """Return every segment with each of its groups, one after the other."""
+        return ((segment, group) for segment in self.segments for group in segment.groups)
 
     def ties(self, segment: Segment, case: Case) -> bool:
         """Return whether both ends of a segment are held or bonded."""
@@ -176,8 +175,7 @@ class Network:
 
     def cluster(self, node: int, lamina: int) -> Group:
         """Return the laminae that form a plane section with a lamina at a node."""
-        touching = [s.groups for s in self.segments if s.first <= node <= s.last]
-        return next(c for c in joined(touching) if lamina in c)
+        return next(c for c in clusters(self.segments, node) if lamina in c)
 
     def row(self, node: int, lamina: int, component: int) -> list[tuple[int, float]]:
         """Return deflection (0) or slope (1) of a lamina at a node as columns with factors."""
@@ -298,8 +296,7 @@ def eliminated(matrix: sp.spmatrix, n_kept: int) -> sp.csr_matrix:
     coupled = np.unique(K_ad.indices)
     dense = K_ad[:, coupled].toarray()
     change = dense.T @ np.linalg.pinv(K[n_kept:, n_kept:].toarray(), hermitian=True) @ dense
-    where = np.ix_(coupled, coupled)
-    rows, columns = (grid.ravel() for grid in np.broadcast_arrays(*where))
+    rows, columns = (grid.ravel() for grid in np.broadcast_arrays(*np.ix_(coupled, coupled)))
     full = sp.csr_matrix((0.5 * (change + change.T).ravel(), (rows, columns)), K_dd.shape)
     return without_round_off(K_dd - full)
 
@@ -367,8 +364,7 @@ def _segments(case: Case, x: FloatArray) -> tuple[Segment, ...]:
     segments = []
     for first, last in pairwise(junctions):
         cuts = {upper for upper, start, end in spans if start <= first and last <= end}
-        starts = [0, *sorted(cuts), len(names)]
-        groups = tuple(tuple(range(a, b)) for a, b in pairwise(starts))
+        groups = tuple(tuple(range(a, b)) for a, b in pairwise([0, *sorted(cuts), len(names)]))
         segments.append(Segment(first, last, groups))
     return tuple(segments)
 
@@ -384,11 +380,11 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
     Raises:
         CaseError: see `initial_gap` and `opening_at_rest`.
     """
-    gaps = [np.zeros(0)]
-    for interface in layout.interfaces:
-        x = layout.parts[interface.parts[0]].positions(interface.places)
-        gaps.append(opening(case, layout, interface, x))
-    return np.concatenate(gaps)
+    gaps = (
+        opening(case, layout, own, layout.parts[own.parts[0]].positions(own.places))
+        for own in layout.interfaces
+    )
+    return np.concatenate([np.zeros(0), *gaps])
 
 
 def opening(case: Case, layout: Layout, interface: Interface, x: FloatArray) -> FloatArray:
@@ -559,13 +555,12 @@ def _operators(
     n = lumped.size - 1
     M, C, K = (sp.csr_matrix(matrix) for matrix in matrices)
     m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
-    corner = float(M[n, n]), float(C[n, n]), float(K[n, n])
     return Operators(
         mass=M[:n, :n],
         damping=C[:n, :n],
         stiffness=K[:n, :n],
         lumped_mass=lumped[:n],
-        base=BaseCoupling(m, c, k, corner=corner),
+        base=BaseCoupling(m, c, k, corner=(float(M[n, n]), float(C[n, n]), float(K[n, n]))),
         gap_matrix=gap_matrix(layout.parts, layout.interfaces, n),
         gap0=gap_at_rest(case, layout),
         pair_weights=pair_weights(case, layout),
@@ -688,11 +683,12 @@ def layout_of(
     Args:
         case: the case.
         parts: its laminae, which share their points.
-        interfaces: between them; None: of opposite points, see `neighbours`.
+        interfaces: between them; None: of opposite points, see `opposite`.
         reading: see `Layout`.
     """
     if interfaces is None:
-        interfaces = neighbours(parts, case.contact.points_per_element)
+        per_element, pairs = case.contact.points_per_element, pairwise(range(len(parts)))
+        interfaces = in_order([opposite(parts, *own, per_element=per_element) for own in pairs])
     return Layout(parts, interfaces, probes_of(case, parts[0].x), reading=reading)
 
 

@@ -118,8 +118,9 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
                 f"sensor.{sensor.name}.quantity: an acceleration needs the inverse of the mass "
                 "matrix, which no rank has alone; run on one rank, or read the velocity"
             )
-    structure = Structure(operators, layout, body)
-    return completed(structure, case, _surface_strain(case, unknowns, layout.parts[0]))
+    return completed(
+        Structure(operators, layout, body), case, _surface_strain(case, unknowns, layout.parts[0])
+    )
 
 
 def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
@@ -215,8 +216,9 @@ def _matrices(
         M = unknowns.diagonal(values)
     else:
         M = unknowns.restricted(matrix)
-    stiffness = unknowns.columns.stiffness(rigidity, case.model.poisson)
-    K = unknowns.restricted(stiffness, is_relative=True)
+    K = unknowns.restricted(
+        unknowns.columns.stiffness(rigidity, case.model.poisson), is_relative=True
+    )
     is_plain = unknowns.columns.is_plain
     return M, K, np.array(unknowns.diagonal(values).rows.data) if is_plain else None
 
@@ -338,7 +340,7 @@ def _layout(
         unknowns.parts,
         comm if comm.size > 1 else None,
     )
-    return layout_of(case, parts, tuple(facing.interfaces(parts, touching, case)), reading)
+    return layout_of(case, parts, facing.interfaces(parts, touching, case), reading)
 
 
 def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:
@@ -349,8 +351,7 @@ def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:
     degree; a strain is interpolated between the two nearest of these points along the lamina.
     """
     solid, mesh = unknowns.solid, unknowns.solid.mesh
-    gauss = GAUSS[case.model.degree]
-    accurate = (part.x[:-1, None] + np.diff(part.x)[:, None] * gauss).ravel()
+    accurate = (part.x[:-1, None] + np.diff(part.x)[:, None] * GAUSS[case.model.degree]).ravel()
 
     def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
         at = float(part.positions(np.array([place]))[0])

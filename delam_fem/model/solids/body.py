@@ -266,8 +266,7 @@ def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
     Raises:
         CaseError: the lamina does not reach one of the positions.
     """
-    boundary = surface(mesh, mesh.lamina == lamina)
-    corners = mesh.points[boundary]
+    corners = mesh.points[surface(mesh, mesh.lamina == lamina)]
     origins = np.zeros((x.size, mesh.dim))
     origins[:, 0] = x
     if mesh.dim == 3:

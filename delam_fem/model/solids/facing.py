@@ -30,7 +30,7 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.model.beams.network import gap_at_rest
-from delam_fem.model.layout import Interface, Layout, Part, half_ways
+from delam_fem.model.layout import Interface, Layout, Part, half_ways, in_order, places_of
 from delam_fem.model.solids.forms import Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import (
     FACET_OF,
@@ -47,8 +47,6 @@ from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 MANY = 0.2
 """Share of points without an opposite facet above which the user is told."""
-_AT_POINT = 1e-9
-"""Share of a cell of a part within which a pair is at its end."""
 _log = logging.getLogger(__name__)
 
 
@@ -104,8 +102,13 @@ class Pairs:
 
     def chosen(self, kept: BoolArray | IntArray) -> Pairs:
         """Return some of the pairs, for example those that can move."""
-        own = self.upper[kept], self.cells[kept], self.gap[kept]
-        return Pairs(self.facing, self.lower.chosen(kept), *own)
+        return Pairs(
+            self.facing,
+            self.lower.chosen(kept),
+            self.upper[kept],
+            self.cells[kept],
+            self.gap[kept],
+        )
 
 
 def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
@@ -210,8 +213,7 @@ def at_places(
     N, _ = shape_functions(FACET_OF[mesh.cell], local)
     normal = np.einsum("kv,kvi->ki", N, _smooth(facing.lower, normals)[facet])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    places = origins + hits.distance[first, None] * upwards
-    return Points(places, cells[facet], normal, weights)
+    return Points(origins + hits.distance[first, None] * upwards, cells[facet], normal, weights)
 
 
 def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
@@ -266,7 +268,6 @@ def interface(
     parts: Sequence[Part],
     between: tuple[int, int],
     x: FloatArray,
-    first_pair: int = 0,
     *,
     at_points: bool = False,
 ) -> Interface:
@@ -276,19 +277,15 @@ def interface(
         parts: all parts, which share their points.
         between: numbers of the lower and the upper part.
         x: positions of the pairs, shape (n,) [m].
-        first_pair: row of the first pair in the gap matrix.
         at_points: take for each pair the nearest point of the parts, for meshes whose pairs lie
             anywhere.
     """
-    grid = parts[between[0]].x
-    place = np.interp(x, grid, np.arange(grid.size, dtype=np.float64))
-    nearest = np.round(place)
-    is_at_point = np.abs(place - nearest) < _AT_POINT
-    place = np.where(is_at_point | at_points, nearest, place)
+    place = places_of(parts[between[0]], x)
+    place = np.round(place) if at_points else place
     end = np.ceil(place)
     local = np.where(place == end, 1.0, place - end + 1.0)  # so that differences are of round-off
     name = "-".join(parts[number].name for number in between)
-    return Interface(name, between, end - 1.0 + local, first_pair)
+    return Interface(name, between, end - 1.0 + local)
 
 
 def _first(hits: Hits, n_lines: int, key: FloatArray | IntArray) -> IntArray:
@@ -461,22 +458,19 @@ def touching(
     """
     solid, every, H = unknowns.solid, [], [sp.csr_matrix((0, unknowns.n_own))]
     for sides in solid.mesh.sides:
-        points = _points(case, solid.mesh, sides, x)
-        found = project(solid.mesh, sides, points)
+        found = project(solid.mesh, sides, _points(case, solid.mesh, sides, x))
         of_all = gathered(gap_rows(solid, found), solid.comm)
         of_all.data[np.abs(of_all.data) < _ROUND_OFF] = 0.0
         rows = sp.csr_matrix(of_all @ unknowns.free)
         rows.eliminate_zeros()
         own = np.asarray(abs(rows).sum(axis=1)).ravel()
-        if solid.comm.size > 1:
-            own = np.sum(solid.comm.allgather(own), axis=0)
-        moves = np.asarray(own > 0.0)  # which pairs any free dof moves
+        moves = np.sum(solid.comm.allgather(own), axis=0) > 0.0  # which pairs any free dof moves
         every.append(found.chosen(moves))
         H.append(rows[moves])
     return tuple(every), sp.vstack(H, format="csr")
 
 
-def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> list[Interface]:
+def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> tuple[Interface, ...]:
     """Return the interfaces of all pairs, which follow one another.
 
     Args:
@@ -484,12 +478,8 @@ def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> lis
         every: the pairs of each interface.
         case: the case.
     """
-    result: list[Interface] = []
-    for own in every:
-        first = sum(other.places.size for other in result)
-        is_file = case.mesh.file is not None
-        result.append(interface(parts, own.facing.parts, own.x, first, at_points=is_file))
-    return result
+    is_file = case.mesh.file is not None
+    return in_order([interface(parts, own.facing.parts, own.x, at_points=is_file) for own in every])
 
 
 def weights(
@@ -547,8 +537,7 @@ def gaps(case: Case, layout: Layout, every: Sequence[Pairs]) -> FloatArray:
 def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> Points:
     """Return the points of the lower side at which pairs are sought."""
     if case.mesh.file is not None:
-        is_tetrahedral = mesh.cell == "tetrahedron"
-        return (at_middles if is_tetrahedral else at_vertices)(mesh, sides)
+        return (at_middles if mesh.cell == "tetrahedron" else at_vertices)(mesh, sides)
     lower, upper = (case.lamina[i] for i in sides.parts)
     across = None
     if mesh.dim == 3:

@@ -107,11 +107,6 @@ class Solid:
         return int(self.space.dofmap.index_map.local_range[0])
 
     @property
-    def ghost_nodes(self) -> IntArray:
-        """Global nodes that this rank shares but does not own; locally they follow its own."""
-        return np.asarray(self.space.dofmap.index_map.ghosts, dtype=np.int64)
-
-    @property
     def n_own_cells(self) -> int:
         """Number of cells that this rank owns, the first of `input_cell`."""
         return int(self.domain.topology.index_map(self.dim).size_local)
@@ -130,16 +125,12 @@ class Solid:
         Returns:
             Rows of -1 for cells that another rank owns.
         """
-        own = self.input_cell[: self.n_own_cells]
-        place = np.full(len(self.mesh.cells), -1, dtype=np.int64)
-        place[own] = np.arange(own.size)
-        local = place[cells]
-        nodes = self.local_nodes[: self.n_own_cells]
-        flat = np.ascontiguousarray(nodes.ravel(), dtype=np.int32)
-        table = self.space.dofmap.index_map.local_to_global(flat).reshape(nodes.shape)
-        result = np.full((len(cells), table.shape[1]), -1, dtype=np.int64)
-        result[local >= 0] = table[local[local >= 0]]
-        return result
+        own = self.local_nodes[: self.n_own_cells]
+        flat = np.ascontiguousarray(own.ravel(), dtype=np.int32)
+        table = np.full((len(self.mesh.cells), own.shape[1]), -1, dtype=np.int64)
+        numbers = self.space.dofmap.index_map.local_to_global(flat)
+        table[self.input_cell[: self.n_own_cells]] = numbers.reshape(own.shape)
+        return table[cells]
 
     def tabulate(self, derivatives: int, points: FloatArray) -> FloatArray:
         """Return the basis of one component at reference points; see `_dolfinx.tabulate`."""
@@ -179,8 +170,7 @@ class Solid:
         owner = np.searchsorted(ends, nodes, side="right")
         asked = self.comm.alltoall([nodes[owner == rank] for rank in range(self.comm.size)])
         answers = self.comm.alltoall([own[some - self.first_node] for some in asked])
-        order = np.argsort(owner, kind="stable")
-        return np.concatenate(answers)[np.argsort(order)]
+        return np.concatenate(answers)[np.argsort(np.argsort(owner, kind="stable"))]
 
     def of_cells(self, values: FloatArray) -> Any:
         """Return a coefficient that is constant in each cell.
@@ -202,8 +192,7 @@ class Solid:
             density: of each input cell, times the width in 2D, shape (n_cells,).
         """
         u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        form = self.of_cells(density) * ufl.inner(u, v) * self._dx()
-        return _dolfinx.assemble_matrix(form)
+        return _dolfinx.assemble_matrix(self.of_cells(density) * ufl.inner(u, v) * self._dx())
 
     def stiffness(self, young_modulus: FloatArray, poisson: float) -> Any:
         """Assemble the stiffness, a PETSc matrix that the caller owns (collective).
@@ -297,18 +286,15 @@ def evaluate(solid: Solid, points: FloatArray, cells: IntArray) -> Evaluation:
         points: shape (k, dim) [m].
         cells: the input cell in which each point is, see `locate`, shape (k,).
     """
-    mesh, own_cells = solid.mesh, solid.input_cell[: solid.n_own_cells]
-    local = np.full(len(mesh.cells), -1, dtype=np.int64)
-    local[own_cells] = np.arange(own_cells.size)
-    own = np.flatnonzero(local[cells] >= 0)
+    mesh, nodes = solid.mesh, solid.nodes_of(cells)
+    own = np.flatnonzero(nodes[:, 0] >= 0)
     corners = mesh.points[mesh.cells[cells[own]]]
     X = reference_coordinates(mesh.cell, corners, points[own])
     table = solid.tabulate(1, X) if own.size else np.zeros((1 + mesh.dim, 0, 0))
     inverse = np.linalg.inv(jacobians_of(mesh.cell, corners, X))  # dX_k/dx_j
     gradients = np.einsum("dkb,kdj->kbj", table[1:], inverse)
-    nodes = solid.nodes_of(cells[own])[:, : table.shape[2]]
-    n_dofs = mesh.dim * solid.n_nodes
-    return Evaluation(len(points), n_dofs, own, nodes, table[0], gradients)
+    at = nodes[own, : table.shape[2]]
+    return Evaluation(len(points), mesh.dim * solid.n_nodes, own, at, table[0], gradients)
 
 
 def gathered(rows: sp.csr_matrix, comm: MPI.Intracomm) -> sp.csr_matrix:
@@ -366,8 +352,7 @@ class Recovery:
             young_modulus: of each cell, shape (n_cells,) [Pa].
             poisson: Poisson's ratio.
         """
-        at_nodes = _dolfinx.reference_nodes(mesh.cell, degree)
-        places, continued = sampled(mesh.cell, degree, at_nodes)
+        places, continued = sampled(mesh.cell, degree, _dolfinx.reference_nodes(mesh.cell, degree))
         corners, k = mesh.points[mesh.cells], len(places)
         every = np.repeat(corners, k, axis=0)
         inverse = np.linalg.inv(jacobians_of(mesh.cell, every, np.tile(places, (len(corners), 1))))
@@ -375,8 +360,7 @@ class Recovery:
         table = _dolfinx.tabulate(mesh.cell, degree, 1, places)[1:]
         gradients = np.einsum("dkb,ckdj->ckbj", table, inverse)
         rows = points.ravel()
-        count = np.bincount(rows)
-        mean = sp.csr_matrix((1.0 / count[rows], (rows, np.arange(rows.size))))
+        mean = sp.csr_matrix((1.0 / np.bincount(rows)[rows], (rows, np.arange(rows.size))))
         nu, mu = poisson, young_modulus / (2.0 * (1.0 + poisson))
         spread = 1.0 - nu if mesh.dim == 2 else 1.0 - 2.0 * nu
         return cls(nodes, gradients, continued, mean, np.array([mu, 2.0 * mu * nu / spread]))

@@ -182,8 +182,7 @@ def locate(mesh: SolidMesh, points: FloatArray, lamina: IntArray | int) -> IntAr
     result = np.full(len(points), -1, dtype=np.int64)
     for number in np.unique(of_point):
         chosen = np.flatnonzero(of_point == number)
-        cells = np.flatnonzero(mesh.lamina == number)
-        result[chosen] = _cells_of(mesh, points[chosen], cells)
+        result[chosen] = _cells_of(mesh, points[chosen], np.flatnonzero(mesh.lamina == number))
     if np.any(result < 0):
         worst = int(np.flatnonzero(result < 0)[0])
         raise ValueError(f"point {points[worst]} is in no cell of lamina {of_point[worst]}")
@@ -256,15 +255,13 @@ def shape_functions(cell: str, X: FloatArray) -> tuple[FloatArray, FloatArray]:
     k, d = X.shape
     if cell not in (*TENSOR, "interval"):
         N = np.column_stack([1.0 - X.sum(axis=1), X])
-        slopes = np.vstack([-np.ones(d), np.eye(d)])
-        return N, np.broadcast_to(slopes, (k, d + 1, d))
+        return N, np.broadcast_to(np.vstack([-np.ones(d), np.eye(d)]), (k, d + 1, d))
     # in tensor order, bit j of a vertex's number is its coordinate X_j
     bits = (np.arange(2**d)[:, None] >> np.arange(d)) & 1  # (n_vertices, d)
     factors = np.where(bits, X[:, None, :], 1.0 - X[:, None, :])
     dN = np.empty((k, 2**d, d))
     for j in range(d):
-        others = np.prod(np.delete(factors, j, axis=2), axis=2)
-        dN[:, :, j] = (2.0 * bits[:, j] - 1.0) * others
+        dN[:, :, j] = (2.0 * bits[:, j] - 1.0) * np.prod(np.delete(factors, j, axis=2), axis=2)
     return np.prod(factors, axis=2), dN
 
 

@@ -57,8 +57,7 @@ def lattice(case: Case) -> SolidMesh:
                     "your own mesh in mesh.file"
                 )
     vertices = _vertices(case, x.size, bonded, is_3d=is_3d)
-    n_points = 1 + max(int(own.max()) for own in vertices)
-    points = np.empty((n_points, 3 if is_3d else 2))
+    points = np.empty((1 + max(int(own.max()) for own in vertices), 3 if is_3d else 2))
     bottom = 0.0
     for lamina, own in zip(case.lamina, vertices, strict=True):
         y = bottom + np.linspace(0.0, lamina.thickness, own.shape[1])
@@ -158,8 +157,7 @@ def _sides(vertices: list[IntArray], bonded: BoolArray) -> tuple[Facing, ...]:
     for i, is_bonded in enumerate(bonded):
         if is_bonded.all():
             continue
-        strips = max(vertices[i].shape[2] - 1, 1)
-        is_open = np.repeat(~is_bonded, strips)
+        is_open = np.repeat(~is_bonded, max(vertices[i].shape[2] - 1, 1))
         lower, upper = _facets(vertices[i][:, -1]), _facets(vertices[i + 1][:, 0])
         sides.append(Facing((i, i + 1), lower[is_open], upper[is_open]))
     return tuple(sides)
@@ -410,8 +408,7 @@ class _Reader:
             name: of the group.
             lamina: the lamina whose facets they must be; None: of any.
         """
-        m = len(FACETS[self.cell][0])
-        facets = place[self._group(name, _KINDS[self.cell][1], m)]
+        facets = place[self._group(name, _KINDS[self.cell][1], len(FACETS[self.cell][0]))]
         if self.cell == "hexahedron":
             facets = facets[:, _ORDER["quadrilateral"]]
         if np.any(facets < 0):

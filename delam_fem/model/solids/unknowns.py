@@ -180,8 +180,7 @@ def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> flo
 def _clusters(facets: IntArray) -> list[IntArray]:
     """Return the numbers of the facets that vertices connect, cluster by cluster."""
     n, m = facets.shape
-    entries = np.ones(n * m), (np.repeat(np.arange(n), m), facets.ravel())
-    touches = sp.csr_matrix(entries)
+    touches = sp.csr_matrix((np.ones(n * m), (np.repeat(np.arange(n), m), facets.ravel())))
     count, label = connected_components(touches @ touches.T, directed=False)
     return [np.flatnonzero(label == number) for number in range(count)]
 
@@ -227,8 +226,7 @@ class Columns:
             held: global nodes whose columns keep their displacements.
         """
         n = solid.n_nodes
-        pieces = solid.comm.allgather(_links(solid))
-        a, b = np.concatenate(pieces, axis=1)
+        a, b = np.concatenate(solid.comm.allgather(_links(solid)), axis=1)
         graph = sp.csr_matrix((np.ones(a.size, dtype=np.int8), (a, b)), shape=(n, n))
         _, column = connected_components(graph, directed=False)
         _, first = np.unique(column, return_index=True)
@@ -371,11 +369,10 @@ def _slots(nodes: IntArray, references: IntArray) -> tuple[FloatArray, IntArray]
         1 where a node follows from a slot, shape (n, n_slots); for each reference outside the cell
         the first node that has it.
     """
-    others, place = np.unique(references[~np.isin(references, nodes)], return_index=True)
-    away = np.flatnonzero(~np.isin(references, nodes))[place]
-    every = np.concatenate([nodes, others])
-    own = np.eye(nodes.size, every.size)
-    return np.maximum(own, (references[:, None] == every[None, :]).astype(np.float64)), away
+    outside = np.flatnonzero(~np.isin(references, nodes))
+    others, place = np.unique(references[outside], return_index=True)
+    is_same = references[:, None] == np.concatenate([nodes, others])
+    return np.maximum(np.eye(*is_same.shape), is_same), outside[place]
 
 
 def _cell_stiffness(
@@ -481,15 +478,13 @@ class Unknowns:
         """
         dim, comm = solid.dim, solid.comm
         columns = Columns.none(solid) if columns is None else columns
-        start = dim * solid.first_node
-        every = start + np.arange(dim * solid.n_own_nodes)
+        every = dim * solid.first_node + np.arange(dim * solid.n_own_nodes)
         kept = ~np.isin(every, np.setdiff1d(held.dofs, held.place))
         order = _order(solid)
         own = every[order][kept[order]]
         counts = comm.allgather(own.size)
         first = sum(counts[: comm.rank])
-        places = np.unique(held.place[held.place >= 0])
-        turning = np.flatnonzero(np.isin(own, places))
+        turning = np.flatnonzero(np.isin(own, held.place))
         number = dict(zip(own[turning].tolist(), (first + turning).tolist(), strict=True))
         everywhere = {d: k for piece in comm.allgather(number) for d, k in piece.items()}
         column_of = np.array([everywhere.get(int(d), -1) for d in held.place], dtype=np.int64)
@@ -552,12 +547,6 @@ class Unknowns:
             places = np.isin(self.own, held.place[of_sections])
             result[places] = np.arange(result.shape[1]) == motion
         return result
-
-    @property
-    def bodies(self) -> IntArray:
-        """Number of the separate body of each own free dof, shape (n_own,)."""
-        body, _ = _of_nodes(self.solid, self.solid.mesh.bodies)
-        return np.asarray(body[self.own // self.solid.dim - self.solid.first_node])
 
     @cached_property
     def _numbers(self) -> IntArray:
@@ -662,8 +651,7 @@ class Unknowns:
         here = (held.dofs >= start) & (held.dofs < stop)
         at_held = np.zeros(held.dofs.size)
         at_held[here] = values[held.dofs[here] - start]
-        if self.solid.comm.size > 1:
-            at_held = np.sum(self.solid.comm.allgather(at_held), axis=0)
+        at_held = np.sum(self.solid.comm.allgather(at_held), axis=0)
         for column in np.unique(self.column_of[self.column_of >= 0]).tolist():
             if self.first <= column < self.first + self.n_own:
                 turning = self.column_of == column
@@ -695,7 +683,7 @@ def _order(solid: Solid) -> IntArray:
 
 def _of_nodes(solid: Solid, of_cells: IntArray) -> tuple[IntArray, IntArray]:
     """Return the lowest and highest of the numbers `of_cells` at each own node (collective)."""
-    n, ghosts = solid.n_own_nodes, solid.ghost_nodes
+    n, ghosts = solid.n_own_nodes, solid.space.dofmap.index_map.ghosts.astype(np.int64)
     low = np.full(n + ghosts.size, np.iinfo(np.int64).max)
     high = np.full(n + ghosts.size, -1, dtype=np.int64)
     numbers = of_cells[solid.input_cell]

@@ -386,8 +386,7 @@ def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
     for row, kind in enumerate(STRESSES):
         plotter.subplot(row, 0)
         values = series.field(kind[0], frame)
-        largest = float(np.abs(values).max())
-        grid, _ = _coloured(plotter, series, points, values, (largest, *kind))
+        grid, _ = _coloured(plotter, series, points, values, (float(np.abs(values).max()), *kind))
         _held(plotter, grid, case)
         _look(plotter, points, STILL_SIZE[0] / (0.5 * STILL_SIZE[1]))
     plotter.subplot(0, 0)

@@ -25,13 +25,13 @@ from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.diagnostics import gap_field, heat, of_laminae
+from delam_fem.results.diagnostics import between, gap_field, heat, of_laminae
 from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.vtkhdf import subcells
 from delam_fem.results.folder import SOLID
 from delam_fem.results.schema import by_interface, event_interfaces
 from delam_fem.simulation.recorder import HIT, RESTING, Recorder
-from delam_fem.simulation.signals import frames_of
+from delam_fem.simulation.signals import contact_forces, frames_of
 
 if TYPE_CHECKING:
     from delam_fem.model.solids.body import Body, Shape
@@ -86,30 +86,23 @@ def contact_lights(history: xr.Dataset) -> npt.NDArray[np.uint8]:
         Shape (n_frames, n_interfaces, n_nodes).
     """
     state = by_interface(history["contact_state"])
-    is_hit = impulse_of_interfaces(history) > 0.0
-    lights = np.where(is_hit, HIT, np.where(state == RESTING, RESTING, state))
+    lights = np.where(
+        impulse_of_interfaces(history) > 0.0, HIT, np.where(state == RESTING, RESTING, state)
+    )
     return lights.transpose(1, 0, 2).astype(np.uint8)
 
 
 def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
-    """Return the forces of contact springs: -(k U + c U') at resting pairs, compression positive.
-
-    Laws without springs act by impulses alone; their forces are 0.
+    """Return the forces of contact springs of resting pairs; see `contact_forces`.
 
     Returns:
         Sums of forces at the points, shape (n_laminae, n_frames, n_nodes) [N].
     """
-    gaps = gap_field(history)
-    if not LAWS[case.contact.law].spring:
-        return of_laminae(np.zeros_like(gaps))
-    share = by_interface(history["spring_share"])[:, None]
-    stiffness, damping = case.spring
-    force = -stiffness * share * gaps
-    if "penalty_damping" in LAWS[case.contact.law].spring:
-        velocity = history["velocity"].to_numpy()
-        force -= damping * share * (velocity[1:] - velocity[:-1])
+    rates = between(np.zeros(1), history["velocity"].to_numpy())
     is_resting = by_interface(history["contact_state"]) == RESTING
-    return of_laminae(np.where(is_resting, force, 0.0), np.add)
+    share = by_interface(history["spring_share"])[:, None]
+    forces = contact_forces(case, gap_field(history), rates, is_resting, share)
+    return of_laminae(forces, np.add)
 
 
 def curvature(history: xr.Dataset) -> FloatArray:
@@ -190,11 +183,10 @@ class Frames:
 
     def _spread(self, of_pairs: FloatArray) -> FloatArray:
         """Return values of pairs (forces or impulses) as values per area at the points."""
-        result, first = np.zeros(self.shape.node.size), 0
-        for by_forces in self.shape.pressing:
-            last = first + by_forces.shape[1]
-            result += by_forces @ of_pairs[first:last]
-            first = last
+        pressing, result = self.shape.pressing, np.zeros(self.shape.node.size)
+        ends = np.cumsum([by_forces.shape[1] for by_forces in pressing])
+        for by_forces, own in zip(pressing, np.split(of_pairs, ends), strict=False):
+            result += by_forces @ own
         return result
 
     @property
@@ -268,16 +260,12 @@ def _spring_forces(
     structure: Structure, case: Case, states: list[FloatArray], resting: npt.NDArray[np.bool_]
 ) -> FloatArray:
     """Return -(k U + c U') of resting pairs at the frames (collective), (n_frames, n_pairs) [N]."""
-    o, body, reads = structure.operators, structure.body, LAWS[case.contact.law].spring
-    if body is None or not reads:
+    o, body = structure.operators, structure.body
+    if body is None or not LAWS[case.contact.law].spring:
         return np.zeros(resting.shape)
     both = np.array([(o.gap_matrix @ state.T).T for state in states])
-    both = np.sum(body.solid.comm.allgather(both), axis=0)
-    share = 1.0 if o.pair_weights is None else o.pair_weights
-    force = -case.contact.penalty_stiffness * share * (both[:, 0] + o.gap0)
-    if "penalty_damping" in reads:
-        force -= case.contact.penalty_damping * share * both[:, 1]
-    return np.where(resting, force, 0.0)
+    u, v = np.sum(body.solid.comm.allgather(both), axis=0).swapaxes(0, 1)
+    return contact_forces(case, u + o.gap0, v, resting, o.pair_weights)
 
 
 def _motion(
@@ -286,8 +274,7 @@ def _motion(
     """Return `Frames.motion` (collective), on several ranks on the first; None on the others."""
     if body.solid.comm.size == 1:
         return lambda frame: body.gathered(states[frame], base[frame])
-    size = 2 * body.free.shape[0]
-    step = max(1, AT_ONCE // size)
+    step = max(1, AT_ONCE // (2 * body.free.shape[0]))
     kept: list[FloatArray] = []
     for start in range(0, len(states), step):
         some = slice(start, start + step)

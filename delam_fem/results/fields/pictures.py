@@ -79,8 +79,7 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
     points = np.empty((*middle.shape, CORNERS, 3))
     points[..., 0] = x[:, None]
     for i, lamina in enumerate(case.lamina):
-        half = lamina.thickness / 2.0
-        points[i, :, :, 1] = middle[i][:, None] + half * UPWARDS
+        points[i, :, :, 1] = middle[i][:, None] + lamina.thickness / 2.0 * UPWARDS
         points[i, :, :, 2] = lamina.width / 2.0 * np.array([-1, -1, 1, 1])
     return points
 
@@ -135,8 +134,9 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
         side, node = -1 if np.signbit(height) else 1, int(own["stop_node"])
         face = float(middle[lamina, node]) + side * half[lamina] + enlarged * height
         state = own["stop_state"].to_numpy()
-        heat = float(own["stop_heat"])
-        found.append(Mark(lamina, node, float(x[node]), side, face, motion, state, heat))
+        found.append(
+            Mark(lamina, node, float(x[node]), side, face, motion, state, float(own["stop_heat"]))
+        )
     names = [lamina.name for lamina in case.lamina]
     for support in case.support.inside:
         lamina = names.index(support.lamina) if support.lamina else 0
@@ -431,8 +431,7 @@ def _supports(
     """
     length = case.length
     block = 3.0 * sum(lamina.thickness for lamina in case.lamina)
-    width = max(lamina.width for lamina in case.lamina)
-    side = np.array([0.0, block, 0.6 * width])
+    side = np.array([0.0, block, 0.6 * max(lamina.width for lamina in case.lamina)])
     section = side * np.column_stack([np.zeros(4), UPWARDS, [-1.0, -1.0, 1.0, 1.0]])
     blocks: list[list[tuple[FloatArray, FloatArray]]] = []
     ends = ((0, case.support.start, 0.0, -1.0), (-1, case.support.end, length, 1.0))

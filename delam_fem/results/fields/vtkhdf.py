@@ -46,14 +46,10 @@ Corner = tuple[int, ...]
 
 def _boxes(degree: int, dim: int) -> list[list[Corner]]:
     """Return the boxes of a lattice by the places of their corners."""
-    result = []
-    for low in product(range(degree), repeat=dim):
-        corners = [
-            tuple(a + ((number >> axis) & 1) for axis, a in enumerate(low))
-            for number in VTK_ORDER[dim]
-        ]
-        result.append(corners)
-    return result
+    return [
+        [tuple(a + ((n >> axis) & 1) for axis, a in enumerate(low)) for n in VTK_ORDER[dim]]
+        for low in product(range(degree), repeat=dim)
+    ]
 
 
 def _simplices(degree: int, dim: int) -> list[list[Corner]]:
@@ -65,10 +61,7 @@ def _simplices(degree: int, dim: int) -> list[list[Corner]]:
     """
     result = []
     for low, order in product(product(range(degree), repeat=dim), permutations(range(dim))):
-        steps = np.zeros((dim + 1, dim), dtype=np.int64)
-        for k, axis in enumerate(order):
-            steps[k + 1 :, axis] += 1
-        sums = np.array(low) + steps
+        sums = np.array(low) + np.tri(dim + 1, dim, -1, dtype=np.int64)[:, np.argsort(order)]
         if np.any(np.diff(sums, axis=1) > 0):
             continue  # outside the reference simplex
         corners = sums.copy()

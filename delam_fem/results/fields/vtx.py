@@ -78,8 +78,7 @@ def write_bodies(series: Series, directory: Path) -> Path | None:
 
 def mesh_of(series: Series) -> Any:
     """Return the cells of a series as a mesh of dolfinx; its input nodes are the points."""
-    is_flat = series.cell in ("triangle", "quadrilateral")
-    points = series.points[:, : 2 if is_flat else 3]
+    points = series.points[:, : 2 if series.cell in ("triangle", "quadrilateral") else 3]
     cells = series.cells
     if series.cell in TENSOR_CELLS:  # VTK's order is its own inverse
         cells = cells[:, list(VTK_ORDER[points.shape[1]])]
@@ -95,5 +94,4 @@ def lines_at_rest(history: xr.Dataset) -> tuple[FloatArray, IntArray]:
     x, positions = history["x"].to_numpy(), diagnostics.rest_positions(history)
     points = np.vstack([np.column_stack([x, y]) for y in positions])
     line = np.column_stack([np.arange(x.size - 1), np.arange(1, x.size)])
-    cells = np.vstack([line + i * x.size for i in range(len(positions))])
-    return points, cells.astype(np.int64)
+    return points, np.vstack([line + i * x.size for i in range(len(positions))]).astype(np.int64)

@@ -277,10 +277,7 @@ def channels_of(
             f"--channel {min(left)}: there is no column {shown(first)}; the files have "
             f"{', '.join(held)[:300]}"
         )
-    found = []
-    for sheet, _ in named:
-        found += _of_sheet(sheet, units, rate)
-    return found
+    return [channel for sheet, _ in named for channel in _of_sheet(sheet, units, rate)]
 
 
 def _renamed(

@@ -22,7 +22,7 @@ import xarray as xr
 
 from delam_fem.case.tables import Columns, read_columns
 from delam_fem.results.measured.channels import Column, Sheet, axis_of, heading, matrix_columns
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, reason_of
 
 
 def read_text(path: Path) -> list[Sheet]:
@@ -74,8 +74,7 @@ def load_netcdf(path: Path) -> xr.Dataset:
     try:
         return xr.load_dataset(path, engine=engine, decode_times=False)
     except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
-        reason = str(error).partition("\n")[0][:80]
-        raise CaseError(f"{path}: damaged, or no NetCDF file ({reason})") from None
+        raise CaseError(f"{path}: damaged, or no NetCDF file ({reason_of(error)})") from None
 
 
 def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
@@ -156,8 +155,7 @@ def read_matlab(path: Path) -> list[Sheet]:
             is_hdf5 = HDF5 in file.read(516)
         tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
     except Exception as error:  # both libraries raise whatever they please
-        reason = str(error).partition("\n")[0][:80]
-        raise CaseError(f"{path}: damaged, or no MATLAB file ({reason})") from None
+        raise CaseError(f"{path}: damaged, or no MATLAB file ({reason_of(error)})") from None
     found = list(_sheets(tree, str(path), {}))
     if not found:
         raise CaseError(
@@ -232,8 +230,11 @@ def _of_scipy(path: Path) -> Tree:
     """Return the variables of a MATLAB file of version 5 to 7."""
     from scipy.io import loadmat
 
-    raw = loadmat(path, simplify_cells=True)
-    return {name: _plain(value) for name, value in raw.items() if not name.startswith("__")}
+    return {
+        name: _plain(value)
+        for name, value in loadmat(path, simplify_cells=True).items()
+        if not name.startswith("__")
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -521,8 +522,9 @@ def _sheet(path: Path, block: Block, own: dict[str, Any], about: tuple[Any, ...]
     )
     place = places.get(int(own["rsp_node"]))
     column = Column(name, own["data"][:n] * scale, unit, quantity, place, kind=kind)
-    number = f"set{block.number}"
-    return Sheet(f"{path}, set {block.number}", (axis, column), notes=block.notes, alias=number)
+    return Sheet(
+        f"{path}, set {block.number}", (axis, column), notes=block.notes, alias=f"set{block.number}"
+    )
 
 
 def _unit(own: dict[str, Any], factors: dict[str, Any]) -> tuple[str | None, str, float]:

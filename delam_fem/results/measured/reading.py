@@ -162,10 +162,10 @@ def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatAr
     finest = min(channels, key=lambda channel: float(np.median(np.diff(channel.points))))
     margin = EQUAL * step
     axis = finest.points[(finest.points >= start - margin) & (finest.points <= end + margin)]
-    values = []
-    for channel in channels:
-        inside = np.clip(axis, channel.points[0], channel.points[-1])
-        values.append(CubicSpline(channel.points, channel.values)(inside))
+    values = [
+        CubicSpline(own.points, own.values)(np.clip(axis, own.points[0], own.points[-1]))
+        for own in channels
+    ]
     notes.append(
         f"channels over different values of {channels[0].axis}: interpolated to a step of "
         f"{step:.6g} from {start:.6g} to {end:.6g}"
@@ -250,8 +250,7 @@ def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
     }
     data = data.assign_coords(channel=[own.name for own in rows])
     for name, values in columns.items():
-        units = "m" if name == "position" else "1"
-        about = {"units": units, "long_name": TABLE[name]}
+        about = {"units": "m" if name == "position" else "1", "long_name": TABLE[name]}
         data[f"channel_{name}"] = (("channel",), np.array(values), about)
     return data
 

@@ -414,8 +414,7 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> list[Pole]:
 def _peaks(frequency: FloatArray, values: Any, lower: float, upper: float) -> FloatArray:
     """Return the frequencies at which the summed responses have peaks, the highest first."""
     size = (np.abs(values) ** 2).sum(axis=0)
-    level = np.log10(np.maximum(size, 1e-300))
-    found, _ = find_peaks(level, prominence=PROMINENCE)
+    found, _ = find_peaks(np.log10(np.maximum(size, 1e-300)), prominence=PROMINENCE)
     peaks: FloatArray = frequency[found[np.argsort(-size[found])]]
     return peaks[(peaks >= lower) & (peaks <= upper)]
 

@@ -329,8 +329,7 @@ def correlation(measured: FloatArray, computed: FloatArray, power: int = 1) -> f
     a, b = measured[:, known], computed[:, known]
     a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
     norms = np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1))
-    products = (a * b).sum(axis=1)
-    found = np.divide(products, norms, out=np.zeros_like(norms), where=norms > 0.0)
+    found = np.divide((a * b).sum(axis=1), norms, out=np.zeros_like(norms), where=norms > 0.0)
     return float((found**power).sum())
 
 
@@ -381,8 +380,7 @@ def _step(
     """Return the change of (tau, s) that reduces the residual most, and their deviations."""
     used = slopes if is_rate_free else slopes[:, :1]
     scale = np.sqrt((used**2).sum(axis=0)) + np.finfo(float).tiny
-    normal = (used / scale).T @ (used / scale)
-    inverse = np.linalg.pinv(normal)
+    inverse = np.linalg.pinv((used / scale).T @ (used / scale))
     change = inverse @ ((used / scale).T @ residual) / scale
     errors = np.sqrt(np.diag(inverse)) / scale
     return (change, errors) if is_rate_free else (np.r_[change, 0.0], np.r_[errors, 0.0])

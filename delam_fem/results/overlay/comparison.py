@@ -163,8 +163,7 @@ def drive_frequency(
 
     reach = reach or min(max(NEIGHBOURHOOD * expected, 2.0 / duration), 0.45 * expected)
     grid = np.arange(expected - reach, expected + reach, 0.25 / duration)
-    powers = [power(float(f)) for f in grid]
-    k = int(np.argmax(powers))
+    k = int(np.argmax([power(float(f)) for f in grid]))
     if k in (0, len(grid) - 1):
         return None
     best = minimize_scalar(

@@ -16,7 +16,7 @@ from delam_fem.model.reduced import Reduced, reduce
 def mass_at_stop(compliance: float, creep: float, gap: float = 0.0) -> Reduced:
     """Return a free mass of 1 kg above a stop with a spring 1/compliance and a dashpot."""
     return Reduced(
-        squares=np.array([1e-12]), damping=np.zeros(1), part=np.zeros(1, int),
+        squares=np.array([1e-12]), damping=np.zeros(1),
         creep=np.array([creep]), gap_modes=np.ones((1, 1)),
         compliance=np.full((1, 1, 1), compliance),
         gap0=np.array([gap]), gap_drive=np.zeros(1), loads=np.zeros((3, 1)), base_mass=0.0,

@@ -310,8 +310,8 @@ def part(x: Array) -> Part:
 
 def test_pairs_of_a_row_share_their_station() -> None:
     parts = [part(np.linspace(0, 1, 5))] * 2
-    found = interface(parts, (0, 1), np.repeat([0.25, 0.3, 1.0], 3), first_pair=4)
-    assert found.pairs == slice(4, 13)
+    found = interface(parts, (0, 1), np.repeat([0.25, 0.3, 1.0], 3))
+    assert found.pairs == slice(0, 9)
     expected = np.repeat([1.0, 1.2, 4.0], 3)
     np.testing.assert_allclose(found.places, expected, atol=1e-12)
     assert interface(parts, (0, 1), np.array([0.25, 1.0])).places.tolist() == [1.0, 4.0]

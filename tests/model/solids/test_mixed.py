@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +188,7 @@ def test_interfaces_are_the_stored_ones(stored: Check) -> None:
     parts = [Part(name, x, np.arange(8).reshape(4, 2), np.ones(3), np.ones(3)) for name in "abc"]
     at = np.array([0.03, 0.1, 0.1 + 1e-13, 0.2, 0.31, 0.45])
     found = {
-        "between": interface(parts, (0, 1), at, 7),
+        "between": replace(interface(parts, (0, 1), at), first_pair=7),
         "at points": interface(parts, (1, 2), at, at_points=True),
     }
     stored(golden.of_object(found))
