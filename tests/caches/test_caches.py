@@ -190,6 +190,7 @@ def test_without_any_folder_machine_code_goes_to_a_temporary_one(kernel: Path) -
     assert len(found[0].stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_stored_machine_code_raises_and_allocates_as_new_code_does(tmp_path: Path) -> None:
     (tmp_path / "raising.py").write_text(RAISING)
     first, second = (python(tmp_path / "raising.py", cwd=tmp_path) for _ in range(2))
