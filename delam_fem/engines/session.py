@@ -323,8 +323,8 @@ class Session:
 
     def run(
         self,
-        stop: Stop = lambda period: False,
-        enough: Stop = lambda period: False,
+        stop: Stop | None = None,
+        enough: Stop | None = None,
         every: int = ASKED_EVERY,
     ) -> Outcome:
         """Run from the last closed period to the end; return the outcome.

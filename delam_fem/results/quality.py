@@ -96,10 +96,13 @@ def decay_of_operators(operators: Operators | DistributedOperators) -> float:
     return decay if np.isfinite(decay) else 0.0
 
 
-def enough_of(case: Case, recorder: Recorder, n_parts: int, decay: float) -> Callable[[int], bool]:
+def enough_of(
+    case: Case, recorder: Recorder, n_parts: int, decay: float
+) -> Callable[[int], bool] | None:
     """Return a function that takes the number of finished periods: whether the run may end.
 
-    Only with time.periods = "settled" may a run end early, once its motion is settled. The function
+    Only with time.periods = "settled" may a run end early, once its motion is settled; with others
+    there is nothing to ask, and None is returned. The function
     judges every `EVERY` periods from the strobes alone, so that a resumed run ends after the same
     period as one that was not interrupted.
 
@@ -120,7 +123,7 @@ def enough_of(case: Case, recorder: Recorder, n_parts: int, decay: float) -> Cal
             return False
         return all(own.word == found[0].word != "not settled" for own in found)
 
-    return is_steady if case.time.periods == "settled" else lambda period: False
+    return is_steady if case.time.periods == "settled" else None
 
 
 def finished(recorder: Recorder) -> int:

@@ -258,8 +258,8 @@ def simulate(
     recorder: Recorder,
     motion: Callable[[int], FloatArray],
     *,
-    stop: Callable[[int], bool] = lambda period: False,
-    enough: Callable[[int], bool] = lambda period: False,
+    stop: Callable[[int], bool] | None = None,
+    enough: Callable[[int], bool] | None = None,
     every: int = ASKED_EVERY,
 ) -> Outcome:
     """Compute all periods that the recorder has not recorded yet.
@@ -273,21 +273,24 @@ def simulate(
             run; it is asked after each block of periods that the engine computes in one go.
         enough: function of the same number that returns whether the run is long enough, so that it
             is completed without the other periods.
-        every: most periods in a block; blocks end at its multiples.
+        every: most periods in a block, if `stop` or `enough` are asked between blocks; blocks end
+            at its multiples.
 
     Returns:
         "completed", "diverged" or "interrupted". If the motion diverges within a period, the steps
         before that are recorded.
     """
+    if stop is None and enough is None:
+        every = recorder.n_periods
     longest = max(1, min(every, engine.steps_at_once // recorder.steps_per_period))
     for base_states, last in _blocks(motion, recorder, longest, every):
         with _no_collection():
             is_bounded = engine.advance(recorder, base_states, last - recorder.n_closed)
         if not is_bounded:
             return "diverged"
-        if enough(last):
+        if enough is not None and enough(last):
             return "completed"
-        if stop(last) and last < recorder.n_periods:
+        if stop is not None and stop(last) and last < recorder.n_periods:
             return "interrupted"
     return "completed"
 

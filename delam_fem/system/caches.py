@@ -368,7 +368,7 @@ class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
     ]
 
     def reduce(self, data: Any) -> Any:
-        """Return what is stored: not the modules of Numba that only exceptions and `print` need."""
+        """Return what is stored: not the modules of Numba that object mode alone needs."""
         *kept, _ = super().reduce(data)
         return (*kept, ())
 

@@ -60,14 +60,7 @@ from delam_fem.results.quality import OPEN, decay_of, enough_of, is_lost
 from delam_fem.results.scan import ORDERS, scan_field, scan_positions, shapes_of, surface_of
 from delam_fem.results.scan import amplitudes as complex_amplitudes
 from delam_fem.results.schema import MEASURES, SENSOR, Variable
-from delam_fem.simulation.loop import (
-    ASKED_EVERY,
-    Engine,
-    State,
-    initial_state,
-    one_period,
-    set_initial,
-)
+from delam_fem.simulation.loop import Engine, State, initial_state, one_period, set_initial
 from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.simulation.signals import Signal, frames_of, signals, steps_of
 from delam_fem.studies.linear import steady_motion
@@ -684,10 +677,7 @@ class PointRunner:
         engine = self.sweep.file.engine
         with session_of(case, operators, initial=carried, engine=engine) as opened:
             recorder = opened.recorder
-            enough = enough_of(case, recorder, len(layout.parts), decay)
-            is_judged = case.time.periods == "settled"
-            every = ASKED_EVERY if is_judged else recorder.n_periods
-            outcome = opened.run(enough=enough, every=every)
+            outcome = opened.run(enough=enough_of(case, recorder, len(layout.parts), decay))
             if outcome != "completed":
                 last = recorder.window[-1].n_steps
                 step = (recorder.n_closed - 1) * recorder.steps_per_period + last
