@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -191,6 +192,11 @@ class Study(Generic[Chosen, Found]):
         """First line of the docstring of the options."""
         return summary(self.options)
 
+    @property
+    def name(self) -> str:
+        """Name of the study in messages."""
+        return self.options.__name__.lower()
+
     def __call__(
         self,
         case: CaseSource,
@@ -218,7 +224,13 @@ class Study(Generic[Chosen, Found]):
             CaseError: an option, the case or the folder does not fit the study.
             KeyboardInterrupt: the computation was interrupted; `resume` goes on.
         """
-        case, chosen = find_case(case), self.options(**options)
+        case = find_case(case)
+        try:
+            signature(self.options).bind(**options)
+        except TypeError as error:
+            known = ", ".join(signature(self.options).parameters)
+            raise CaseError(f"{self.name}: {error}; the options are {known}") from None
+        chosen = self.options(**options)
         if folder is None:
             self.require_no_blows(case)
             with TemporaryDirectory() as scratch:
@@ -253,5 +265,4 @@ class Study(Generic[Chosen, Found]):
     def require_no_blows(self, case: Case) -> None:
         """Raise a CaseError if the case has impactors, and the study takes none."""
         if case.impactor and not self.takes_impactors:
-            name = self.options.__name__.lower()
-            raise CaseError(f"impactor: {name}: expected none, given {len(case.impactor)}")
+            raise CaseError(f"impactor: {self.name}: expected none, given {len(case.impactor)}")

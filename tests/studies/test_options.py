@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+import delam_fem as df
 from delam_fem.studies.options import Flag
 from delam_fem.system.errors import CaseError
 
@@ -24,3 +25,19 @@ def test_several_values_are_taken_one_by_one() -> None:
     assert flag.checked("f", "1, 2.5") == flag.checked("f", [1.0, 2.5]) == (1.0, 2.5)
     with pytest.raises(CaseError, match=r"given -1\.0"):
         flag.checked("f", "1,-1")
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"pump_frequency": 5.0}, "missing a required argument: 'pump_amplitude'"),
+        ({"pump": 5.0}, "missing a required argument: 'pump_frequency'"),
+        (
+            {"pump_frequency": 5.0, "pump_amplitude": 1.0, "noise": 40.0},
+            "got an unexpected keyword argument 'noise'",
+        ),
+    ],
+)
+def test_a_study_tells_its_options(options: dict[str, float], told: str) -> None:
+    with pytest.raises(CaseError, match=f"modulate: {told}; the options are pump_frequency, pump"):
+        df.modulate("embedded", **options)

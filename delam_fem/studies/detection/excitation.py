@@ -372,7 +372,9 @@ def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
     axes.plot(f, calls, color=VERMILLION, marker=".", label="rate of calls")
     if found.recommended is not None:
         axes.axvline(f[found.recommended[1]], color="black", linestyle=":", label="recommended")
-    axes.set(yscale="log", ylabel="[–]", xlim=(f[0], f[-1]))
+    axes.set(yscale="log", ylabel="[–]")
+    if f.size > 1:
+        axes.set_xlim(f.min(), f.max())
 
 
 STUDY = Study(

@@ -9,7 +9,12 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.studies.detection.detect import detect, intact
-from delam_fem.studies.detection.excitation import RATIOS, ExcitationMap, excitation_map
+from delam_fem.studies.detection.excitation import (
+    RATIOS,
+    ExcitationMap,
+    excitation_figure,
+    excitation_map,
+)
 from delam_fem.system.errors import CaseError
 
 COARSE = {"mesh.elements": 20}
@@ -103,3 +108,5 @@ def test_a_force_has_no_ratio(tmp_path: Path) -> None:
     found = excitation_map(preset("embedded", COARSE | force), np.array([80.0]), tmp_path, "serial")
     assert math.isnan(found.ratios[0])
     assert found.calls[0, 0] == 1.0  # a force on one lamina opens what base motion does not
+    low, high = excitation_figure(found).axes[1].get_xlim()
+    assert low < 80.0 < high  # one frequency alone
