@@ -30,8 +30,8 @@ def test_several_values_are_taken_one_by_one() -> None:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"pump_frequency": 5.0}, "missing a required argument: 'pump_amplitude'"),
-        ({"pump": 5.0}, "missing a required argument: 'pump_frequency'"),
+        ({"pump_frequency": 5.0}, "missing a required .*argument: 'pump_amplitude'"),
+        ({"pump": 5.0}, "missing a required .*argument: 'pump_frequency'"),
         (
             {"pump_frequency": 5.0, "pump_amplitude": 1.0, "noise": 40.0},
             "got an unexpected keyword argument 'noise'",
