@@ -27,6 +27,8 @@ DECAYING = 12
 """Number of lowest modes among which the slowest decay is looked for."""
 DENSE_DOFS = 400
 """Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
+NO_MASS = 1e-15
+"""Share of the largest 1/omega^2 that is round-off of motions without mass."""
 
 
 def lowest(
@@ -35,7 +37,8 @@ def lowest(
     """Return the n lowest frequencies [Hz] and vectors, shape (n_dofs, n).
 
     M v = mu (K + s M) v is solved for the largest mu = 1/(omega^2 + s): the other way round, the
-    lowest frequencies would drown in the round-off of the highest.
+    lowest frequencies would drown in the round-off of the highest. What has no mass has an
+    infinite frequency.
 
     Args:
         K: stiffness.
@@ -49,8 +52,9 @@ def lowest(
     if dofs <= DENSE_DOFS or 2 * n >= dofs:
         stiff = K.toarray() + shift * M.toarray() if shift else K.toarray()
         mu, vectors = eigh(M.toarray(), stiff, subset_by_index=(dofs - n, dofs - 1))
-        squares, vectors = 1.0 / mu[::-1] - shift, vectors[:, ::-1]
-        omega = np.sqrt(np.maximum(squares, 0.0)) if shift else 1.0 / np.sqrt(mu[::-1])
+        mu, vectors = np.where(mu > NO_MASS * mu[-1], mu, 0.0)[::-1], vectors[:, ::-1]
+        with np.errstate(divide="ignore"):
+            omega = np.sqrt(np.maximum(1.0 / mu - shift, 0.0)) if shift else 1.0 / np.sqrt(mu)
     else:
         squares, vectors = eigsh(K.tocsc(), n, M.tocsc(), sigma=-shift, v0=np.ones(dofs))
         order = np.argsort(squares)
@@ -169,7 +173,8 @@ def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
         is_floating: whether K is singular; modes without stiffness never die out.
     """
     o = operators
-    _, vectors = lowest(o.stiffness, o.mass, min(DECAYING, o.n_dofs), is_floating=is_floating)
+    omega, vectors = lowest(o.stiffness, o.mass, min(DECAYING, o.n_dofs), is_floating=is_floating)
+    vectors = vectors[:, np.isfinite(omega)]
     mass, damping, stiffness = (
         np.einsum("ij,ij->j", vectors, matrix @ vectors)
         for matrix in (o.mass, o.damping, o.stiffness)

@@ -172,8 +172,11 @@ def structure_modes(
         count = n if name == kind else min(n + _MORE, matrix.shape[1])
         K, M = (matrix.T @ m @ matrix for m in (o.stiffness, o.mass))
         frequencies, vectors = lowest(K, M, count, is_floating=case.n_rigid > 0)
-        found[name] = frequencies, matrix @ vectors
+        has_mass = np.isfinite(frequencies)
+        found[name] = frequencies[has_mass], matrix @ vectors[:, has_mass]
     frequencies, vectors = found[kind]
+    most = frequencies.size
+    require(n == most, "number of modes", f"1 to {most}, as no more motions have mass", n)
     other_frequencies, other = found["closed" if kind == "free" else "free"]
     partners = _partners(vectors, other, o.mass)
     deflections = nodal(layout, vectors.T, np.zeros(n))[0].swapaxes(0, 1)

@@ -7,6 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
+from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.model.linear import at_start, response, slowest_decay
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -29,6 +30,15 @@ def test_the_less_damped_lamina_decides() -> None:
     omega = case.lamina[0].angular_frequencies(1)[0]
     found = slowest_decay(closed_form.assemble(case).operators)
     assert found == pytest.approx(0.001 * omega, rel=DISCRETE)
+
+
+@pytest.mark.parametrize("kind", ["two-mode", "mass"])
+def test_contact_points_without_mass_decide_nothing(kind: str) -> None:
+    keys = {"damping.rayleigh": kind, "mesh.elements": 4, "time.mass": "massless"}
+    case = df.preset("default", keys | {"contact.law": "newton", "contact.restitution": 0.0})
+    omega = case.lamina[1].angular_frequencies(1)[0]
+    found = slowest_decay(discretise.assemble(case, needs_dolfinx=False).operators)
+    assert found == pytest.approx(0.008 * omega, rel=0.02)  # 7 of 16 motions have no mass
 
 
 def masses(damping: list[float], stiffness: list[float]) -> Operators:

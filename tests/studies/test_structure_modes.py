@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.cli.app import app
+from delam_fem.model import discretise
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.beams.network import never_opens
 from delam_fem.studies.modes import Modes, StructureModes, modes, structure_modes
@@ -137,3 +138,14 @@ def test_command_lists_both_kinds(tmp_path: Path) -> None:
 def test_impossible_numbers_of_modes_are_refused(case: Case) -> None:
     with pytest.raises(CaseError, match="number of modes: expected 1 to 78, given 79"):
         structure_modes(assemble(case), case, 79)
+
+
+def test_motions_without_mass_are_no_modes() -> None:
+    keys = {"mesh.elements": 4, "time.mass": "massless", "contact.law": "newton"}
+    case = preset("default", keys | {"contact.restitution": 0.0})
+    structure = discretise.assemble(case, needs_dolfinx=False)
+    found = structure_modes(structure, case, 6)
+    usual = structure_modes(assemble(preset("paper", {"mesh.elements": 4})), case, 6)
+    assert found.frequencies[:2] == pytest.approx(usual.frequencies[:2], rel=0.01)
+    with pytest.raises(CaseError, match="1 to 4, as no more motions have mass, given 6"):
+        structure_modes(structure, case, 6, kind="closed")

@@ -133,10 +133,8 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
             motion = motion + np.interp(frames, times, moved)
         side, node = -1 if np.signbit(height) else 1, int(own["stop_node"])
         face = float(middle[lamina, node]) + side * half[lamina] + enlarged * height
-        state = own["stop_state"].to_numpy()
-        found.append(
-            Mark(lamina, node, float(x[node]), side, face, motion, state, float(own["stop_heat"]))
-        )
+        state, heat = own["stop_state"].to_numpy(), float(own.get("stop_heat", 0.0))
+        found.append(Mark(lamina, node, float(x[node]), side, face, motion, state, heat))
     names = [lamina.name for lamina in case.lamina]
     for support in case.support.inside:
         lamina = names.index(support.lamina) if support.lamina else 0

@@ -65,6 +65,15 @@ def three_with_stops() -> tuple[xr.Dataset, Case]:
     return with_stops(recorded.history()), case
 
 
+def test_stops_that_take_no_heat_are_drawn() -> None:
+    """Contact points without mass lose nothing, and their results have no heat."""
+    history, case = three_with_stops()
+    known = pictures.marks(history, case)
+    found = pictures.marks(history.drop_vars("stop_heat"), case)
+    assert [mark.heat for mark in found] == [0.0] * len(known)
+    assert max(mark.heat for mark in known) == 4e-3
+
+
 @pytest.mark.parametrize("enlarged", [1.0, 20.0])
 def test_ribbons_and_blocks_are_the_stored_ones(
     enlarged: float, stored: Callable[..., None]
