@@ -169,9 +169,12 @@ def taps(case: Case, lamina: str, x: FloatArray) -> tuple[FloatArray, FloatArray
     Shapes (time,) [s] and (time, point) [N].
 
     Raises:
-        CaseError: the case has no impactor or several, or one of the taps never touches.
+        CaseError: the case has no impactor or several, or a rigid one, or one of the taps never
+            touches.
     """
     require(len(case.impactor) == 1, "impactor: tap", "one", len(case.impactor))
+    how = "a stiffness or a radius, as rigid blows last no time"
+    require(bool(case.impactor[0].elastic_by), "impactor.1: tap", how, "neither")
     sensor = {"name": "tap", "quantity": "contact force", "impactor": 1}
     keys: dict[str, object] = {"sensor": [sensor], "impactor.1.lamina": lamina}
     if case.is_periodic:

@@ -21,6 +21,8 @@ START, END, CONTACT = 0.16, 0.24, 1e6
 LAYER = {"length": 0.4, "width": 0.02, "material": "aluminium", "damping_ratio": 0.002}
 BLOW = {"lamina": "upper", "position": 0.1, "mass": 0.05, "velocity": 0.05, "stiffness": CONTACT}
 
+RIGID = {key: value for key, value in BLOW.items() if key != "stiffness"}
+
 
 def case_of(**sections: Any) -> Case:
     """Return the case of docs/examples/tap.py with fewer elements and steps."""
@@ -112,6 +114,10 @@ def test_measured_taps_are_judged_whatever_the_hammer(tmp_path: Path) -> None:
     [
         ({"impactor": []}, "impactor: tap: expected one, given 0"),
         ({"impactor": [BLOW, BLOW]}, "impactor: tap: expected one, given 2"),
+        (
+            {"impactor": [RIGID], "contact": {"law": "newton"}},
+            "impactor.1: tap: expected a stiffness or a radius, as rigid blows last no time",
+        ),
         ({"impactor": [BLOW | {"gap": 0.1}]}, "impactor: tap: expected a blow within the run"),
     ],
 )
