@@ -371,7 +371,8 @@ def compare_models(
         modes: number of modes of a reduced model.
 
     Raises:
-        CaseError: a model or a motion cannot be computed.
+        CaseError: a model or a motion cannot be computed, or something floats, which has neither
+            compliance nor frequency.
     """
     case = find_case(case)
     require(periods >= 2, "periods", "at least 2", periods)
@@ -380,6 +381,8 @@ def compare_models(
             "compare: models are compared by periodic motions; expected a harmonic excitation or a "
             f"harmonic force, given kind {case.excitation.kind!r}"
         )
+    if case.is_floating:
+        raise CaseError("compare: expected a structure, points and impactors that are all held")
     at = tuple(frequencies) or (case.excitation.top_frequency,)
     found = []
     for model in variants(case, names, modes):

@@ -122,9 +122,12 @@ class ExcitationMap(Finding):
 
     @property
     def worst(self) -> FloatArray:
-        """Smallest visibility of each frequency and its neighbours, shape of `visibility`."""
+        """Smallest visibility of each frequency and its neighbours, shape of `visibility`.
+
+        Neighbours whose motion failed are NaN, and do not count.
+        """
         wide = np.pad(self.visibility, ((0, 0), (1, 1)), mode="edge")
-        return np.asarray(np.minimum(np.minimum(wide[:, :-2], wide[:, 2:]), self.visibility))
+        return np.asarray(np.fmin(np.fmin(wide[:, :-2], wide[:, 2:]), self.visibility))
 
     @property
     def reason(self) -> str:
@@ -262,22 +265,23 @@ def excitation_map(
     x, noise = data["scan_x"].to_numpy(), per_shape(1.0, PERIODS * SAMPLES)
     whole, surface = intact(case), surface_of(case, None)
     responses = [drive_responses(whole, surface, x, f) for f in frequencies.tolist()]
-    judged = [
-        _judged(
-            case,
-            Shapes(x, f, orders, own, between).without_drive(response),
-            noise * rms,
-            noise_db,
-        )
-        for own, between, rms, f, response in zip(
-            values,
-            data["scan_between"].to_numpy(),
-            data["scan_rms"].to_numpy(),
-            every,
-            responses * ratios.size,
-            strict=True,
-        )
-    ]
+    with np.errstate(invalid="ignore"):  # NaN where a motion failed
+        judged = [
+            _judged(
+                case,
+                Shapes(x, f, orders, own, between).without_drive(response),
+                noise * rms,
+                noise_db,
+            )
+            for own, between, rms, f, response in zip(
+                values,
+                data["scan_between"].to_numpy(),
+                data["scan_rms"].to_numpy(),
+                every,
+                responses * ratios.size,
+                strict=True,
+            )
+        ]
     shape = (ratios.size, frequencies.size)
     numbers = np.array([found[1] for found in judged]).reshape(*shape, 4)
     structure = discretise.assemble(case, needs_dolfinx=False)

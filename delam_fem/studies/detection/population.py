@@ -12,6 +12,7 @@ a)); a90 is the length a at which it is 0.9, a90/95 that at which its lower 95 %
 
 from __future__ import annotations
 
+import logging
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -57,6 +58,8 @@ ELEMENTS, STEPS = 20, 100
 """Mesh and steps per period of the runs; 40 and 500 mark the same intervals (docs/detection.md)."""
 SETTLED = 0.05
 """Share of a free motion of the lowest mode that may be left; runs start from the closed motion."""
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -219,7 +222,7 @@ def scanned(
         sweeping: further arguments of `run_sweep`.
 
     Raises:
-        CaseError: a value of an axis is not valid, or see `run_sweep`.
+        CaseError: a value of an axis is not valid, no motion was completed, or see `run_sweep`.
         KeyboardInterrupt: the sweep was interrupted; `resume` goes on.
     """
     fast = {
@@ -231,7 +234,14 @@ def scanned(
         case.with_overrides(fast), {}, name=name, combine="zip", start="steady",
         axis=axes, record=Record(summary=False, strobes=0, scan=scan),
     )  # fmt: skip
-    return completed(sweep, directory, is_confirmed=True, **sweeping)
+    data = completed(sweep, directory, is_confirmed=True, **sweeping)
+    reasons = data["error"].to_numpy()[data["outcome"].to_numpy() != "completed"]
+    if reasons.size:
+        text = f"{name}: {reasons.size} of {sweep.n_points} motions failed: {reasons[0]}"
+        if reasons.size == sweep.n_points:
+            raise CaseError(text)
+        _log.warning("%s; they show nothing", text)
+    return data
 
 
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40)

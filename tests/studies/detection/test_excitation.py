@@ -83,6 +83,19 @@ def test_a_frequency_is_as_good_as_its_neighbours() -> None:
     assert "neighbouring frequencies the index is at least 11.0 times its limit" in found.reason
 
 
+def test_motions_that_fail_are_told_and_show_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    case = preset("embedded", COARSE | {"time.scheme": "central-difference"})
+    told = "excitation: 1 of {} motions failed: time.steps_per_period: the scheme needs"
+    with pytest.raises(CaseError, match=told.format(1)):
+        excitation_map(case, np.array([40.0]), tmp_path / "a", "serial")
+    found = excitation_map(case, np.array([40.0, 4000.0]), tmp_path / "b", "serial")
+    assert told.format(2) in caplog.text and "they show nothing" in caplog.text
+    assert np.isnan(found.visibility[0]).tolist() == [True, False]
+    assert found.worst.tolist() == [[found.visibility[0, 1]] * 2]
+
+
 def test_the_map_sees_what_a_scan_sees(tmp_path: Path) -> None:
     """170 Hz: once misled by a resonance near the double; 310 Hz: motion between the harmonics."""
     case = preset("embedded", COARSE)

@@ -91,7 +91,7 @@ def test_unknown_models_are_refused(names: list[str], words: str) -> None:
         compare_models(CASE, names)
 
 
-def test_motions_must_repeat() -> None:
+def test_motions_must_repeat_and_nothing_may_float() -> None:
     sweep = preset("default", {
         "excitation": {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 2.0,
                        "duration": 10.0, "amplitude": 0.001},
@@ -100,3 +100,6 @@ def test_motions_must_repeat() -> None:
         compare_models(sweep, ["beam"])
     with pytest.raises(CaseError, match="periods: expected at least 2, given 1"):
         compare_models(CASE, ["beam"], periods=1)
+    blow = {"impactor": [{"lamina": "thin", "mass": 0.01, "gap": 0.001}]}
+    with pytest.raises(CaseError, match="compare: expected .* impactors that are all held"):
+        compare_models(CASE.with_overrides(blow), ["beam"])
