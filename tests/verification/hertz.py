@@ -104,13 +104,14 @@ def body(shape: str, dim: int, fine: float, near: float) -> tuple[Array, Indices
     gmsh.initialize()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 1e22)  # -clmax of another model stays
         for name in ("FromPoints", "ExtendFromBoundary", "FromCurvature"):
             gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
         _GEOMETRIES[shape, dim](gmsh.model.occ)
         gmsh.model.occ.synchronize()
         field, reach = gmsh.model.mesh.field, 4.0 * RADIUS  # beyond both bodies
         coarse = fine + reach * (COARSE - fine) / (0.5 * RADIUS - near)
-        field.add("Ball", 1)  # MathEval reads its formula wrongly now and then
+        field.add("Ball", 1)
         for name, value in {
             "VIn": fine, "VOut": coarse, "YCenter": RADIUS, "Radius": near, "Thickness": reach,
         }.items():  # fmt: skip
