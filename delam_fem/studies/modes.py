@@ -181,6 +181,7 @@ def structure_modes(
     partners = _partners(vectors, other, o.mass)
     deflections = nodal(layout, vectors.T, np.zeros(n))[0].swapaxes(0, 1)
     largest = np.abs(deflections).max(axis=(1, 2))
+    largest[largest == 0.0] = 1.0  # an impactor on its spring moves alone
     places, spans, pairs = _delaminations(case, structure)
     gaps = np.abs(o.gap_matrix @ vectors)
     openings = np.array([gaps[own].max(axis=0, initial=0.0) / largest for own in pairs])
