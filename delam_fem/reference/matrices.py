@@ -287,8 +287,9 @@ class Stack:
             kind = kinds.get(node, "free")
             dofs[i, node, 0] = n if kind == "free" else MOVED
             n += kind == "free"
-            dofs[i, node, 1] = HELD if kind == "clamped" else n
-            n += kind != "clamped"
+            turns = kind != "clamped" or case.support.rotational_stiffness is not None
+            dofs[i, node, 1] = n if turns else HELD
+            n += turns
         return cls(case, x, is_bonded, dofs, n)
 
     @property
@@ -342,6 +343,11 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     M, K = stack.summed(inertia), stack.summed(bending)
     if stack.is_bonded.any():
         K = sp.csr_matrix(K + axial_stiffness(stack))
+    if case.support.rotational_stiffness is not None:
+        ends = {0: case.support.start, -1: case.support.end}
+        clamps = [node for node, kind in ends.items() if kind == "clamped"]
+        for slope in np.unique(stack.dofs[:, clamps, 1]).tolist():
+            K[slope, slope] += case.support.rotational_stiffness
     H, gap0, weights = _pairs(stack)
     if case.is_apart:
         own = [rayleigh(case, lamina) for lamina in case.lamina]

@@ -46,13 +46,23 @@ def case(delaminations: list[dict[str, object]], supports: str, **overrides: obj
 
 @pytest.mark.parametrize("delaminations", [CROSSING, TOUCHING])
 @pytest.mark.parametrize(
-    "supports", ["clamped clamped", "pinned clamped", "clamped free", "free free", "free pinned"]
+    ("supports", "yields"),
+    [
+        ("clamped clamped", False),
+        ("pinned clamped", False),
+        ("clamped free", False),
+        ("free free", False),
+        ("free pinned", False),
+        ("clamped clamped", True),
+        ("free clamped", True),
+    ],
 )
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
 def test_constraints_give_what_the_transformation_gives(
-    delaminations: list[dict[str, object]], supports: str, mass: str
+    delaminations: list[dict[str, object]], supports: str, yields: bool, mass: str
 ) -> None:
-    own = case(delaminations, supports, **{"time.mass": mass})
+    turn = {"support.rotational_stiffness": 20.0} if yields else {}
+    own = case(delaminations, supports, **{"time.mass": mass}, **turn)
     made = closed_form.assemble(own)
     expected = matrices.assemble(own, made.layout.x, made.layout.probes[0].point)
     differences = operator_differences(made.operators, expected)
