@@ -355,8 +355,10 @@ def _map(
     axes: Axes, found: ExcitationMap, rows: FloatArray, values: FloatArray, label: str
 ) -> None:
     """Draw values over frequency and rows, shape (n_rows, n_frequencies)."""
-    shown, norm = np.clip(values, 1.0, TOP), LogNorm(1.0, TOP)
-    picture = axes.pcolormesh(found.frequencies, rows, shown, norm=norm, shading="nearest")
+    shown, norm, f = np.clip(values, 1.0, TOP), LogNorm(1.0, TOP), found.frequencies
+    if f.size == 1:  # a column alone would have no width
+        shown, f = np.repeat(shown, 2, axis=1), f * np.array([0.99, 1.01])
+    picture = axes.pcolormesh(f, rows, shown, norm=norm, shading="nearest")
     axes.grid(visible=False)
     axes.figure.colorbar(picture, ax=axes, label=label)
 
