@@ -26,6 +26,7 @@ from delam_fem.results.figures.style import (
     SKY,
     VERMILLION,
     canvas,
+    edges,
     label_x,
     legend_above,
 )
@@ -277,8 +278,9 @@ def _map(panel: Axes, plane: Numbers, values: FloatArray | IntArray, **look: Any
     """Draw values over a plane, label its axes and mark the paper's parameters."""
     panel.grid(False)
     first, second = (plane.kept[name] for name in plane.axes)
-    mesh = panel.pcolormesh(first, second, values.T, shading="nearest", **look)
     (*_, spacing, first_label), (*_, second_label) = PLANE_AXES[plane.law]
+    columns = edges(first, is_logarithmic=spacing == "logarithmic")
+    mesh = panel.pcolormesh(columns, edges(second, is_logarithmic=True), values.T, **look)
     panel.set(xlabel=first_label, ylabel=second_label, yscale="log")
     if spacing == "logarithmic":
         panel.set_xscale("log")

@@ -37,6 +37,7 @@ from delam_fem.results.figures.style import (
     SKY,
     VERMILLION,
     YELLOW,
+    edges,
     label_x,
     legend_above,
     save_figure,
@@ -91,6 +92,11 @@ class DiagramAxis:
     shown: FloatArray
     label: str
     words: tuple[str, ...] = ()
+
+    @property
+    def edges(self) -> FloatArray:
+        """Edges of the cells of a map, shape (n + 1,)."""
+        return edges(self.shown, is_logarithmic=self.is_logarithmic)
 
     @property
     def is_logarithmic(self) -> bool:
@@ -413,7 +419,7 @@ def lyapunov_map(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     figure, panel = _map(data, x, y)
     bound = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 1.0
     mesh = panel.pcolormesh(
-        x.shown, y.shown, values.T, cmap=DIVERGING, shading="nearest",
+        x.edges, y.edges, values.T, cmap=DIVERGING,
         norm=TwoSlopeNorm(0.0, -bound or -1.0, bound or 1.0),
     )  # fmt: skip
     figure.colorbar(mesh, ax=panel, label="largest Lyapunov exponent [1/s]")
@@ -434,7 +440,7 @@ def _cells(
 ) -> None:  # fmt: skip
     """Colour the cell of each point by its number."""
     panel.pcolormesh(
-        x.shown, y.shown, numbers.T, cmap=ListedColormap(list(colours)), shading="nearest",
+        x.edges, y.edges, numbers.T, cmap=ListedColormap(list(colours)),
         vmin=-0.5, vmax=len(colours) - 0.5, edgecolors="white", linewidth=0.3,
     )  # fmt: skip
 
@@ -444,8 +450,7 @@ def _hatch_unsettled(panel: Axes, x: DiagramAxis, y: DiagramAxis, data: xr.Datas
     mask = is_unsettled(data).to_numpy()
     if mask.any():
         panel.pcolor(
-            x.shown, y.shown, np.where(mask.T, 0.0, np.nan), shading="nearest", hatch=HATCH,
-            alpha=0.0,
+            x.edges, y.edges, np.where(mask.T, 0.0, np.nan), hatch=HATCH, alpha=0.0,
         )  # fmt: skip
     return float(mask.mean())
 

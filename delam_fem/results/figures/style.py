@@ -150,6 +150,23 @@ def canvas(height: float) -> Figure:
     return Figure(figsize=(WIDTH, height), layout="constrained")
 
 
+def edges(places: FloatArray, *, is_logarithmic: bool = False) -> FloatArray:
+    """Return the edges of the cells of a map, in the middle between places, shape (n + 1,).
+
+    A place alone has a cell, too. On a logarithmic axis the middles are geometric: others would lie
+    below 0 where places are far apart.
+
+    Args:
+        places: places of the cells, in order, shape (n,).
+        is_logarithmic: whether the axis is.
+    """
+    own = np.log(places) if is_logarithmic else places
+    half = np.diff(own) / 2.0 if own.size > 1 else 0.01 * np.abs(own) + 1e-6
+    found = np.concatenate([own[:1] - half[:1], own[:-1] + half[: own.size - 1],
+                            own[-1:] + half[-1:]])  # fmt: skip
+    return np.asarray(np.exp(found) if is_logarithmic else found)
+
+
 def stacked(n: int, height: float, **options: Any) -> tuple[Figure, Any]:
     """Return a figure with n panels, one below the other, and the panels, shape (n,)."""
     figure = canvas(height)

@@ -26,6 +26,7 @@ from delam_fem.results.figures.style import (
     BLUE,
     GREEN,
     VERMILLION,
+    edges,
     label_x,
     legend_outside,
     stacked,
@@ -355,10 +356,8 @@ def _map(
     axes: Axes, found: ExcitationMap, rows: FloatArray, values: FloatArray, label: str
 ) -> None:
     """Draw values over frequency and rows, shape (n_rows, n_frequencies)."""
-    shown, norm, f = np.clip(values, 1.0, TOP), LogNorm(1.0, TOP), found.frequencies
-    if f.size == 1:  # a column alone would have no width
-        shown, f = np.repeat(shown, 2, axis=1), f * np.array([0.99, 1.01])
-    picture = axes.pcolormesh(f, rows, shown, norm=norm, shading="nearest")
+    shown = np.clip(values, 1.0, TOP)
+    picture = axes.pcolormesh(edges(found.frequencies), edges(rows), shown, norm=LogNorm(1.0, TOP))
     axes.grid(visible=False)
     axes.figure.colorbar(picture, ax=axes, label=label)
 

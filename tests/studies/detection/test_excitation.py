@@ -125,4 +125,4 @@ def test_a_force_has_no_ratio(tmp_path: Path) -> None:
     for axes in (one, other):
         assert axes.get_xlim()[0] < 80.0 < axes.get_xlim()[1]
     left, right = one.collections[0].get_coordinates()[0, [0, -1], 0]
-    assert left < 79.0 and 81.0 < right
+    assert left < 79.5 and 80.5 < right

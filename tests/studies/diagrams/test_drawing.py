@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from delam_fem.case.files import preset
 from delam_fem.cli.app import app
 from delam_fem.numerics import settling as at
-from delam_fem.results.figures.style import styled
+from delam_fem.results.figures.style import edges, styled
 from delam_fem.studies.diagrams import (
     POINT_STYLE,
     UNSETTLED_COLOUR,
@@ -366,3 +366,18 @@ def test_a_sweep_none_of_whose_points_works_leaves_with_1(tmp_path: Path) -> Non
     status, text = run("sweep", file, "-o", tmp_path / "b", "--executor", "serial", *scheme)
     assert status == 1
     assert "none of the 4 points was completed; the first: time.steps_per_period" in text
+
+
+@pytest.mark.parametrize(
+    ("places", "is_logarithmic", "expected"),
+    [
+        ([1.0, 2.0, 4.0], False, [0.5, 1.5, 3.0, 5.0]),
+        ([10.0, 100.0, 1000.0], True, [10**0.5, 10**1.5, 10**2.5, 10**3.5]),
+        ([50.0], False, [49.5, 50.5]),
+    ],
+)
+def test_a_cell_of_a_map_ends_between_its_place_and_the_next(
+    places: list[float], is_logarithmic: bool, expected: list[float]
+) -> None:
+    found = edges(np.array(places), is_logarithmic=is_logarithmic)
+    assert found.tolist() == pytest.approx(expected, rel=1e-6)
