@@ -140,5 +140,5 @@ def test_python_takes_numbers_as_well_as_texts() -> None:
     assert Pod(frequencies="92, 250") == Pod(frequencies=[92, 250.0])
     assert Infer(measured=["a.csv"]).inputs == [Path("a.csv")]
     for study in (df.detect, df.excite, df.pod, df.infer, df.modulate, df.resonance, df.identify):
-        with pytest.raises(TypeError, match="spacings"):
+        with pytest.raises(df.CaseError, match="spacings"):
             study("embedded", spacings=1.0)
