@@ -224,12 +224,13 @@ class Study(Generic[Chosen, Found]):
             CaseError: an option, the case or the folder does not fit the study.
             KeyboardInterrupt: the computation was interrupted; `resume` goes on.
         """
-        case = find_case(case)
+        case, known = find_case(case), signature(self.options)
         try:
-            signature(self.options).bind(**options)
+            known.bind_partial(**options)  # what is unknown is told before what is missing
+            known.bind(**options)
         except TypeError as error:
-            known = ", ".join(signature(self.options).parameters)
-            raise CaseError(f"{self.name}: {error}; the options are {known}") from None
+            text = f"{self.name}: {error}; the options are {', '.join(known.parameters)}"
+            raise CaseError(text) from None
         chosen = self.options(**options)
         if folder is None:
             self.require_no_blows(case)
