@@ -59,6 +59,16 @@ def require_bending(case: Case, study: str) -> None:
         raise CaseError(f"lamina: {study}: expected beams, given bars or points")
 
 
+def require_held(case: Case, study: str) -> None:
+    """Refuse what moves without any stiffness, which a study does not know.
+
+    Raises:
+        CaseError: something does.
+    """
+    if case.is_floating:
+        raise CaseError(f"{study}: expected a structure, points and impactors that are all held")
+
+
 def require_plain(case: Case, study: str) -> None:
     """Refuse bars, points, stops, impactors or inner supports, which a study does not know.
 

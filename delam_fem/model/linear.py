@@ -181,7 +181,7 @@ def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
     )
     s, square = damping / (2.0 * mass), stiffness / mass
     rates = s - np.sqrt(np.maximum(s**2 - square, 0.0))
-    return max(0.0, float(rates.min()))
+    return max(0.0, float(rates.min(initial=math.inf)))
 
 
 def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:

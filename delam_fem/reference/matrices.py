@@ -248,6 +248,11 @@ rows are summed over the free dofs, the base and a last column for what is held,
 so these numbers are indices."""
 
 
+def _ends(case: Case, x: FloatArray) -> dict[int, str]:
+    """Return the supports at the first and the last node."""
+    return {0: case.support.start, x.size - 1: case.support.end}
+
+
 @dataclass(frozen=True)
 class Stack:
     """A stack of laminae over common nodes.
@@ -276,7 +281,7 @@ class Stack:
             inside = (middles > own.start) & (middles < own.end)
             is_bonded[names.index(own.between[0]), inside] = False
         dofs = np.empty((len(names), x.size, 2), dtype=np.int64)
-        kinds = {0: case.support.start, x.size - 1: case.support.end}
+        kinds = _ends(case, x)
         places, n = list(np.ndindex(len(names), x.size)), 0
         if not case.is_apart:
             places.sort(key=lambda place: place[1])
@@ -344,8 +349,7 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     if stack.is_bonded.any():
         K = sp.csr_matrix(K + axial_stiffness(stack))
     if case.support.rotational_stiffness is not None:
-        ends = {0: case.support.start, -1: case.support.end}
-        clamps = [node for node, kind in ends.items() if kind == "clamped"]
+        clamps = [node for node, kind in _ends(case, stack.x).items() if kind == "clamped"]
         for slope in np.unique(stack.dofs[:, clamps, 1]).tolist():
             K[slope, slope] += case.support.rotational_stiffness
     H, gap0, weights = _pairs(stack)
@@ -431,8 +435,7 @@ def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
                     d[dof] += (z[j + 1] - z[j]) * float(f.deriv()(s))  # type: ignore[no-untyped-call]
                 rows[int(j), 2 * k + point] = u, d
     found = list(rows.values())
-    ends = ((0, stack.case.support.start), (stack.x.size - 1, stack.case.support.end))
-    for node, kind in ends:
+    for node, kind in _ends(stack.case, stack.x).items():
         if kind == "free":
             continue
         element = 0 if node == 0 else node - 1

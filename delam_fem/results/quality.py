@@ -102,9 +102,9 @@ def enough_of(
     """Return a function that takes the number of finished periods: whether the run may end.
 
     Only with time.periods = "settled" may a run end early, once its motion is settled; with others
-    there is nothing to ask, and None is returned. The function
-    judges every `EVERY` periods from the strobes alone, so that a resumed run ends after the same
-    period as one that was not interrupted.
+    there is nothing to ask, and None is returned. The function judges every `EVERY` periods from
+    the strobes alone, so that a resumed run ends after the same period as one that was not
+    interrupted.
 
     Args:
         case: the case.

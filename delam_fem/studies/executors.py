@@ -29,7 +29,7 @@ _T = TypeVar("_T")
 
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "268435456"}
 """Settings of the C library: the next point takes the memory of the last one (up to 32 MiB a piece,
-the most that can be set). Asking the system for it again takes 5 % of the time of a point."""
+the most that can be set). Asking the system for it again takes 4 % of the time of a short point."""
 _OF_WORKERS = ONE_THREAD | _MEMORY | {"PYTHONSAFEPATH": "1"}
 """Environment of workers: modules in the working folder must not replace those that a worker
 imports."""

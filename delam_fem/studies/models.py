@@ -381,8 +381,7 @@ def compare_models(
             "compare: models are compared by periodic motions; expected a harmonic excitation or a "
             f"harmonic force, given kind {case.excitation.kind!r}"
         )
-    if case.is_floating:
-        raise CaseError("compare: expected a structure, points and impactors that are all held")
+    discretise.require_held(case, "compare")
     at = tuple(frequencies) or (case.excitation.top_frequency,)
     found = []
     for model in variants(case, names, modes):

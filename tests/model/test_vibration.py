@@ -54,6 +54,11 @@ def masses(damping: list[float], stiffness: list[float]) -> Operators:
     )
 
 
+def test_nothing_is_left_to_decay_where_nothing_has_mass() -> None:
+    light = dataclasses.replace(masses([1.0], [1.0]), mass=sp.csr_matrix((1, 1)))
+    assert slowest_decay(light) == np.inf
+
+
 @pytest.mark.parametrize(
     ("damping", "stiffness", "expected"),
     [

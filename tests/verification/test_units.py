@@ -164,6 +164,7 @@ def differences(one: Any, other: Any, scale: tuple[float, ...]) -> Iterator[tupl
     for name in names:
         unit = one[name].attrs["units"]
         away = other[name].values / factor(unit, scale) - one[name].values
+        np.testing.assert_array_equal(np.isnan(other[name].values), np.isnan(one[name].values))
         yield name, float(np.nanmax(np.abs(away), initial=0.0)) / (largest[unit] or 1.0)
 
 
@@ -175,6 +176,8 @@ def test_other_units_change_no_number(cell: dict[str, Any]) -> None:
     for scale, most in (((4.0, 1.0, 0.25), 0.0), ((1.0, 2.0**-14, 1.0), 1e-6)):
         other = computed(scaled(case, scale))
         assert other.sizes == one.sizes
+        for name in (name for name in one.variables if one[name].dtype.kind in "biu"):
+            np.testing.assert_array_equal(other[name].values, one[name].values, name)
         assert {name: e for name, e in differences(one, other, scale) if e > most} == {}
 
 

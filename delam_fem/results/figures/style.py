@@ -162,8 +162,7 @@ def edges(places: FloatArray, *, is_logarithmic: bool = False) -> FloatArray:
     """
     own = np.log(places) if is_logarithmic else places
     half = np.diff(own) / 2.0 if own.size > 1 else 0.01 * np.abs(own) + 1e-6
-    found = np.concatenate([own[:1] - half[:1], own[:-1] + half[: own.size - 1],
-                            own[-1:] + half[-1:]])  # fmt: skip
+    found = np.hstack([own[0] - half[0], (own[1:] + own[:-1]) / 2.0, own[-1] + half[-1]])
     return np.asarray(np.exp(found) if is_logarithmic else found)
 
 

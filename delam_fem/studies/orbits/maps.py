@@ -403,8 +403,7 @@ class CaseFamily:
                 "excitation.kind: expected a drive that repeats after each period, given "
                 f"{case.excitation.kind!r}"
             )
-        if case.is_floating:
-            raise CaseError("orbit: expected a structure, points and impactors that are all held")
+        discretise.require_held(case, "orbit")
         self.case, self.key = case, key
         self._structures: dict[str, Structure] = {}
 
