@@ -39,8 +39,8 @@ MASS: Bounds = (0.0, 20.0)
 """Point mass over the mass of its lamina."""
 THICKEST = 0.1
 """Thickness above which a slender lamina has its lengths in another unit than m [m]."""
-ROUNDED = 1e-3
-"""Share by which a given EI may differ from that of a material."""
+DISAGREEING = 0.1
+"""Share by which a given EI may differ from E b h^3/12 of a given E, as measured ones do."""
 BLOW_STEPS = 20
 """Steps that a blow should have at least."""
 
@@ -102,15 +102,30 @@ def _checked(
     yield f"{key} = {number} looks unusual: {what} is {found:.3g}, {limit}{hint}"
 
 
-def _of_lamina(lamina: Lamina) -> Iterator[str]:
+def _of_lamina(lamina: Lamina) -> list[str]:
+    """Return warnings about a lamina; about EI beside E only where nothing else looks unusual."""
+    return [*_unusual_numbers(lamina)] or [*_two_stiffnesses(lamina)]
+
+
+def _two_stiffnesses(lamina: Lamina) -> Iterator[str]:
+    """Yield a warning if a given EI is far from E b h^3/12 of a given E.
+
+    A material does not count: to give EI beside it means to replace its stiffness.
+    """
+    EI, of_modulus = lamina.bending_stiffness, lamina.young_modulus * lamina.second_moment
+    if EI is None or "young_modulus" not in lamina.model_fields_set:
+        return
+    if abs(EI - of_modulus) > DISAGREEING * of_modulus:
+        yield (
+            f"lamina.{lamina.name}.bending_stiffness = {EI:.4g} N m2 counts, not the "
+            f"{of_modulus:.4g} N m2 of young_modulus = {lamina.young_modulus:.4g} Pa with this "
+            "width and thickness; remove the one that is not meant"
+        )
+
+
+def _unusual_numbers(lamina: Lamina) -> Iterator[str]:
     """Yield warnings about a lamina: slenderness, density, wave speed, damping."""
     key = f"lamina.{lamina.name}"
-    EI, of_modulus = lamina.flexural_rigidity, lamina.young_modulus * lamina.second_moment
-    if lamina.material is not None and abs(EI - of_modulus) > ROUNDED * of_modulus:
-        yield (
-            f"{key}.bending_stiffness = {EI:.4g} N m2 counts, not the {of_modulus:.4g} N m2 of "
-            f"the material {lamina.material}; remove the one that is not meant"
-        )
     L, h, rho = lamina.length, lamina.thickness, lamina.density
     words = "length over thickness"
     if _is_in_mm(lamina):

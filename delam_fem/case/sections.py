@@ -16,13 +16,19 @@ Numbers are SI and float64. A whole number is accepted for a float; no other con
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import (
+    ModelWrapValidatorHandler,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.values import (
@@ -64,6 +70,10 @@ MATERIALS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )
 """Young's modulus E [Pa] and density rho [kg/m3] by the names that `lamina.….material` takes."""
+_OF_MATERIALS: Mapping[str, str] = MappingProxyType({"young_modulus": "Pa", "density": "kg/m3"})
+"""Keys of a lamina whose values a material says, with their units."""
+_SAME = 1e-9
+"""Relative difference that round-off may leave between two values of one number."""
 
 
 class Lamina(Section):
@@ -78,7 +88,7 @@ class Lamina(Section):
         width: width b [m].
         thickness: thickness h [m].
         material: name of a material, whose density and modulus the lamina then has, as "aluminium";
-            see docs/layered.md.
+            see docs/layered.md. Other numbers beside it are refused.
         density: density rho [kg/m3]; a material or mass_per_length gives it too.
         young_modulus: Young's modulus E [Pa]; a material or bending_stiffness gives it too.
         bending_stiffness: bending stiffness EI [N m2]; if given, it replaces E b h^3/12, also
@@ -107,18 +117,34 @@ class Lamina(Section):
     stiffness: Annotated[NotNegative | None, Unit("N/m")] = None
     motion: Literal["lateral", "axial"] = "lateral"
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def _resolved(cls, data: object) -> object:
-        """Put the numbers of a material, of EI or of the mass per length in their places."""
+    def _resolved(cls, data: object, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Put the numbers of a material, of EI or of the mass per length in their places.
+
+        Keys whose values follow from others do not count as set, so that a written case says what
+        its user said.
+        """
         if not isinstance(data, Mapping):
-            return data
-        given = {key: _converted(key, value) for key, value in data.items()}
-        if "mass" in given:
-            given = dict(_PICTURE) | given
-        _take_material(given)
-        _take_section(given)
-        return given
+            return handler(data)
+        numbers = {key: _converted(key, value) for key, value in data.items()}
+        if "mass" in numbers:
+            numbers = dict(_PICTURE) | numbers
+        said_by_material = _take_material(numbers)
+        _take_section(numbers)
+        lamina = handler(numbers)
+        follow = {str(key) for key in numbers if key not in data} | said_by_material
+        if "mass_per_length" in data:
+            follow -= {"density"}
+        lamina.model_fields_set.difference_update(follow)
+        return lamina
+
+    @model_serializer(mode="wrap")
+    def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, object]:
+        """Return the keys of the lamina without those that follow from others."""
+        data: dict[str, object] = handler(self)
+        follow = {*_PICTURE, *_OF_MATERIALS} - self.model_fields_set
+        return {key: value for key, value in data.items() if key not in follow}
 
     @model_validator(mode="after")
     def _whole_point(self) -> Self:
@@ -190,17 +216,30 @@ def _converted(key: object, value: object) -> object:
     return value if unit is None else in_si(value, unit, str(key))
 
 
-def _take_material(given: dict[object, object]) -> None:
-    """Fill in density and modulus of a named material, where the lamina does not give them."""
-    name = given.get("material")
+def _take_material(numbers: dict[object, object]) -> set[str]:
+    """Fill in density and modulus of a named material; return the keys whose values it says.
+
+    Raises:
+        PydanticCustomError: the material is unknown, or a number differs from the material's.
+    """
+    name = numbers.get("material")
     if name is None:
-        return
+        return set()
     row = MATERIALS.get(name) if isinstance(name, str) else None
     if row is None:
         raise inconsistent("material", f"expected one of {', '.join(MATERIALS)}, given {name!r}")
-    for key, value in row.items():
-        if key != "density" or "mass_per_length" not in given:
-            given.setdefault(key, value)
+    said = {"young_modulus"}
+    if "mass_per_length" not in numbers:
+        said.add("density")
+    for key in said:
+        value = numbers.setdefault(key, row[key])
+        if isinstance(value, int | float) and not math.isclose(value, row[key], rel_tol=_SAME):
+            raise inconsistent(
+                key,
+                f"expected {row[key]:g} {_OF_MATERIALS[key]} of material = {name!r}, or no "
+                f"material, given {value:g} {_OF_MATERIALS[key]}",
+            )
+    return said
 
 
 def _take_section(given: dict[object, object]) -> None:

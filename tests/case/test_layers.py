@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -195,9 +196,58 @@ def test_bad_tables_are_told(tmp_path: Path, rows: str, text: str) -> None:
         closed_form.assemble(case)
 
 
-def test_a_number_of_a_lamina_wins_over_that_of_its_material() -> None:
-    lower = preset("embedded").lamina[0].model_dump(exclude_none=True)
-    upper = {**lower, "name": "upper", "material": "steel", "density": 7800.0}
-    del upper["young_modulus"]
-    found = preset("embedded", {"lamina": [lower, upper]}).lamina[1]
-    assert (found.material, found.density, found.young_modulus) == ("steel", 7800.0, 210e9)
+def both(**numbers: object) -> Case:
+    """Return the preset "embedded" with an upper lamina of steel that has numbers beside it."""
+    upper = {"name": "upper", "length": 0.4, "width": 0.02, "thickness": 0.0006,
+             "material": "steel", "damping_ratio": 0.005}  # fmt: skip
+    lower = {**upper, "name": "lower", "thickness": 0.0014}
+    return preset("embedded", {"lamina": [lower, {**upper, **numbers}]})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [("density", 7800.0, "7850"), ("young_modulus", "200 GPa", r"2\.1e\+11")],
+)
+def test_a_number_unlike_that_of_the_material_is_refused(
+    key: str, value: object, said: str
+) -> None:
+    given = "7800" if key == "density" else r"2e\+11"
+    with pytest.raises(CaseError, match=rf"lamina\.upper\.{key}: .*{said}.*steel.*{given}"):
+        both(**{key: value})
+
+
+def test_a_written_case_says_the_material_and_not_its_numbers() -> None:
+    for case in (both(), both(density=7850.0, young_modulus="210 GPa")):
+        upper = tomllib.loads(case.to_toml())["lamina"][1]
+        assert upper["material"] == "steel"
+        assert not {"density", "young_modulus"} & set(upper)
+        assert Case.from_toml(case.to_toml()) == case
+
+
+def test_another_material_in_a_written_case_counts() -> None:
+    text = both().to_toml().replace('"steel"', '"titanium"')
+    upper = Case.from_toml(text).lamina[1]
+    assert (upper.young_modulus, upper.density) == (113.8e9, 4430.0)
+
+
+def test_a_written_case_says_the_numbers_where_they_were_given() -> None:
+    case = preset("embedded", {"lamina.upper.density": 2600.0})
+    upper = tomllib.loads(case.to_toml())["lamina"][1]
+    assert (upper["density"], upper["young_modulus"]) == (2600.0, 70e9)
+    assert "material" not in upper
+
+
+def test_a_modulus_that_follows_from_the_bending_stiffness_is_not_written() -> None:
+    case = preset("paper", {"lamina.thick.young_modulus": None})
+    assert "young_modulus" not in tomllib.loads(case.to_toml())["lamina"][0]
+    narrow = case.with_overrides({"lamina.thick.width": 0.02})
+    # E = 12 EI / (b h^3) of the new width
+    assert narrow.lamina[0].young_modulus == pytest.approx(12.0 * 1.51 / (0.02 * 0.002**3))
+    assert Case.from_toml(case.to_toml()) == case
+
+
+def test_a_point_is_written_without_its_picture() -> None:
+    ball = {"name": "ball", "mass": 0.3, "stiffness": 120.0, "damping_ratio": 0.01}
+    case = preset("default", {"lamina": [ball], "gap": None, "mesh.elements": 1})
+    assert tomllib.loads(case.to_toml())["lamina"] == [{**ball, "motion": "lateral"}]
+    assert Case.from_toml(case.to_toml()) == case

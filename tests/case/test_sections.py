@@ -54,7 +54,6 @@ LAMINAE: dict[str, dict[str, Any]] = {
     "axial": {"density": 1500.0, "young_modulus": 20e9, "motion": "axial"},
     "a point": {"mass": 0.3, "stiffness": 120.0},
     **{name: {"material": name} for name in MATERIALS},
-    "a material with a density": {"material": "steel", "density": 8000.0},
     "a material with a mass": {"material": "steel", "mass_per_length": 0.4},
     "a material with a stiffness": {"material": "steel", "bending_stiffness": 3.0},
 }

@@ -4,6 +4,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
@@ -17,7 +18,21 @@ PRESETS = {"apart": "default", "paper": "paper", "layered": "embedded", "edge": 
 def test_a_commented_file_is_the_case_of_its_preset(kind: KindName, tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(case_text(kind, "mine"), encoding="utf-8")
-    assert load_case(path) == preset(PRESETS[kind], {"name": "mine"})
+    strips = preset(PRESETS[kind], {"name": "mine"})
+    if kind == "apart":  # own strips: of a material
+        materials = {f"lamina.{own.name}.material": "aluminium" for own in strips.lamina}
+        strips = strips.with_overrides(materials)
+    assert load_case(path) == strips
+
+
+def test_the_geometry_of_own_strips_counts() -> None:
+    """EI of the template is E b h^3/12, so that a narrower strip has less of it."""
+    text = case_text("apart", "mine").replace("width = 0.04 ", "width = 0.025", 1)
+    thick = Case.from_toml(text).lamina[0]
+    EI = 70e9 * 0.025 * 0.002**3 / 12.0
+    assert thick.flexural_rigidity == pytest.approx(EI, rel=1e-12)
+    first = thick.angular_frequencies(1)[0]
+    assert first == pytest.approx((1.8751040687 / 0.685) ** 2 * np.sqrt(EI / (2700.0 * 5e-5)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
