@@ -17,7 +17,7 @@ from delam_fem.case.excitation import (
     HarmonicExcitation,
     SweepExcitation,
 )
-from delam_fem.case.sections import Lamina
+from delam_fem.case.sections import MATERIALS, Lamina
 
 Bounds = tuple[float, float]
 
@@ -40,7 +40,7 @@ MASS: Bounds = (0.0, 20.0)
 THICKEST = 0.1
 """Thickness above which a slender lamina has its lengths in another unit than m [m]."""
 DISAGREEING = 0.1
-"""Share by which a given EI may differ from E b h^3/12 of a given E, as measured ones do."""
+"""Share by which a measured EI or mass per length may differ from that of a modulus or material."""
 BLOW_STEPS = 20
 """Steps that a blow should have at least."""
 
@@ -103,8 +103,8 @@ def _checked(
 
 
 def _of_lamina(lamina: Lamina) -> list[str]:
-    """Return warnings about a lamina; about EI beside E only where nothing else looks unusual."""
-    return [*_unusual_numbers(lamina)] or [*_two_stiffnesses(lamina)]
+    """Return warnings about a lamina; about two of one number only if nothing else is unusual."""
+    return [*_unusual_numbers(lamina)] or [*_two_stiffnesses(lamina), *_two_masses(lamina)]
 
 
 def _two_stiffnesses(lamina: Lamina) -> Iterator[str]:
@@ -120,6 +120,20 @@ def _two_stiffnesses(lamina: Lamina) -> Iterator[str]:
             f"lamina.{lamina.name}.bending_stiffness = {EI:.4g} N m2 counts, not the "
             f"{of_modulus:.4g} N m2 of young_modulus = {lamina.young_modulus:.4g} Pa with this "
             "width and thickness; remove the one that is not meant"
+        )
+
+
+def _two_masses(lamina: Lamina) -> Iterator[str]:
+    """Yield a warning if a given mass per length is far from that of the lamina's material."""
+    row = MATERIALS.get(lamina.material or "")
+    if row is None:
+        return
+    of_material = row["density"] * lamina.width * lamina.thickness
+    if abs(lamina.mass_per_length - of_material) > DISAGREEING * of_material:
+        yield (
+            f"lamina.{lamina.name}.mass_per_length = {lamina.mass_per_length:.4g} kg/m counts, not "
+            f"the {of_material:.4g} kg/m of the material {lamina.material} with this width and "
+            "thickness; remove the one that is not meant"
         )
 
 

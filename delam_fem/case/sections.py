@@ -25,6 +25,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import (
     ModelWrapValidatorHandler,
+    PrivateAttr,
     SerializerFunctionWrapHandler,
     model_serializer,
     model_validator,
@@ -116,6 +117,8 @@ class Lamina(Section):
     mass: Annotated[Positive | None, Unit("kg")] = None
     stiffness: Annotated[NotNegative | None, Unit("N/m")] = None
     motion: Literal["lateral", "axial"] = "lateral"
+    _line_mass: float | None = PrivateAttr(None)
+    """Mass per length that was given [kg/m]; None: the density was."""
 
     @model_validator(mode="wrap")
     @classmethod
@@ -131,12 +134,11 @@ class Lamina(Section):
         if "mass" in numbers:
             numbers = dict(_PICTURE) | numbers
         said_by_material = _take_material(numbers)
-        _take_section(numbers)
+        line_mass = _take_section(numbers)
         lamina = handler(numbers)
         follow = {str(key) for key in numbers if key not in data} | said_by_material
-        if "mass_per_length" in data:
-            follow -= {"density"}
         lamina.model_fields_set.difference_update(follow)
+        lamina._line_mass = line_mass
         return lamina
 
     @model_serializer(mode="wrap")
@@ -144,7 +146,8 @@ class Lamina(Section):
         """Return the keys of the lamina without those that follow from others."""
         data: dict[str, object] = handler(self)
         follow = {*_PICTURE, *_OF_MATERIALS} - self.model_fields_set
-        return {key: value for key, value in data.items() if key not in follow}
+        line_mass = {} if self._line_mass is None else {"mass_per_length": self._line_mass}
+        return {key: value for key, value in data.items() if key not in follow} | line_mass
 
     @model_validator(mode="after")
     def _whole_point(self) -> Self:
@@ -181,6 +184,8 @@ class Lamina(Section):
     @property
     def mass_per_length(self) -> float:
         """Mass per length rho b h [kg/m]."""
+        if self._line_mass is not None:
+            return self._line_mass
         return self.density * self.width * self.thickness
 
     def angular_frequencies(self, n: int) -> FloatArray:
@@ -242,26 +247,39 @@ def _take_material(numbers: dict[object, object]) -> set[str]:
     return said
 
 
-def _take_section(given: dict[object, object]) -> None:
-    """Turn a mass per length into the density, and without a modulus EI into the modulus."""
-    width, thickness, line_mass, EI = (
-        given.get(key) for key in ("width", "thickness", "mass_per_length", "bending_stiffness")
-    )
-    sizes = [width, thickness]
-    if any(isinstance(v, bool) or not isinstance(v, int | float) or v <= 0.0 for v in sizes):
-        return  # the sizes themselves are refused
-    b, h = float(width), float(thickness)  # type: ignore[arg-type]
-    if line_mass is not None:
-        if "density" in given:
-            raise inconsistent("mass_per_length", "expected density or mass_per_length, not both")
-        if isinstance(line_mass, bool) or not isinstance(line_mass, int | float) or line_mass <= 0:
-            raise inconsistent(
-                "mass_per_length", f"expected a positive number, given {line_mass!r}"
-            )
-        given["density"] = float(line_mass) / (b * h)
-        del given["mass_per_length"]
-    if "young_modulus" not in given and isinstance(EI, int | float):
-        given["young_modulus"] = 12.0 * float(EI) / (b * h**3)
+def _take_section(numbers: dict[object, object]) -> float | None:
+    """Turn a mass per length into the density, and without a modulus EI into the modulus.
+
+    Returns:
+        The mass per length, if it was given [kg/m].
+
+    Raises:
+        PydanticCustomError: it stands beside a density, or is no positive number.
+    """
+    b, h = (_positive(numbers.get(key)) for key in ("width", "thickness"))
+    if b is None or h is None:
+        return None  # the sizes themselves are refused
+    EI = _positive(numbers.get("bending_stiffness"))
+    if "young_modulus" not in numbers and EI is not None:
+        numbers["young_modulus"] = 12.0 * EI / (b * h**3)
+    if "mass_per_length" not in numbers:
+        return None
+    if "density" in numbers:
+        raise inconsistent("mass_per_length", "expected density or mass_per_length, not both")
+    line_mass = _positive(numbers["mass_per_length"])
+    if line_mass is None:
+        value = numbers["mass_per_length"]
+        raise inconsistent("mass_per_length", f"expected a positive number, given {value!r}")
+    numbers["density"] = line_mass / (b * h)
+    del numbers["mass_per_length"]
+    return line_mass
+
+
+def _positive(value: object) -> float | None:
+    """Return a positive number as such; None: it is another value."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if value > 0.0 else None
 
 
 class Gap(Section):

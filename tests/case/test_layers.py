@@ -246,6 +246,22 @@ def test_a_modulus_that_follows_from_the_bending_stiffness_is_not_written() -> N
     assert Case.from_toml(case.to_toml()) == case
 
 
+def test_a_mass_per_length_is_written_as_such_and_keeps_its_last_digit() -> None:
+    """0.2144 / (b h) * (b h) is another double than 0.2144; also beside a material."""
+    upper = {"name": "upper", "length": 0.4, "width": 0.03, "thickness": 0.0007,
+             "material": "steel", "damping_ratio": 0.005, "mass_per_length": 0.2144}  # fmt: skip
+    lower = {**upper, "name": "lower"}
+    case = preset("embedded", {"lamina": [lower, upper]})
+    written_upper = tomllib.loads(case.to_toml())["lamina"][1]
+    assert written_upper["mass_per_length"] == 0.2144 == case.lamina[1].mass_per_length
+    assert not {"density", "young_modulus"} & set(written_upper)
+    assert Case.from_toml(case.to_toml()) == case
+    wide = case.with_overrides({"lamina.upper.width": 0.06}).lamina[1]
+    assert wide.density == pytest.approx(0.2144 / (0.06 * 0.0007))
+    heavy = case.with_overrides({"lamina.upper.density": 5000.0}).lamina[1]
+    assert heavy.mass_per_length == pytest.approx(5000.0 * 0.03 * 0.0007)
+
+
 def test_a_point_is_written_without_its_picture() -> None:
     ball = {"name": "ball", "mass": 0.3, "stiffness": 120.0, "damping_ratio": 0.01}
     case = preset("default", {"lamina": [ball], "gap": None, "mesh.elements": 1})

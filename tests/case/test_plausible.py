@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import re
+import tomllib
 
 import numpy as np
 import pytest
 
+from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, preset
 from delam_fem.case.plausible import tell, warnings
 
@@ -25,6 +27,18 @@ def test_a_measured_stiffness_replaces_that_of_a_material_without_a_warning() ->
     case = case.with_overrides({"lamina.thick.bending_stiffness": 1.51})
     assert case.lamina[0].flexural_rigidity == 1.51
     assert not warnings(case)
+
+
+def test_a_mass_per_length_unlike_that_of_the_material_is_told() -> None:
+    keys = {"lamina.thick.material": "steel", "lamina.thick.bending_stiffness": None}
+    case = preset("paper", keys)
+    data = tomllib.loads(case.to_toml())
+    weighed = 7850.0 * 0.04 * 0.002
+    for share, count in ((0.91, 0), (1.09, 0), (0.89, 1), (1.11, 1)):
+        data["lamina"][0]["mass_per_length"] = share * weighed
+        texts = warnings(Case(**data))
+        assert len(texts) == count
+        assert all("lamina.thick.mass_per_length" in text and "steel" in text for text in texts)
 
 
 def test_lengths_in_mm_are_named_instead_of_the_frequency() -> None:
