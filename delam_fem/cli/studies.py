@@ -175,7 +175,15 @@ Units = Annotated[
     typer.Option(metavar="UNIT", help="Unit of columns that name none, e.g. mm; SI: SI units."),
 ]
 Rate = Annotated[
-    float | None, typer.Option(metavar="HZ", help="Samples per second of files without times.")
+    float | None,
+    typer.Option(metavar="HZ", help="Samples per second; replaces the times of the files."),
+]
+Between = Annotated[
+    tuple[float, float] | None,
+    typer.Option(metavar="FIRST LAST", help="Times between which records are read [s]."),
+]
+Fill = Annotated[
+    bool, typer.Option("--fill", help="Interpolate short holes, where samples are missing.")
 ]
 
 MeasuredFolder = Annotated[
@@ -193,11 +201,13 @@ def read_command(
     units: Units = None,
     rate: Rate = None,
     *,
+    between: Between = None,
+    fill: Fill = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Read measurements into one dataset in SI, DIR/measured.nc, and show what was found."""
-    data = _read(files, channels, units, rate)
+    data = _read(files, channels, units, rate, between=between, fill=fill)
     _keep(data, files, output, overwrite=overwrite, quiet=quiet)
 
 
@@ -208,6 +218,8 @@ def response_command(
     units: Units = None,
     rate: Rate = None,
     *,
+    between: Between = None,
+    fill: Fill = False,
     excitation: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Channel to which frequency responses are estimated."),
@@ -244,7 +256,7 @@ def response_command(
         )
     from delam_fem.results.measured.responses import with_free_vibrations, with_responses
 
-    data = _read(files, channels, units, rate)
+    data = _read(files, channels, units, rate, between=between, fill=fill)
     tables: list[Rows] = []
     if excitation is not None:
         data = with_responses(data, excitation, segment=segment, estimator=estimator)
@@ -260,12 +272,20 @@ def response_command(
 
 
 def _read(
-    files: list[Path], channels: list[str] | None, units: str | None, rate: float | None
+    files: list[Path],
+    channels: list[str] | None,
+    units: str | None,
+    rate: float | None,
+    *,
+    between: tuple[float, float] | None,
+    fill: bool,
 ) -> xr.Dataset:
     """Read measurements as the options of the command line say."""
     from delam_fem.results.measured.reading import assigned, read_measured
 
-    return read_measured(*files, channels=assigned(channels), units=units, rate=rate)
+    return read_measured(
+        *files, channels=assigned(channels), units=units, rate=rate, between=between, fill=fill
+    )
 
 
 def _keep(

@@ -5,26 +5,32 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from delam_fem.case.toml import shown
 from delam_fem.numerics.types import FloatArray
+from delam_fem.results.measured.units import Unit, of_quantity, unit_of
 from delam_fem.system.errors import CaseError
 
 Values = npt.NDArray[Any]
 """Real or complex values, shape (n,)."""
 
-TIMES = {"t", "time", "zeit", "temps", "tempo", "seconds", "sekunden"}
+TIMES = {"t", "time", "zeit", "temps", "tempo", "seconds", "sekunden", "elapsed time", "timestamp",
+         "time stamp"}  # fmt: skip
 FREQUENCIES = {"f", "freq", "frequency", "frequenz", "frequencies"}
 POSITIONS = {"x", "position", "pos"}
 """Names of columns that are axes of the others, in lower case."""
 HEADING = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))?\s*$")
 """A name with its unit behind it."""
 AXES = {"time": TIMES, "frequency": FREQUENCIES, "x": POSITIONS}
+COUNTERS = frozenset(
+    "sample samples index idx no no. nr nr. n # number row point scan count i k".split()
+)
+"""Names of columns that count the rows, in lower case."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,8 @@ class Sheet:
         rate: samples per second, where the file says so; None: a column has the times.
         notes: what was put right when the file was read.
         alias: another name of its only signal, such as set3; empty: none.
+        axis: kind of the axis, "time", "frequency" or "x", if it is the first column; empty: its
+            name or unit tells which column is the axis.
     """
 
     label: str
@@ -67,6 +75,7 @@ class Sheet:
     rate: float | None = None
     notes: tuple[str, ...] = ()
     alias: str = ""
+    axis: str = ""
 
 
 def axis_of(name: str, unit: str | None) -> str:
@@ -80,7 +89,7 @@ def axis_of(name: str, unit: str | None) -> str:
     for axis, names in AXES.items():
         if word in names:
             return axis
-    if unit in ("s", "ms", "us", "µs", "min"):
+    if unit in TIME_UNITS:
         return "time"
     return "frequency" if unit in ("Hz", "kHz") and word.startswith("freq") else ""
 
@@ -111,85 +120,12 @@ def matrix_columns(
     return [Column(own, row, unit) for own, row in zip(names, rows, strict=True)]
 
 
-QUANTITIES = {
-    "displacement": ("m", {"[length]": 1.0}),
-    "velocity": ("m/s", {"[length]": 1.0, "[time]": -1.0}),
-    "acceleration": ("m/s2", {"[length]": 1.0, "[time]": -2.0}),
-    "force": ("N", {"[mass]": 1.0, "[length]": 1.0, "[time]": -2.0}),
-    "impulse": ("N s", {"[mass]": 1.0, "[length]": 1.0, "[time]": -1.0}),
-    "moment": ("N m", {"[mass]": 1.0, "[length]": 2.0, "[time]": -2.0}),
-    "strain": ("1", {}),
-    "time": ("s", {"[time]": 1.0}),
-    "frequency": ("Hz", {"[time]": -1.0}),
-    "voltage": ("V", {"[mass]": 1.0, "[length]": 2.0, "[time]": -3.0, "[current]": -1.0}),
-    "receptance": ("m/N", {"[mass]": -1.0, "[time]": 2.0}),
-    "mobility": ("m/(N s)", {"[mass]": -1.0, "[time]": 1.0}),
-    "accelerance": ("m/(N s2)", {"[mass]": -1.0}),
-}
-"""Quantities with their SI unit and their dimensions."""
+TIME_UNITS = frozenset(
+    "s ms us µs μs ns min h sec msec usec µsec Sec SEC second seconds secs Sekunde Sekunden".split()
+)
+"""Units that tell that a column is a time; `S` and `M` are none."""
 SI = "SI"
 """Text in place of a unit: the SI unit of the quantity, which the file names."""
-GRAVITY = ("g", "G", "gn")
-"""How accelerometers name the standard gravity; a channel is not in grams."""
-POWER = re.compile(r"(?<=[A-Za-zµμ])(-?[23])(?!\w)")
-"""The exponent of a unit as in m/s2."""
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A unit of measurement as a factor to the SI unit.
-
-    Attributes:
-        factor: value in SI per value in the unit.
-        units: the SI unit.
-        quantity: one of `QUANTITIES`; empty for other quantities.
-    """
-
-    factor: float
-    units: str
-    quantity: str
-
-
-def unit_of(text: str, label: str) -> Unit:
-    """Return the factor, the SI unit and the quantity of a unit that is given as text.
-
-    Args:
-        text: a unit such as "mm", "m/s²", "µm/m", "g"; empty or "1": a pure number.
-        label: name of what has the unit, for messages.
-
-    Raises:
-        CaseError: there is no such unit, or it has a zero of its own (°C).
-    """
-    name = "g_0" if text in GRAVITY else text
-    try:
-        written = POWER.sub(r"**\1", name.strip("[] ")) or "1"
-        zero, base = (_registry().Quantity(n, written).to_base_units() for n in (0.0, 1.0))
-        if zero.magnitude:
-            raise ValueError("its zero is not that of the SI unit")
-    except Exception as error:  # pint raises its own, tokenize's and arithmetic errors
-        reason = "" if type(error).__name__ == "UndefinedUnitError" else f" ({error})"
-        raise CaseError(
-            f"{label}: expected a unit such as mm, m/s, m/s2, g, N or um/m, given "
-            f"{shown(text)}{reason[:80]}"
-        ) from None
-    dimensions = {str(key): float(power) for key, power in base.dimensionality.items()}
-    for quantity, (units, own) in QUANTITIES.items():
-        if own == dimensions:
-            return Unit(float(base.magnitude), units, quantity)
-    return Unit(float(base.magnitude), f"{base.units:~C}".replace("**", ""), "")
-
-
-def of_quantity(quantity: str) -> Unit:
-    """Return the SI unit of a quantity."""
-    return Unit(1.0, QUANTITIES[quantity][0], quantity)
-
-
-@cache
-def _registry() -> Any:
-    """Return pint's registry of units; reading its definitions takes a third of a second."""
-    import pint
-
-    return pint.UnitRegistry()
 
 
 SPECIFICATION = re.compile(
@@ -202,6 +138,7 @@ NUMBERED = re.compile(r"col(\d+)")
 Assignment = tuple[str, dict[str, Any]]
 AXIS_UNITS = {"time": "s", "frequency": "Hz"}
 """Units of axes that name none."""
+AXIS_QUANTITIES = {"time": "time", "frequency": "frequency", "x": "displacement"}
 
 
 def assignment(text: str, label: str) -> Assignment:
@@ -254,7 +191,8 @@ def channels_of(
     sheets: Sequence[Sheet],
     assignments: Mapping[str, Assignment],
     units: str | None,
-    rate: float | None,
+    times: Times,
+    notes: list[str],
 ) -> list[Channel]:
     """Return the columns of all sheets as channels.
 
@@ -262,7 +200,8 @@ def channels_of(
         sheets: sheets of all files.
         assignments: assignments by name of the channel; columns without one keep their name.
         units: unit of columns that name none.
-        rate: samples per second of sheets without times.
+        times: what the user says of the times.
+        notes: what was put right is added here.
 
     Raises:
         CaseError: an assignment names no column or several; a unit is missing or unknown; or an
@@ -271,13 +210,36 @@ def channels_of(
     named = [_renamed(sheet, assignments, len(sheets)) for sheet in sheets]
     left = set(assignments) - {name for _, used in named for name in used}
     if left:
-        held = [column.name for sheet in sheets for column in sheet.columns]
+        names = [column.name for sheet in sheets for column in sheet.columns]
         first, _ = assignments[min(left)]
         raise CaseError(
             f"--channel {min(left)}: there is no column {shown(first)}; the files have "
-            f"{', '.join(held)[:300]}"
+            f"{', '.join(names)[:300]}"
         )
-    return [channel for sheet, _ in named for channel in _of_sheet(sheet, units, rate)]
+    _require_single(named)
+    return [channel for sheet, _ in named for channel in _of_sheet(sheet, units, times, notes)]
+
+
+def _require_single(named: Sequence[tuple[Sheet, list[str]]]) -> None:
+    """Check that no assignment fits the columns of two sheets.
+
+    A response and its coherence may share a name.
+
+    Raises:
+        CaseError: one does.
+    """
+    labels: dict[tuple[str, str], str] = {}
+    for sheet, used in named:
+        for column in sheet.columns:
+            if column.name not in used:
+                continue
+            if (key := (column.name, column.kind)) in labels:
+                raise CaseError(
+                    f"--channel {column.name}: its source is a column of {labels[key]} and of "
+                    f"{sheet.label}; name it by what only one has, such as set3, or read the files "
+                    "one by one"
+                )
+            labels[key] = sheet.label
 
 
 def _renamed(
@@ -314,40 +276,199 @@ def _place(sheet: Sheet, source: str) -> int | None:
     return k if 0 <= k < len(names) else None
 
 
-def _of_sheet(sheet: Sheet, units: str | None, rate: float | None) -> list[Channel]:
+@dataclass(frozen=True)
+class Times:
+    """What a user says of the times of the samples.
+
+    Attributes:
+        rate: samples per second, which replaces the times of the files; None: the files have them.
+        fill: whether missing samples are interpolated.
+        between: first and last time that are read [s]; None: all.
+    """
+
+    rate: float | None = None
+    fill: bool = False
+    between: tuple[float, float] | None = None
+
+
+def _of_sheet(sheet: Sheet, units: str | None, times: Times, notes: list[str]) -> list[Channel]:
     """Return the columns of a sheet beside its axis as channels."""
-    axes = [axis_of(column.name, column.unit) for column in sheet.columns]
-    rate = sheet.rate if rate is None else rate
-    k = next((i for i, axis in enumerate(axes) if axis), 0 if rate is None else -1)
-    kind = axes[k] or "time"
-    if k < 0:
-        kind, points = "time", np.arange(sheet.columns[0].values.size) / float(rate or 1.0)
-    else:
-        label = f"{sheet.label}, column {shown(sheet.columns[k].name)}"
-        unit, _ = _unit_in(label, sheet.columns[k], units if kind == "x" else AXIS_UNITS[kind], "x")
-        points = np.asarray(sheet.columns[k].values.real * unit.factor, dtype=np.float64)
-        steps = np.flatnonzero(~(np.diff(points) > 0.0))
-        if steps.size:
-            raise CaseError(
-                f"{label}: expected the {kind} to increase, given {points[steps[0] + 1]:.6g} after "
-                f"{points[steps[0]]:.6g}"
-                + ("; without times, --rate gives the samples per second" if kind == "time" else "")
-            )
+    k, kind = _axis(sheet)
+    rate = sheet.rate if times.rate is None else times.rate
     others = [column for i, column in enumerate(sheet.columns) if i != k]
+    if kind in ("", "time") and rate is not None:
+        if k >= 0:
+            notes.append(
+                f"{sheet.label}: the column {shown(sheet.columns[k].name)} is left out, as --rate "
+                f"gives {rate:g} samples per second"
+            )
+        kind, points = "time", np.arange(sheet.columns[0].values.size) / rate
+    else:
+        if times.rate is not None:
+            notes.append(f"{sheet.label}: over the {kind}; --rate has no effect on it")
+        k, kind = (k, kind) if k >= 0 else (_unnamed_time(sheet), "time")
+        others = [column for i, column in enumerate(sheet.columns) if i != k]
+        points = _points(sheet, sheet.columns[k], kind, units)
+    counters = [column for column in others if _counts_rows(column) and len(others) > 1]
+    for column in counters:
+        notes.append(f"{sheet.label}: the column {shown(column.name)} counts the rows; left out")
+    others = [column for column in others if column not in counters]
     if not others:
         raise CaseError(f"{sheet.label}: expected a column beside the {kind}, given none")
+    if kind == "time" and times.between is not None:
+        points, others = _between(sheet, points, others, times.between)
+    if kind == "time":
+        points, others = _without_holes(sheet, points, others, times, notes)
     return [_channel(sheet, column, kind, points, units) for column in others]
 
 
-def _unit_in(label: str, column: Column, units: str | None, kind: str) -> tuple[Unit, str]:
-    """Return the unit of a column over an axis of some kind, and a label of column and unit."""
-    text = column.unit if column.unit is not None else units
+def _axis(sheet: Sheet) -> tuple[int, str]:
+    """Return which column is the axis, and its kind; -1 and empty if no name or unit tells it."""
+    if sheet.axis:
+        return 0, sheet.axis
+    names = [axis_of(column.name, None) for column in sheet.columns]
+    for kind in AXES:
+        if kind in names:
+            return names.index(kind), kind
+    for k, column in enumerate(sheet.columns):
+        if kind := axis_of(column.name, column.unit):
+            return k, kind
+    return -1, ""
+
+
+def _unnamed_time(sheet: Sheet) -> int:
+    """Return the number of the first column, if it can be the time.
+
+    Raises:
+        CaseError: it has another name or unit, or counts the rows.
+    """
+    first = sheet.columns[0]
+    is_counter = bool(np.all(np.diff(first.values.real) == 1.0))
+    if NUMBERED.fullmatch(first.name) and first.unit is None and not is_counter:
+        return 0
+    what = "counts the rows" if is_counter else f"has the unit {first.unit or 'none'}"
+    raise CaseError(
+        f"{sheet.label}: expected a column of times, named time or with a unit such as [s], given "
+        f"{shown(first.name)} first, which {what}; --rate gives the samples per second, or "
+        "--channel time=col1:s says that it is a time"
+    )
+
+
+def _counts_rows(column: Column) -> bool:
+    """Return whether a column only counts the rows."""
+    if column.unit is not None or not column.values.size > 1:
+        return False
+    is_named = column.name.strip().lower() in COUNTERS or column.name == "col1"
+    return is_named and bool(np.all(np.diff(column.values.real) == 1.0))
+
+
+def _points(sheet: Sheet, column: Column, kind: str, units: str | None) -> FloatArray:
+    """Return the values of an axis in SI.
+
+    Raises:
+        CaseError: its unit is that of another quantity, or it does not increase.
+    """
+    label = f"{sheet.label}, column {shown(column.name)}"
+    text = column.unit or (units if kind == "x" else AXIS_UNITS[kind])
+    if text == SI:
+        text = "m" if kind == "x" else AXIS_UNITS[kind]
     if text is None:
+        raise _no_unit(label, column)
+    unit = unit_of(text.partition(" since ")[0], label)
+    factor = unit.factor
+    if kind == "frequency" and unit.quantity == "angular velocity":
+        factor /= 2.0 * np.pi
+    elif unit.quantity != AXIS_QUANTITIES[kind]:
         raise CaseError(
-            f"{label}: no unit; expected one in the heading, as in '{column.name} [mm]', or an "
-            "option such as --units mm"
+            f"{label}: expected the {kind} in a unit such as {AXIS_UNITS.get(kind, 'm')}, given "
+            f"{shown(text)}, a {unit.quantity or 'number'}; --channel "
+            f"{kind}={column.name}:UNIT gives another"
         )
-    return _si(column, kind) if text == SI else unit_of(text, label), f"{label} [{text}]"
+    points = np.asarray(column.values.real * factor, dtype=np.float64)
+    steps = np.flatnonzero(~(np.diff(points) > 0.0))
+    if steps.size:
+        raise CaseError(
+            f"{label}: expected the {kind} to increase, given {points[steps[0] + 1]:.6g} after "
+            f"{points[steps[0]]:.6g} in row {steps[0] + 2}"
+            + ("; --rate gives the samples per second instead" if kind == "time" else "")
+        )
+    return points
+
+
+def _between(
+    sheet: Sheet, points: FloatArray, columns: Sequence[Column], ends: tuple[float, float]
+) -> tuple[FloatArray, list[Column]]:
+    """Return the part of a record between two times.
+
+    Raises:
+        CaseError: fewer than two samples are there.
+    """
+    is_in = (points >= ends[0]) & (points <= ends[1])
+    if is_in.sum() < 2:
+        raise CaseError(
+            f"{sheet.label}: --between: expected two times [s] from {points[0]:.6g} to "
+            f"{points[-1]:.6g} with samples between, given {ends[0]:g} and {ends[1]:g}"
+        )
+    return points[is_in], [replace(column, values=column.values[is_in]) for column in columns]
+
+
+LONG = 1.5
+"""Steps of the time, over the usual one, between which samples are missing."""
+FILLED = 10
+"""Most samples in sequence that are interpolated where that is asked for."""
+
+
+def _without_holes(
+    sheet: Sheet,
+    points: FloatArray,
+    columns: Sequence[Column],
+    times: Times,
+    notes: list[str],
+) -> tuple[FloatArray, list[Column]]:
+    """Return times and columns; holes are noted, or filled where the user asks for it.
+
+    Raises:
+        CaseError: a hole is too long to be filled.
+    """
+    step = float(np.median(np.diff(points)))
+    sizes = np.round(np.diff(points) / step).astype(np.int64)
+    holes = np.flatnonzero(np.diff(points) > LONG * step)
+    if not holes.size or holes.size > LONG * points.size / 4:
+        return points, list(columns)
+    n_missing = int((sizes[holes] - 1).sum())
+    first, last = points[holes[0]], points[holes[0] + 1]
+    what = (
+        f"{holes.size} hole(s) among steps of {step:.6g} s, {n_missing} samples missing; the first "
+        f"from {first:.6g} to {last:.6g} s"
+    )
+    if not times.fill:
+        notes.append(
+            f"{sheet.label}: {what}; --between takes a part without holes, --fill interpolates "
+            "short ones, and --rate replaces times that are only rounded"
+        )
+        return points, list(columns)
+    if sizes[holes].max() > FILLED + 1:
+        longest = holes[np.argmax(sizes[holes])]
+        raise CaseError(
+            f"{sheet.label}: --fill: expected holes of at most {FILLED} samples, given "
+            f"{sizes[longest] - 1} from {points[longest]:.6g} to {points[longest + 1]:.6g} s; "
+            "--between takes a part without it"
+        )
+    pieces = [
+        np.linspace(points[k], points[k + 1], n, endpoint=False) if n > 1 else points[k : k + 1]
+        for k, n in enumerate(sizes)
+    ]
+    axis = np.concatenate([*pieces, points[-1:]])
+    notes.append(f"{sheet.label}: {what}; interpolated by cubic splines")
+    return axis, [replace(own, values=CubicSpline(points, own.values)(axis)) for own in columns]
+
+
+def _no_unit(label: str, column: Column) -> CaseError:
+    """Return the error that a column has no unit."""
+    return CaseError(
+        f"{label}: no unit; expected one in the heading, as in '{column.name} [mm]', or an option "
+        "such as --units mm"
+    )
 
 
 def _channel(
@@ -359,24 +480,44 @@ def _channel(
     if found := PLACE.fullmatch(column.name):
         place = length_of(found["place"], label) if place is None else place
         lamina = lamina or found["lamina"] or ""
-    unit, source = _unit_in(label, column, units, kind)
+    text = column.unit or units
+    if text is None:
+        raise _no_unit(label, column)
+    if text == SI:
+        unit = _si(column, kind, label)
+    else:
+        unit = unit_of(text, label, is_response=kind == "frequency")
+    if unit.units == "1" and column.quantity:
+        unit = replace(unit, quantity=column.quantity)
     if not np.all(np.isfinite(column.values)):
         bad = int(np.flatnonzero(~np.isfinite(column.values))[0])
         raise CaseError(f"{label}: expected finite numbers, given none at sample {bad + 1}")
     about = vars(column) | {"values": column.values * unit.factor}
     about |= {"position": place, "lamina": lamina}
-    return Channel(**about, axis=kind, points=points, si=unit, source=source)
+    return Channel(**about, axis=kind, points=points, si=unit, source=f"{label} [{text}]")
 
 
-def _si(column: Column, kind: str) -> Unit:
-    """Return the SI unit of a column whose file says what it measures."""
-    if column.quantity:
-        return of_quantity(column.quantity)
-    word = column.name.lower()
-    for quantity in ("velocity", "acceleration", "force", "strain"):
-        if quantity in word:
-            return of_quantity(quantity)
-    return of_quantity("displacement" if kind != "frequency" else "receptance")
+WORDS = ("velocity", "acceleration", "force", "strain", "displacement", "receptance", "mobility",
+         "accelerance")  # fmt: skip
+"""Quantities that the name of a column may say."""
+
+
+def _si(column: Column, kind: str, label: str) -> Unit:
+    """Return the SI unit of a column whose file says what it measures.
+
+    Raises:
+        CaseError: it does not.
+    """
+    name = column.name.lower()
+    quantity = column.quantity or next((word for word in WORDS if word in name), "")
+    if not quantity and (kind == "x" or name.startswith("tip")):
+        quantity = "displacement"
+    if not quantity:
+        raise CaseError(
+            f"{label}: expected a file that says what it measures for --units SI, given none of "
+            f"{', '.join(WORDS)}; --channel NAME={column.name}:UNIT gives the unit"
+        )
+    return of_quantity(quantity)
 
 
 PART = re.compile(
@@ -397,26 +538,58 @@ def joined(channels: Sequence[Channel]) -> list[Channel]:
     NAME; `NAME coherence` its coherence. A phase is in radians once its unit has been converted.
     Other columns over the frequency are responses as they are.
     """
-    kept = [own for own in channels if own.axis != "frequency"]
+    result = [channel for channel in channels if channel.axis != "frequency"]
     parts: dict[str, dict[str, Channel]] = {}
-    for channel in (own for own in channels if own.axis == "frequency"):
-        found = PART.fullmatch(channel.name)
+    for channel in (channel for channel in channels if channel.axis == "frequency"):
+        match = PART.fullmatch(channel.name)
         if channel.kind == "coherence":
             name, part = channel.name, "coherence"
-        elif found is None:
+        elif match is None:
             name, part = channel.name, "whole"
         else:
-            name, part = found["name"], PARTS[found["part"].lower()]
-        parts.setdefault(name, {})[part] = channel
-    for name, own in parts.items():
-        coherence = own.pop("coherence", None)
-        if {"real", "imag"} <= own.keys():
-            responses = [(name, own["real"], own["real"].values + 1j * own["imag"].values)]
-        elif {"size", "phase"} <= own.keys():
-            responses = [(name, own["size"], own["size"].values * np.exp(1j * own["phase"].values))]
-        else:
-            responses = [(one.name, one, one.values.astype(complex)) for one in own.values()]
-        kept += [replace(one, name=n, kind="response", values=v) for n, one, v in responses]
+            name, part = match["name"], PARTS[match["part"].lower()]
+        if part in parts.setdefault(name, {}):
+            raise same_names(name, parts[name][part].source, channel.source)
+        parts[name][part] = channel
+    for name, group in parts.items():
+        coherence = group.pop("coherence", None)
+        if {"real", "imag"} <= group.keys():
+            real, imag = group.pop("real"), group.pop("imag")
+            _require_unit(imag, real.si.units)
+            result.append(
+                replace(real, name=name, kind="response", values=real.values + 1j * imag.values)
+            )
+        elif {"size", "phase"} <= group.keys():
+            size, phase = group.pop("size"), group.pop("phase")
+            if phase.si.units != "1":
+                _require_unit(phase, "rad")
+            values = size.values * np.exp(1j * phase.values)
+            result.append(replace(size, name=name, kind="response", values=values))
+        result += [
+            replace(one, kind="response", values=one.values.astype(complex))
+            for one in group.values()
+        ]
         if coherence is not None:
-            kept.append(replace(coherence, name=name, kind="coherence"))
-    return kept
+            result.append(replace(coherence, name=name, kind="coherence"))
+    return result
+
+
+def _require_unit(channel: Channel, units: str) -> None:
+    """Check that a part of a response has a unit.
+
+    Raises:
+        CaseError: it has another one.
+    """
+    if channel.si.units != units:
+        raise CaseError(
+            f"{channel.source}: expected a unit of {units}, as for a part of a response, given "
+            f"one of {channel.si.units}; --channel {channel.name}={channel.name}:UNIT gives another"
+        )
+
+
+def same_names(name: str, first: str, second: str) -> CaseError:
+    """Return the error that two channels have the same name."""
+    return CaseError(
+        f"channel {name!r}: expected different names, given it twice: {first} and {second}; "
+        "--channel NAME=… renames one"
+    )

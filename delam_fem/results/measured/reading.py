@@ -27,10 +27,12 @@ from delam_fem.results.measured import readers
 from delam_fem.results.measured.channels import (
     Channel,
     Sheet,
+    Times,
     Values,
     assignment,
     channels_of,
     joined,
+    same_names,
 )
 from delam_fem.results.schema import VARIABLES, add, by_interface
 from delam_fem.system.errors import CaseError
@@ -98,10 +100,7 @@ def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Datase
     seen: dict[tuple[str, str], str] = {}
     for own in channels:
         if (key := (own.name, own.kind)) in seen:
-            raise CaseError(
-                f"channel {own.name!r}: expected different names, given it twice: {seen[key]} and "
-                f"{own.source}; --channel NAME=… renames one"
-            )
+            raise same_names(own.name, seen[key], own.source)
         seen[key] = own.source
     histories = [channel for channel in channels if channel.axis == "time"]
     if histories:
@@ -179,8 +178,13 @@ def _with_histories(
     """Return the dataset with histories: tips by lamina, drive and sensors."""
     tips: dict[str, dict[str, Values]] = {}
     drives, sensors = dict[str, Values](), dict[str, Any]()
+    sources: dict[tuple[str, str], str] = {}
     for channel, own in zip(channels, values, strict=True):
         name = variable_of(channel)
+        key = (name, _lamina_of(channel) if name in OF_TIPS.values() else "")
+        if key in sources:
+            raise same_names(" ".join(filter(None, key)), sources[key], channel.source)
+        sources[key] = channel.source
         if name in OF_TIPS.values():
             tips.setdefault(name, {})[_lamina_of(channel)] = own
         elif name in VARIABLES:
@@ -301,6 +305,8 @@ def read_measured(
     channels: Mapping[str, str] | None = None,
     units: str | None = None,
     rate: float | None = None,
+    between: tuple[float, float] | None = None,
+    fill: bool = False,
 ) -> xr.Dataset:
     """Read measurements into one dataset in SI.
 
@@ -311,7 +317,9 @@ def read_measured(
             source, then after a colon the unit, after an @ the position [m] and the lamina.
             `tip LAMINA`, `base`, `force` and `gap` have their own variables; others are sensors.
         units: unit of columns that name none; "SI": the SI unit of the quantity that the file says.
-        rate: samples per second of files without times.
+        rate: samples per second; it replaces the times of the files.
+        between: first and last time that are read [s]; None: all.
+        fill: interpolate short holes, where samples are missing.
 
     Returns:
         A dataset as the docstring of this module describes it.
@@ -338,7 +346,8 @@ def read_measured(
         name: assignment(text, f"--channel {name}") for name, text in (channels or {}).items()
     }
     notes = [f"{sheet.label}: {note}" for sheet in sheets for note in sheet.notes]
-    return dataset(joined(channels_of(sheets, assigned, units, rate)), notes)
+    channels_in_si = channels_of(sheets, assigned, units, Times(rate, fill, between), notes)
+    return dataset(joined(channels_in_si), notes)
 
 
 def sheets_of(path: Path) -> list[Sheet]:
@@ -471,7 +480,7 @@ def lines(data: xr.Dataset) -> Iterator[str]:
     if "time" in data:
         time: FloatArray = data["time"].to_numpy()
         span = float(time[-1] - time[0])
-        rate = (time.size - 1) / span
+        rate = 1.0 / float(np.median(np.diff(time)))
         yield f"time: {time.size} samples, {rate:.6g} per second, {span:.6g} s from {time[0]:.6g} s"
     for name, unit in (("frequency", "Hz"), ("x", "m")):
         if name in data.coords:

@@ -29,8 +29,9 @@ from delam_fem.results.figures.style import (
     save_figure,
     stacked,
 )
-from delam_fem.results.measured.channels import Values, unit_of
+from delam_fem.results.measured.channels import Values
 from delam_fem.results.measured.reading import history_of
+from delam_fem.results.measured.units import ratio_of
 from delam_fem.system.errors import CaseError, require
 
 QUIET = 15.0
@@ -311,7 +312,7 @@ def _with(
     first, outputs = channels
     names = [str(name) for name in data["channel"].to_numpy()]
     units = [str(u) for u in data["channel_units"].to_numpy()]
-    ratios = [unit_of(f"({units[k]})/({units[first]})", names[k]).units for k in outputs]
+    ratios = [ratio_of(units[k], units[first]) for k in outputs]
     about = {
         "units": ratios[0] if len(set(ratios)) == 1 else "see response_units",
         "long_name": f"frequency response to {names[first]}",
@@ -336,8 +337,13 @@ def _step(time: FloatArray) -> float:
     step = float((time[-1] - time[0]) / (time.size - 1))
     off = np.abs(time - time[0] - step * np.arange(time.size)) / step
     if off.max() > UNEVEN:
+        steps = np.diff(time)
+        k = int(np.argmax(steps))
         raise CaseError(
-            f"time: expected samples at equal steps, given one that is {off.max():.2g} steps off"
+            f"time: expected samples at equal steps, given one that is {off.max():.2g} steps off, "
+            f"and the longest step, {steps[k] / np.median(steps):.3g} times the usual one, from "
+            f"{time[k]:.6g} to {time[k + 1]:.6g} s; --between takes a part without holes, --fill "
+            "interpolates short ones"
         )
     return step
 

@@ -10,10 +10,10 @@ import pytest
 from kit import refusal as message
 
 from delam_fem.results.measured.channels import (
-    QUANTITIES,
     Channel,
     Column,
     Sheet,
+    Times,
     assignment,
     axis_of,
     channels_of,
@@ -21,8 +21,6 @@ from delam_fem.results.measured.channels import (
     joined,
     length_of,
     matrix_columns,
-    of_quantity,
-    unit_of,
 )
 
 N = 8
@@ -37,39 +35,6 @@ def of_channels(channels: list[Channel]) -> str:
         f"{own.unit!r} {own.quantity!r}, {own.si.factor:.8g} {own.si.units} {own.si.quantity!r} "
         f"({own.source})\n  {golden.values_of(own.points)}: {golden.values_of(own.values)}"
         for own in channels
-    )
-
-
-UNITS = (
-    "m", "mm", "um", "µm", "in", "mm/s", "m/s", "m/s2", "m/s²", "m/s^2", "g", "G", "gn", "N", "kN",
-    "N s", "N m", "um/m", "µm/m", "1", "", "%", "ms", "Hz", "mV", "V", "m/N", "um/N", "(mm)/(N)",
-    "m/s/N", "m/s2/N", "g_0/N", "kg", "Pa", "MPa", "degree", "deg", "[mm]", "m2", "1/m", "mm3",
-    "s-2", "rad/s", "V/N",
-)  # fmt: skip
-
-
-def test_units_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    told = []
-    for text in UNITS:
-        own = unit_of(text, "a")
-        told.append(f"{text!r}: {own.factor:.8g} {own.units!r} {own.quantity!r}")
-    stored("\n".join(told))
-    for quantity, (units, _) in QUANTITIES.items():
-        same = of_quantity(quantity)
-        assert (same.factor, same.units, same.quantity) == (1.0, units, quantity)
-        if units not in ("Hz",):  # pint counts in turns
-            own = unit_of(units, "a")
-            assert (own.factor, own.quantity) == (1.0, quantity)
-
-
-def test_units_that_are_none_are_refused() -> None:
-    start = "label: expected a unit such as mm, m/s, m/s2, g, N or um/m, given "
-    assert message(lambda: unit_of("mmm", "label")) == f"{start}'mmm'"
-    for text in ("m**", "mm (10 % and more"):
-        given = message(lambda text=text: unit_of(text, "label")).removeprefix(start)
-        assert given.startswith(f"{text!r} (") and len(given) <= len(repr(text)) + 80
-    assert message(lambda: unit_of("°C", "label")) == (
-        f"{start}'°C' (its zero is not that of the SI unit)"
     )
 
 
@@ -146,13 +111,13 @@ def test_channels_are_the_stored_ones(stored: Callable[..., None]) -> None:
     f, x = Column("f", 10.0 * TIME, "kHz"), Column("x", TIME, None)
     cases: dict[str, tuple[list[Sheet], dict[str, str], str | None, float | None]] = {
         "times first": ([sheet(t, Column("a", ONE, "mm"), Column("b", TWO))], {}, "m/s", None),
-        "times last": ([sheet(Column("a", ONE, "g"), ms)], {}, None, None),
+        "times last": ([sheet(Column("a", ONE, "g"), ms)], {}, None, Times(), []),
         "no times, the first column": ([sheet(Column("p", TIME, "s"), Column("q", ONE, "N"))], {},
                                        None, None),
         "first column without a name": ([sheet(Column("col1", TIME, None),
                                                Column("col2", ONE, None))], {}, "um", None),
         "a rate": ([sheet(Column("a", ONE, "mm"), Column("b", TWO, "mm"))], {}, None, 4.0),
-        "a rate in the file": ([sheet(Column("a", ONE, "mm"), rate=8.0)], {}, None, None),
+        "a rate in the file": ([sheet(Column("a", ONE, "mm"), rate=8.0)], {}, None, Times(), []),
         "a rate for another": ([sheet(Column("a", ONE, "mm"), rate=8.0)], {}, None, 2.0),
         "places in names": ([sheet(t, Column("v@0.12/upper", ONE, "m/s"),
                                    Column("w @ 30mm", TWO, "m/s"), Column("z@-.5/p q", ONE, "m"),
@@ -164,10 +129,10 @@ def test_channels_are_the_stored_ones(stored: Callable[..., None]) -> None:
                         sheet(t, Column("a", TWO, "mm"), alias="set5")],
                        {"third": "set3", "fifth": "set5:m"}, None, None),
         "over x": ([sheet(x, Column("gap", ONE, None))], {}, "cm", None),
-        "over f": ([sheet(f, Column("h", ONE + 1j * TWO, "mm/N"))], {}, None, None),
+        "over f": ([sheet(f, Column("h", ONE + 1j * TWO, "mm/N"))], {}, None, Times(), []),
         "SI by words": ([sheet(t, *(Column(f"The {word} there", ONE, "SI") for word in (
             "velocity", "ACCELERATION", "force", "strain", "rest")),
-            Column("velocity", TWO, "SI", "strain"))], {}, None, None),
+            Column("velocity", TWO, "SI", "strain"))], {}, None, Times(), []),
         "SI over f": ([sheet(f, Column("h", ONE, "SI"), Column("k", ONE, None))], {}, "SI", None),
         "SI over x": ([sheet(Column("x", TIME, "SI"), Column("k", ONE, None))], {}, "SI",
                       None),
@@ -175,7 +140,7 @@ def test_channels_are_the_stored_ones(stored: Callable[..., None]) -> None:
     told = []
     for name, (sheets, given, units, rate) in cases.items():
         says = {key: assignment(text, key) for key, text in given.items()}
-        told += [f"# {name}", of_channels(channels_of(sheets, says, units, rate))]
+        told += [f"# {name}", of_channels(channels_of(sheets, says, units, Times(rate), []))]
     stored("\n".join(told))
 
 
@@ -184,11 +149,11 @@ def test_messages_of_channels_are_exact() -> None:
     falling = TIME.copy()
     falling[3] = falling[2]
     refused = {
-        "file, column 't': expected the time to increase, given 1 after 1; without times, --rate "
-        "gives the samples per second": (sheet(Column("t", falling, "s"), a),),
-        "file, column 'x': expected the x to increase, given 1 after 1": (
+        "file, column 't': expected the time to increase, given 1 after 1 in row 4; --rate "
+        "gives the samples per second instead": (sheet(Column("t", falling, "s"), a),),
+        "file, column 'x': expected the x to increase, given 1 after 1 in row 4": (
             sheet(Column("x", falling, "m"), a),),
-        "file, column 'f': expected the frequency to increase, given 1.25 after 1.5": (
+        "file, column 'f': expected the frequency to increase, given 1.25 after 1.5 in row 5": (
             sheet(Column("f", TIME[[0, 1, 2, 4, 3]], "Hz"), Column("a", ONE[:5], "mm")),),
         "file: expected a column beside the time, given none": (sheet(t),),
         "file, column 'b': no unit; expected one in the heading, as in 'b [mm]', or an option such "
@@ -197,30 +162,32 @@ def test_messages_of_channels_are_exact() -> None:
             sheet(t, Column("b", np.where(np.arange(N) >= 2, np.nan, ONE), "mm")),),
     }  # fmt: skip
     for told, sheets in refused.items():
-        assert message(lambda sheets=sheets: channels_of(sheets, {}, None, None)) == told
+        assert message(lambda sheets=sheets: channels_of(sheets, {}, None, Times(), [])) == told
     two = [sheet(t, a), sheet(t, Column("b", TWO, "mm"))]
-    assert message(lambda: channels_of(two, {"q": ("c", {}), "p": ("d", {})}, None, None)) == (
-        "--channel p: there is no column 'd'; the files have t, a, t, b"
-    )
-    assert message(lambda: channels_of(two, {"q": ("col2", {})}, None, None)) == (
+    assert message(
+        lambda: channels_of(two, {"q": ("c", {}), "p": ("d", {})}, None, Times(), [])
+    ) == ("--channel p: there is no column 'd'; the files have t, a, t, b")
+    assert message(lambda: channels_of(two, {"q": ("col2", {})}, None, Times(), [])) == (
         "--channel q: col2 is not clear with several tables; use the names of the columns, or "
         "measure the files one by one"
     )
     many = sheet(t, *(Column(f"name_{k:02d}", ONE, "mm") for k in range(60)))
-    told = message(lambda: channels_of([many], {"q": ("col62", {})}, None, None))
+    told = message(lambda: channels_of([many], {"q": ("col62", {})}, None, Times(), []))
     names = ", ".join(["t", *(f"name_{k:02d}" for k in range(60))])[:300]
     assert told == f"--channel q: there is no column 'col62'; the files have {names}"
-    found = channels_of([many], {"q": ("col61", {})}, None, None)
+    found = channels_of([many], {"q": ("col61", {})}, None, Times(), [])
     assert [own.name for own in found[-2:]] == ["name_58", "q"]
     twins = sheet(t, Column("A", ONE, "mm"), Column("a", TWO, "mm"))
     for given, values in (("A", ONE), ("a", TWO)):
-        own = channels_of([twins], {"q": (given, {})}, None, None)
+        own = channels_of([twins], {"q": (given, {})}, None, Times(), [])
         [q] = [channel for channel in own if channel.name == "q"]
         np.testing.assert_array_equal(q.values, 1e-3 * values)
     both = sheet(t, Column("Ab", ONE, "mm"), Column("aB", TWO, "mm"))
-    assert "no column 'AB'" in message(lambda: channels_of([both], {"q": ("AB", {})}, None, None))
+    assert "no column 'AB'" in message(
+        lambda: channels_of([both], {"q": ("AB", {})}, None, Times(), [])
+    )
     assert "no column 'col0'" in message(
-        lambda: channels_of([both], {"q": ("col0", {})}, None, None)
+        lambda: channels_of([both], {"q": ("col0", {})}, None, Times(), [])
     )
 
 
@@ -236,5 +203,5 @@ def test_parts_are_joined_to_the_stored_responses(stored: Callable[..., None]) -
         TWO, "1"), Column("z", TWO, "1", kind="coherence"),
     ]  # fmt: skip
     over_time = sheet(Column("t", TIME, "s"), Column("a real", ONE, "mm"))
-    found = channels_of([sheet(f, *columns), over_time], {}, None, None)
+    found = channels_of([sheet(f, *columns), over_time], {}, None, Times(), [])
     stored(of_channels(joined(found)))
