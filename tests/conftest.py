@@ -1,7 +1,6 @@
 """What all tests share: no display, one thread, the same random inputs, labelled axes, time."""
 
 import os
-import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -82,42 +81,34 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
-def stored(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """Return a function that compares a text with the one stored for this test and a suffix."""
+def stored(request: pytest.FixtureRequest) -> Callable[[str], None]:
+    """Return a function that compares a text with the one stored for this test."""
     import golden  # here: MPI and threads are set up before anything of the package is imported
 
-    folder = request.path.relative_to(Path(__file__).parent).with_suffix("")
-    name = re.sub(r"[^\w.-]+", "-", request.node.name.removeprefix("test_")).strip("-")
+    module = request.path.relative_to(golden.TESTS).as_posix()
+    path = golden.place(f"{module}::{request.node.name}")
     store = bool(request.config.getoption("store"))
-    place = f"{folder.as_posix()}/{name}"
-    return lambda text, suffix="": golden.check(place + suffix, text, store=store)
+    return lambda text: golden.check(path, text, store=store)
 
 
 @pytest.fixture
-def pictures(monkeypatch: pytest.MonkeyPatch, stored: Callable[..., None]) -> Iterator[None]:
-    """Compare the figures and reports that a test saves with what is stored; of films the first."""
+def pictures(monkeypatch: pytest.MonkeyPatch, stored: Callable[[str], None]) -> Iterator[None]:
+    """Compare the words of the figures that a test saves; of films those of the first frame."""
     import golden
 
-    from delam_fem.studies.study import Report
+    save, descriptions, films = Figure.savefig, list[str](), set[int]()
 
-    save, told, films = Figure.savefig, [], set[int]()
-    save_report = Report.save
-
-    def kept(figure: Figure, *given: object, **options: object) -> None:
-        if not (options.get("format") == "rgba" and id(figure) in films):
-            told.append(golden.describe(figure))
+    def described(figure: Figure, *given: object, **options: object) -> None:
+        is_later_frame = options.get("format") == "rgba" and id(figure) in films
+        if not is_later_frame:
+            descriptions.append(golden.describe(figure))
         films.add(id(figure))
         save(figure, *given, **options)
 
-    def reported(report: Report, directory: Path | str) -> list[Path]:
-        told.append(golden.of_report(report))
-        return save_report(report, directory)
-
-    monkeypatch.setattr(Figure, "savefig", kept)
-    monkeypatch.setattr(Report, "save", reported)
+    monkeypatch.setattr(Figure, "savefig", described)
     yield
-    assert told, "nothing was saved"
-    stored("\n\n".join(told))
+    assert descriptions, "nothing was saved"
+    stored("\n\n".join(descriptions))
 
 
 def unlabelled(figure: Figure) -> list[Axes]:

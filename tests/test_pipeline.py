@@ -5,18 +5,15 @@ from __future__ import annotations
 import json
 import logging
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import golden
 import numpy as np
 import pytest
 import xarray as xr
 from crew import Crew
 
 import delam_fem as df
-from delam_fem.model.discretise import assemble
 from delam_fem.results.folder import Result
 
 SHORT = {"time.periods": 4, "output.window_periods": 3, "output.fields_per_period": 8}
@@ -214,43 +211,6 @@ def test_an_unknown_engine_is_refused() -> None:
 
 QUICK = {"time.periods": 3, "time.steps_per_period": 60, "output.window_periods": 2,
          "output.fields_per_period": 0, "mesh.elements": 4}  # fmt: skip
-RUNS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "plain": ({}, {}),
-    "law and scheme": ({}, {"law": "newton", "scheme": "moreau-jean", "until": 0.5}),
-    "a law": ({"contact.restitution": 0.7}, {"law": df.Law("newton", 0.2, "lumped")}),
-    "a drive": ({}, {"drive": df.HarmonicMotion(2.5, 0.004), "until": 0.4 * (1.0 + 1e-10)}),
-    "a sweep": ({"excitation.kind": "sweep", "excitation.start_frequency": 2.0,
-                 "excitation.end_frequency": 4.0, "excitation.duration": 1.0,
-                 "time.periods": 3}, {}),
-    "too large": ({"excitation.amplitude": 1.5, "contact.law": "none"}, {}),
-    "unread": ({"time.most_periods": 7, "contact.law": "none", "contact.restitution": 0.5}, {}),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", RUNS)
-def test_summaries_are_the_stored_ones(
-    name: str, caplog: pytest.LogCaptureFixture, stored: Callable[..., None]
-) -> None:
-    keys, options = RUNS[name]
-    found = df.run(df.preset("paper", QUICK | keys), "compiled", **options)
-    summary = {key: own for key, own in found.summary.items() if "second" not in key}
-    del summary["energy_residual"], summary["impact_energy_gain"]
-    told = [golden.told(summary), *caplog.messages, found.case.title]
-    stored("\n".join(told))
-
-
-def test_a_run_of_operators_has_the_stored_summary(stored: Callable[..., None]) -> None:
-    structure = assemble(df.preset("paper", QUICK), needs_dolfinx=False)
-    about: dict[str, Any] = {"scheme": "moreau-jean", "time_step": 1.0 / 200.0,
-                             "steps_per_period": 50, "periods": 3, "window_periods": 2}  # fmt: skip
-    told = []
-    for drive in (df.HarmonicMotion(4.0, 0.01), df.HarmonicMotion(3.9, 0.01), None):
-        found = df.run(structure, "compiled", law=df.Law("newton", 0.3), drive=drive, **about)
-        summary = {key: own for key, own in found.summary.items() if "second" not in key}
-        del summary["energy_residual"], summary["impact_energy_gain"]
-        told += [found.case.title, golden.told(summary)]
-        told.append(f"{found.case.is_periodic} {found.case.period:.6g} {found.case.n_periods}")
-    stored("\n".join(told))
 
 
 @pytest.mark.parametrize(

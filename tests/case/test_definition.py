@@ -1,13 +1,10 @@
-"""All that follows from a case, and all that is refused, beside what is stored."""
+"""Cases are read back from their files; what contradicts itself is refused."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
-import golden
-import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
@@ -101,8 +98,6 @@ CASES: dict[str, tuple[str, Overrides]] = {
         {"between": ["lower", "upper"], "start": 0.0, "end": 0.4}]}),
     "without delamination": ("embedded", {"delamination": [], "support": {"end": "pinned"}}),
 }  # fmt: skip
-HIDDEN = {"model_config", "model_fields", "model_computed_fields", "model_extra",
-          "model_fields_set"}  # fmt: skip
 
 
 def case_of(name: str, overrides: Overrides) -> Case:
@@ -110,41 +105,12 @@ def case_of(name: str, overrides: Overrides) -> Case:
     return preset(name, deepcopy(overrides))
 
 
-def of_case(case: Case) -> str:
-    """Return the properties of a case, its damping, amplitudes, and how its file is unlike."""
-    told = []
-    names = [n for n in dir(Case) if isinstance(getattr(Case, n, None), property)]
-    for name in (n for n in names if n not in HIDDEN and not n.startswith("_")):
-        value = getattr(case, name)
-        if isinstance(value, Case):
-            told.append(f"{name}: {value.stop} {value.impactor} {value.initial} {value.mesh} "
-                        f"{value.model} {[own.name for own in value.sensor]}")  # fmt: skip
-        elif isinstance(value, set):
-            told.append(f"{name}: {sorted(value)}")
-        else:
-            told.append(golden.of_object(value, name))
-    frequency = np.array([[0.7, 3.3, 9.0]])
-    for i, lamina in enumerate(case.lamina):
-        numbers = (lamina.axial_rigidity, lamina.flexural_rigidity, lamina.second_moment,
-                 lamina.mass_per_length, *lamina.angular_frequencies(3))  # fmt: skip
-        told.append(f"{lamina.name}: " + " ".join(f"{own:.6g}" for own in numbers))
-        told.append("  damping " + " ".join(f"{own:.6g}" for own in case.rayleigh(i)))
-        if not case.is_axial:
-            of = case.linear_amplitude(i, frequency)
-            told.append(f"  amplitudes {of.shape} " + " ".join(f"{own:.6g}" for own in of[0]))
-    lines, usual = case.to_toml().splitlines(), preset("paper").to_toml().splitlines()
-    told += [line for line in lines if line not in usual or line.startswith("[")]
-    return "\n".join(filter(None, [*told, "without", *(own for own in usual if own not in lines)]))
-
-
-def test_what_follows_from_cases_is_stored(stored: Callable[..., None]) -> None:
-    told = []
-    for name, (of, overrides) in CASES.items():
-        case = case_of(of, overrides)
-        assert Case.from_toml(case.to_toml()) == case, name
-        assert case.is_in(case.to_toml()), name
-        told += [f"# {name}", of_case(case)]
-    stored("\n".join(told))
+@pytest.mark.parametrize("name", CASES)
+def test_a_case_is_read_back_from_its_file(name: str) -> None:
+    preset_name, overrides = CASES[name]
+    case = case_of(preset_name, overrides)
+    assert Case.from_toml(case.to_toml()) == case
+    assert case.is_in(case.to_toml())
 
 
 BLOW = HAMMER["excitation"]
@@ -247,17 +213,20 @@ REFUSED: list[tuple[str, Overrides]] = [
 ]  # fmt: skip
 
 
-def test_what_is_refused_is_stored(stored: Callable[..., None]) -> None:
-    told = []
-    for name, overrides in REFUSED:
-        try:
-            case_of(name, overrides)
-        except CaseError as error:
-            told.append(str(error))
-        else:
-            told.append(f"{name} {overrides}: taken")
-    stored("\n".join(told))
-    assert not [line for line in told if line.endswith(": taken")]
+@pytest.mark.parametrize(("name", "overrides"), REFUSED)
+def test_what_contradicts_itself_is_refused_with_its_key(name: str, overrides: Overrides) -> None:
+    """Which of the keys that contradict each other is named is free; one of them is."""
+    with pytest.raises(CaseError) as raised:
+        case_of(name, overrides)
+    assert any(word in str(raised.value) for word in words_of(overrides))
+
+
+def words_of(value: Any) -> set[str]:
+    """Return the names of all keys and tables in overrides."""
+    if isinstance(value, dict):
+        names = {name for key in value for name in str(key).split(".")}
+        return names.union(*map(words_of, value.values()))
+    return set().union(*map(words_of, value)) if isinstance(value, list) else set()
 
 
 MARGIN = 1e-9 * 0.685

@@ -59,16 +59,6 @@ LAMINAE: dict[str, dict[str, Any]] = {
 }
 
 
-def test_numbers_of_laminae_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    told = []
-    for name, given in LAMINAE.items():
-        own = lamina(**given)
-        follow = (own.axial_rigidity, own.flexural_rigidity, own.second_moment, own.mass_per_length)
-        numbers = [*follow, *own.angular_frequencies(4)]
-        told.append(f"{name}: {own!r} {own.is_point} " + " ".join(f"{v:.6g}" for v in numbers))
-    stored("\n".join(told))
-
-
 def test_frequencies_are_those_of_cantilevers_bars_and_points() -> None:
     beam = lamina(**LAMINAE["both"])
     speed = np.sqrt(0.7 / (1500.0 * 0.03 * 0.002))

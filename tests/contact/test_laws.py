@@ -1,11 +1,9 @@
 """The table of laws and of the schemes that they go with."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import get_args
 
-import golden
 import numpy as np
 import pytest
 from stand_ins import seen, setting
@@ -98,22 +96,6 @@ def test_a_supervisor_has_the_numbers_of_its_law() -> None:
     assert impact(Law("newton", **numbers), "moreau-jean") == (coupled, None)
     numbers["threshold_velocity"] = 1.25
     assert impact(Law("newton", **numbers), "moreau-jean") == (coupled, rests)
-
-
-def test_all_laws_and_schemes_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    told = [golden.of_object(dict(SCHEMES), "scheme"), golden.of_object(dict(LAWS), "law")]
-    told += [f"{name} courant {own.courant:.6g} {own.has_impulses_within}"
-             for name, own in SCHEMES.items()]  # fmt: skip
-    numbers = {"restitution": 0.3, "penalty_stiffness": 5.0, "penalty_damping": 2.0,
-               "threshold_velocity": 0.02}  # fmt: skip
-    for law, scheme in COMBINATIONS:
-        for impulse in ("lumped", "consistent"):
-            own = Law(law, impulse=impulse, **numbers)  # type: ignore[arg-type]
-            row = COMBINATIONS[law, scheme]
-            told.append(
-                f"{law} {scheme} {impulse} {row.kind} {row.reads} {own.numbers(SCHEMES[scheme])}"
-            )
-    stored("\n".join(told))
 
 
 def test_numbers_that_are_not_given() -> None:

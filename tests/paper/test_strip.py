@@ -17,7 +17,6 @@ from delam_fem.paper import strip as strips
 from delam_fem.paper.claims import Numbers
 from delam_fem.paper.strip import LIFT, Energy, Rolling, RollingStudy, TipBlock, rolling, tip_block
 from delam_fem.results.figures.style import styled
-from delam_fem.system.files import json_ready
 
 ROUND_OFF = 1e-9
 """Relative; K of 10 to 20 elements has a condition number of 1e6."""
@@ -268,9 +267,7 @@ def landed(
     )  # fmt: skip
 
 
-def test_figures_and_numbers_are_the_stored_ones(
-    block: TipBlock, stored: Callable[..., None]
-) -> None:
+def test_figures_have_the_stored_words(block: TipBlock, stored: Callable[[str], None]) -> None:
     ladder = [
         rung(n, steps) | {"law": law, "impacts": 0.1 * k + 1e-3 * n, "left": 500.0 / steps}
         for k, law in enumerate(strips.METHODS)
@@ -287,33 +284,10 @@ def test_figures_and_numbers_are_the_stored_ones(
         ladder,
     )
     struck = Numbers(block.numbers(), block=block)
-    for piece, numbers in (
-        (lateral.ROLLING_STRIP, lateral.rolling_numbers(study, block)),
-        (lateral.STRUCK_TIP, struck),
-    ):
-        with styled():
-            stored(golden.describe(piece.draw(numbers)), f"-{piece.name}")
-        claims = {claim.text: list(claim.row) for claim in piece.judge(numbers)}
-        stored(
-            golden.told({"claims": claims, **json_ready(numbers.kept)}), f"-{piece.name}.numbers"
-        )
-
-
-def test_the_study_has_these_runs(
-    monkeypatch: pytest.MonkeyPatch, stored: Callable[..., None]
-) -> None:
-    asked: list[str] = []
-
-    def rolling(lamina: Lamina | None = None, *given: object, **more: object) -> Rolling:
-        strip = lamina or strips.thin_strip()
-        asked.append(f"{strip.thickness:g} {strip.length:.5f} {strip.damping_ratio} {given} {more}")
-        return landed(strip)
-
-    monkeypatch.setattr(strips, "rolling", rolling)
-    strips.rolling_study(fast=True)
-    asked.append("long")
-    strips.rolling_study()
-    stored("\n".join(asked))
+    rolling = lateral.rolling_numbers(study, block)
+    with styled():
+        figures = lateral.ROLLING_STRIP.draw(rolling), lateral.STRUCK_TIP.draw(struck)
+    stored("\n\n".join(map(golden.describe, figures)))
 
 
 def test_figure_says_how_high_the_tip_was() -> None:

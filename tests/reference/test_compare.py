@@ -123,7 +123,6 @@ def test_rows_without_impacts_name_none(comparison: Comparison) -> None:
     assert rows["impacts, dolfinx and reference"] == "0 and 0"
 
 
-@pytest.mark.usefixtures("pictures")
 def test_save_writes_table_and_picture(comparison: Comparison, tmp_path: Path) -> None:
     table, picture = comparison.save(tmp_path / "new")
     content = json.loads(table.read_text())
@@ -132,7 +131,6 @@ def test_save_writes_table_and_picture(comparison: Comparison, tmp_path: Path) -
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.usefixtures("pictures")
 def test_figure_of_equal_histories_can_be_drawn(comparison: Comparison, tmp_path: Path) -> None:
     same = replace(motion_of(comparison), tips=np.zeros((2, 5)), impact_limit=0)
     replace(comparison, motion=same).save(

@@ -1,13 +1,10 @@
 """Warnings about numbers that are not good."""
 
-from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
-import golden
 import numpy as np
 import pytest
-from synthetic import STEPS, small_case, synthetic_history
+from synthetic import STEPS
 
 import delam_fem as df
 from delam_fem.case.definition import Case
@@ -159,30 +156,6 @@ def test_meshes_are_judged_by_the_lengths_of_their_elements() -> None:
         "and digits are lost; try a factor below 10000"
     )
     assert structure.layout.x.size == 3
-
-
-def strobed(periods: int, values: np.ndarray) -> Any:
-    """Return what `of_run` reads of an irregular run of two laminae."""
-    history = synthetic_history(small_case())
-    rng = np.random.default_rng(5)
-    n = history.sizes["period"]
-    for name in ("envelope_min", "envelope_max"):
-        history[name] = history[name] + rng.normal(size=(2, n)) * values[:, None]
-    history["impact_count"] = ("period", rng.integers(2, 9, n).astype(float))
-    return history, {"settled": "irregular", "settling": {"periods_judged": periods}}
-
-
-def test_intervals_of_irregular_motions_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    told = []
-    for periods in (33, 50):
-        history, summary = strobed(periods, np.array([0.01, 0.002]))
-        for law in ("newton", "none"):
-            case = small_case(contact__law=law)
-            told.append(golden.told(quality.of_run(history, case, summary), f"{periods} {law}"))
-    short = history.isel(time=slice(0, STEPS + 30))
-    told.append(golden.told(quality.of_run(short, small_case(), summary), "short"))
-    stored("\n".join(told))
-    assert quality.of_run(history, small_case(), summary | {"settled": "settled"}) is None
 
 
 @pytest.mark.parametrize("n", [3 * STEPS, 3 * STEPS + 40])

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import golden
 import numpy as np
 import pytest
 import scripted
 from scripted import DT, PERIODS, STEPS, Engine, U, motion, recorder
 
-from delam_fem.case.files import preset
-from delam_fem.simulation.checkpoint import arrays_of
 from delam_fem.simulation.loop import simulate
 from delam_fem.simulation.recorder import LEDGER, N_BASE
 
@@ -160,15 +155,6 @@ def test_a_period_that_ends_early_has_the_steps_before() -> None:
 def test_a_block_leaves_as_soon_as_later_ones_fill_the_window() -> None:
     kept, blocks = recorder(window=2), [[0], [0], [0]]  # one period each
     assert [kept.take(block) for block in blocks] == [None, None, blocks[0]]
-
-
-def test_a_checkpoint_holds_what_is_stored(stored: Callable[..., None]) -> None:
-    kept, engine = recorder(window=2, frames=2), Engine()
-    simulate(engine, kept, motion)
-    kept.window[-1].impact += 0.5
-    arrays = arrays_of(preset("paper"), "compiled", engine, kept, "completed")
-    del arrays["version"], arrays["case"]
-    stored(golden.of_object({key: np.asarray(own) for key, own in arrays.items()}))
 
 
 @pytest.mark.parametrize(

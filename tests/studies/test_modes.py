@@ -74,7 +74,6 @@ def test_rows_name_lamina_mode_and_difference(paper: Case, model: Structure) -> 
     assert rows[0][4].startswith("+")
 
 
-@pytest.mark.usefixtures("pictures")
 def test_save_writes_table_and_picture(paper: Case, model: Structure, tmp_path: Path) -> None:
     found = modes_of(model, paper, 3)
     table, picture = found.save(tmp_path / "new" / "folder")

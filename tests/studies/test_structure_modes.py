@@ -110,7 +110,6 @@ def test_files_and_pictures(free: StructureModes, tmp_path: Path) -> None:
     assert len(free.figure().axes) == 4
 
 
-@pytest.mark.usefixtures("pictures")
 def test_apart_laminae_have_both(tmp_path: Path) -> None:
     found = modes(preset("paper"), 2, delaminations="closed")
     assert isinstance(found, Modes) and found.structure is not None

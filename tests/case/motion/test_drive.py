@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -270,53 +269,6 @@ def test_few_steps_of_a_blow_are_told() -> None:
         "time.step = 0.0001 s is long: the blow of 0.001 s has 10 steps, below 20"
     ]
     assert not warnings(case.with_overrides({"time.step": 5e-5}))
-
-
-DRIVES = {
-    "harmonic": {"kind": "harmonic", "frequency": 3.0, "amplitude": 0.002},
-    "harmonic a": {"kind": "harmonic", "frequency": 3.0, "acceleration": 1.5},
-    "sweep": {"kind": "sweep", "start_frequency": 2.0, "end_frequency": 5.0, "duration": 0.7,
-              "amplitude": 0.002},
-    "logarithmic": {"kind": "sweep", "start_frequency": 5.0, "end_frequency": 2.0, "duration": 0.7,
-                    "amplitude": 0.002, "spacing": "logarithmic"},
-    "sweep a": {"kind": "sweep", "start_frequency": 2.0, "end_frequency": 5.0, "duration": 0.7,
-                "acceleration": 1.5},
-    "logarithmic a": {"kind": "sweep", "start_frequency": 2.0, "end_frequency": 5.0,
-                      "duration": 0.7, "acceleration": 1.5, "spacing": "logarithmic"},
-    "steady a": {"kind": "sweep", "start_frequency": 4.0, "end_frequency": 4.0, "duration": 0.7,
-                 "acceleration": 1.5, "spacing": "logarithmic"},
-    "force": FORCE,
-    "swept force": {"kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 2.0,
-                    "start_frequency": 2.0, "end_frequency": 5.0, "duration": 0.7},
-    "hammer": {**HAMMER, "start": 0.2, "duration": 0.15},
-}  # fmt: skip
-
-
-def test_courses_are_the_stored_ones(tmp_path: Path, stored: Callable[..., None]) -> None:
-    told, times = [], np.array([0.0, 0.13, 0.2, 0.3, 0.35, 0.6, 0.7, 0.8, 1.0, 1.3])
-    cases = {name: with_excitation(**own) for name, own in DRIVES.items()}
-    for unit, value in (("m", 0.3), ("mm/s2", 200.0), ("N", 3.0)):
-        path = tmp_path / f"{unit[:1]}{len(unit)}.csv"
-        file = table(path, lambda t, v=value: v * np.cos(7.0 * t) ** 3, f"t [s], v [{unit}]", 21)
-        about = {"acts_on": "force", "lamina": "thin", "position": 0.2} if unit == "N" else {
-            "acts_on": "base"}  # fmt: skip
-        cases[f"table {unit}"] = with_excitation(kind="table", file=str(file), **about)
-    for name, case in cases.items():
-        given = case.excitation
-        told.append(
-            f"{name}: {given.words!r} {given.size!r} {given.acts_on} {given.is_periodic} "
-            f"{given.top_frequency:.6g} {given.length}"
-        )
-        for row in drive(given).states(times).T:
-            told.append("  " + " ".join(f"{0.0 if abs(v) < 1e-12 else v:.6g}" for v in row))
-        if hasattr(given, "displacement_amplitude"):
-            told.append(f"  A {given.displacement_amplitude(6.5):.6g}")
-        if hasattr(motion := drive(given), "instantaneous_frequency"):
-            found = motion.instantaneous_frequency(times)
-            told.append("  f " + " ".join(f"{v:.6g}" for v in found))
-        if isinstance(motion, SweptMotion):
-            told.append("  turns " + " ".join(f"{v:.6g}" for v in motion.turns(times)))
-    stored("\n".join(told))
 
 
 def test_a_table_lasts_to_its_last_time_and_a_little_longer() -> None:

@@ -17,7 +17,6 @@ def invoke(*arguments: str | Path) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-@pytest.mark.usefixtures("pictures")
 def test_excite(tmp_path: Path) -> None:
     grid = ("--from", "80", "--to", "110", "-n", "2")
     status, output = invoke("detect", "excite", "embedded", *FAST, *grid, "-o", tmp_path)

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import pytest
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
@@ -11,7 +10,6 @@ from delam_fem.cli.app import app
 SMALL = ("--set", "mesh.elements=20", "--set", "time.steps_per_period=100")
 
 
-@pytest.mark.usefixtures("pictures")
 def test_modulate(tmp_path: Path) -> None:
     pump = ("--pump-frequency", "60", "--pump-amplitude", "0.1", "--periods", "2")
     case = ("detect", "modulate", "embedded", "--set", "excitation.frequency=350", *SMALL)

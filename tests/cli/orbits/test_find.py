@@ -23,7 +23,6 @@ def invoke(*arguments: str | Path) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-@pytest.mark.usefixtures("pictures")
 def test_an_exact_orbit(tmp_path: Path) -> None:
     folder = tmp_path / "o"
     status, output = invoke("paper", *SOFT, "--settle", "150", "-o", folder)

@@ -1,21 +1,17 @@
 """Films read back by other readers: their length, their lights, their time bar."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-import golden
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image, ImageSequence
-from stack import STOPS, three_laminae, with_stops
 from synthetic import FRAMES, WINDOW, small_case, synthetic_history
 
 from delam_fem import run
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
-from delam_fem.case.sections import Support
 from delam_fem.results.fields import animation
 from delam_fem.results.fields.animation import LIGHTS, SIZE, animate, write_film
 from delam_fem.results.figures.style import lamina_colours
@@ -118,41 +114,6 @@ def test_a_film_is_at_most_the_window(tmp_path: Path) -> None:
     history = synthetic_history(case).isel(frame=slice(0, 2))
     (path,) = write_film(history, case, [tmp_path / "a.gif"], periods=1e9)
     assert len(pictures(path)) == 2 < FRAMES * WINDOW
-
-
-@pytest.mark.parametrize("stretch", [1.0, 3.0])
-def test_scenes_are_the_stored_ones(stretch: float, stored: Callable[..., None]) -> None:
-    case = small_case()
-    history = synthetic_history(case)
-    if stretch > 1.0:
-        for name in ("displacement", "gap0"):
-            history[name] = 1e-3 * history[name]  # too small to be seen
-    plotter = animation.pv.Plotter(off_screen=True, window_size=list(SIZE))
-    scene = animation._Scene(plotter, history, case, [3, 20, 40], (20.0, stretch))
-    told = []
-    for frame in (20, 41):  # resting, and after it
-        scene.show(frame)
-        told.append(golden.of_scene(plotter))
-    stored("\n\n".join(told))
-    plotter.close()
-
-
-def test_stops_and_supports_are_drawn_as_stored(stored: Callable[..., None]) -> None:
-    """Of three laminae that are held at both ends, at the last frame of two, and of one alone."""
-    recorded = three_laminae()
-    history = with_stops(recorded.history())
-    support = Support(start="clamped", end="pinned")
-    case = recorded.case.model_copy(update={"stop": STOPS, "support": support})
-    last = history.sizes["frame"] - 1
-    told = []
-    for frames in ([last - 1, last], [last]):
-        plotter = animation.pv.Plotter(off_screen=True, window_size=list(SIZE))
-        own = history if len(frames) > 1 else history.isel(frame=[last])
-        frames = frames if len(frames) > 1 else [0]
-        animation._Scene(plotter, own, case, frames, (8.0, 2.0)).show(frames[-1])
-        told.append(golden.of_scene(plotter))
-        plotter.close()
-    stored("\n\n".join(told))
 
 
 @pytest.mark.parametrize(

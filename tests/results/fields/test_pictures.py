@@ -1,9 +1,7 @@
 """Pictures of the deformed laminae show what is stored of them."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-import golden
 import numpy as np
 import pytest
 import xarray as xr
@@ -13,45 +11,6 @@ from synthetic import small_case, synthetic_history
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import InnerSupport, Support
 from delam_fem.results.fields import pictures
-from delam_fem.results.schema import add
-
-
-@pytest.mark.parametrize("kind", ["two", "small", "three", "without strikes", "pinned", "free"])
-def test_pictures_are_the_stored_ones(kind: str, stored: Callable[..., None]) -> None:
-    case = small_case()
-    history = synthetic_history(case)
-    if kind == "small":
-        for name in ("displacement", "gap0"):
-            history[name] = 1e-3 * history[name]  # too small to be seen
-    if kind == "three":
-        recorded = three_laminae()
-        history, case = recorded.history(), recorded.case
-    if kind in ("pinned", "free"):
-        support = Support(start=kind, end="clamped")  # type: ignore[arg-type]
-        case = case.model_copy(update={"support": support})
-        history["displacement"].to_numpy()[0, :, 0] = 0.02
-        history["displacement"].to_numpy()[0, :, -1] = -0.01
-    if kind == "without strikes":
-        history = history.isel(event=slice(0, 0))
-    stored(golden.describe(pictures.draw(pictures.drawable_frames(history), case)))
-
-
-def of_ribbons(own: pictures.Ribbons, frames: tuple[int, ...]) -> str:
-    """Return the mesh, the blocks and the fields of some frames."""
-    mesh = own.mesh
-    told = [f"{mesh.cell} {mesh.cells.shape}", golden.values_of(mesh.cells)]
-    told += [golden.values_of(part) for part in (*mesh.points.T, mesh.cell_data["lamina"])]
-    told += [
-        f"{m.lamina} {m.node} {m.x:.6g} {m.side} {m.rest:.6g} {m.heat:.4g} "
-        f"{golden.numbers(m.motion)}; {golden.numbers(m.state)}"
-        for m in own.marks
-    ]
-    told += [golden.values_of(block) for mark in own.blocks for block in mark.T]
-    for frame in frames:
-        for name, values in own.point_data(frame).items():
-            parts = values.T if values.ndim == 2 else [np.where(np.isinf(values), -99.0, values)]
-            told += [f"{frame} {name} {values.dtype} {golden.numbers(part)}" for part in parts]
-    return "\n".join(told)
 
 
 def three_with_stops() -> tuple[xr.Dataset, Case]:
@@ -72,28 +31,6 @@ def test_stops_that_take_no_heat_are_drawn() -> None:
     found = pictures.marks(history.drop_vars("stop_heat"), case)
     assert [mark.heat for mark in found] == [0.0] * len(known)
     assert max(mark.heat for mark in known) == 4e-3
-
-
-@pytest.mark.parametrize("enlarged", [1.0, 20.0])
-def test_ribbons_and_blocks_are_the_stored_ones(
-    enlarged: float, stored: Callable[..., None]
-) -> None:
-    history, case = three_with_stops()
-    add(history, heat=np.array([np.linspace(0.0, 1e-3, 6), np.linspace(2e-3, 0.0, 6)]))
-    last = history.sizes["frame"] - 1
-    stored(of_ribbons(pictures.Ribbons.of(history, case, enlarged), (2, last)))
-
-
-def test_fields_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    """Of a law with springs and dampers, and of one with springs alone."""
-    told = []
-    for law in ("penalty", "newton-penalty", "newton"):
-        case = small_case(contact__law=law, contact__penalty_damping=3.0)
-        history = synthetic_history(case)
-        history["slope"] = 1.1 * history["slope"]
-        history["spring_share"] = history["spring_share"] * np.linspace(0.5, 1.5, 6)
-        told.append(of_ribbons(pictures.Ribbons.of(history, case), (1, 21)))
-    stored("\n".join(told))
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,7 @@
 """Pictures of solids: what is drawn where, the stated factors, the frames of the film."""
 
-from collections.abc import Callable
 from pathlib import Path
 
-import golden
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -95,18 +93,6 @@ def test_factor_of_thicknesses(folder: Path) -> None:
 )
 def test_units_of_stress(largest: float, shown: tuple[float, str]) -> None:
     assert animation._scaled(largest)[:2] == shown
-
-
-def test_scenes_are_the_stored_ones(folder: Path, stored: Callable[..., None]) -> None:
-    case, history, _ = load_numbers(folder)
-    series = Series.read(folder / "fields" / "solid.vtkhdf")
-    still = animation._still(series, history, case)
-    stored(golden.of_scene(still), "-still")
-    still.close()
-    plotter = animation.pv.Plotter(off_screen=True, window_size=list(animation.SOLID_SIZE))
-    animation._solid(plotter, series, history, case, [2, 5, 9])(5)
-    stored(golden.of_scene(plotter), "-film")
-    plotter.close()
 
 
 def test_picture_and_page(folder: Path) -> None:

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from pathlib import Path
 
 import golden
@@ -11,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
-from stack import STOPS, three_laminae, with_stops
+from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
-from delam_fem import Case, preset
+from delam_fem import Case
 from delam_fem.results.fields.derived import scalars_of
 from delam_fem.results.figures import run as contact_figures
 from delam_fem.results.figures import run as figures
@@ -211,7 +210,6 @@ def test_one_step_or_one_event_or_one_frame_is_enough(tmp_path: Path) -> None:
     assert not (tmp_path / "spectra.png").exists()
 
 
-@pytest.mark.usefixtures("pictures")
 @pytest.mark.parametrize("kind", ["none", "sweep", "diverged"])
 def test_unusual_runs_are_drawn_without_warnings(tmp_path: Path, kind: str) -> None:
     case = small_case(**SWEEP) if kind == "sweep" else small_case(contact__law="none")
@@ -320,30 +318,11 @@ def test_the_layout_is_found_once_and_is_that_of_the_figure(
     assert difference.mean() < 1e-3
 
 
-def forced(history: xr.Dataset) -> xr.Dataset:
-    """Return a history of a force at a point, with contact dampers and without inner energies."""
-    n = history.sizes["period"]
-    add(history, force=2.0 + np.cos(history["time"].to_numpy()))
-    add(history, energy_force_work=np.linspace(0.001, 0.004, n))
-    add(history, energy_contact_damping_loss=np.linspace(0.0005, 0.002, n))
-    add(history, energy_spring=np.zeros(n))
-    return history
-
-
 def drawn(history: xr.Dataset, case: Case, names: tuple[str, ...]) -> str:
     """Return the descriptions of some figures."""
     found = figures.figures_of(history)
     with styled():
         return "\n\n".join(golden.describe(found[name](history, case)) for name in names)
-
-
-def test_a_force_and_dampers_are_drawn_as_stored(stored: Callable[..., None]) -> None:
-    case = small_case()
-    history = forced(synthetic_history(case))
-    history["gap0"] = 1e-4 * history["gap0"]  # small gaps have finer shades
-    history["displacement"] = 1e-4 * history["displacement"]
-    add(history, heat=np.array([0.0, 1e-3, 0.0, 3e-3, 2e-3, 1e-3]))
-    stored(drawn(history, case, ("tip_histories", "contact_line", "energy_ledger")))
 
 
 @pytest.mark.parametrize("size", [3.0, 0.03, 0.0299])
@@ -355,49 +334,6 @@ def test_shades_of_gaps_become_finer_by_powers_of_ten(size: float) -> None:
     image = draw("contact_line", history, case).axes[0].collections[0]
     factor = {3.0: 1.0, 0.03: 0.01, 0.0299: 0.001}[size]
     np.testing.assert_allclose(image.norm.boundaries, factor * contact_figures.GAP_LEVELS)
-
-
-def test_stops_and_impactors_are_drawn_as_stored(stored: Callable[..., None]) -> None:
-    recorded = three_laminae()
-    history = with_stops(recorded.history())
-    case = recorded.case.model_copy(update={"stop": STOPS})
-    alone = with_stops(recorded.history()).isel(lamina=[1], interface=slice(0, 0))
-    alone["stop_lamina"] = 0 * alone["stop_lamina"]
-    stored(drawn(history, case, ("contact_line",)))
-    stored(drawn(alone, case, ("contact_line", "tip_histories")), "-alone")
-
-
-def test_bonded_parts_are_hatched_as_stored(stored: Callable[..., None]) -> None:
-    """Two delaminations of one interface; the laminae are bonded at neither end or at one."""
-    case = small_case()
-    history, embedded = synthetic_history(case), preset("embedded").delamination[0]
-    names = tuple(str(name) for name in history["lamina"].to_numpy())
-    ends = {"two": ((0.3, 0.45), (0.0, 0.12)), "one": ((0.2, 0.685),), "other": ((0.1, 0.2),)}
-    told = []
-    for kind, own in ends.items():
-        between = names if kind != "other" else ("a", "b")
-        found = tuple(
-            embedded.model_copy(update={"between": between, "start": a, "end": b}) for a, b in own
-        )
-        bonded = case.model_copy(update={"gap": None, "delamination": found})
-        told.append(drawn(history, bonded, ("contact_line",)))
-    stored("\n\n".join(told))
-
-
-@pytest.mark.parametrize("kind", ["base", "still", "force", "sweep"])
-def test_runs_of_operators_are_drawn_as_stored(kind: str, stored: Callable[..., None]) -> None:
-    case = small_case(**SWEEP) if kind == "sweep" else small_case()
-    history = synthetic_history(case).drop_vars(["tip_node", "gap0", "x"])
-    if kind in ("still", "force"):
-        history["base_displacement"] = 0.0 * history["base_displacement"]
-    if kind == "force":
-        history = forced(history)
-    if kind == "base":  # the first step that is shown belongs to the figure, those before do not
-        shown = history["time"][-HISTORY_PERIODS * STEPS :]
-        history["event_time"].to_numpy()[:3] = float(shown[0]) * np.array([1.0, 1.0 - 1e-9, 1.01])
-    if kind == "still":
-        history = history.isel(event=slice(0, 0))
-    stored(drawn(history, case, ("probe_histories", "phase_portraits", "energy_ledger")))
 
 
 def test_figures_of_a_run_are_those_that_it_has() -> None:

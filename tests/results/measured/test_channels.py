@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import golden
 import numpy as np
 import pytest
 from kit import refusal as message
 
 from delam_fem.results.measured.channels import (
-    Channel,
     Column,
     Sheet,
     Times,
@@ -18,7 +14,6 @@ from delam_fem.results.measured.channels import (
     axis_of,
     channels_of,
     heading,
-    joined,
     length_of,
     matrix_columns,
 )
@@ -26,16 +21,6 @@ from delam_fem.results.measured.channels import (
 N = 8
 TIME = 0.5 + 0.25 * np.arange(N)
 ONE, TWO = 2.0 + np.sin(TIME), -1.0 + np.cos(3.0 * TIME)
-
-
-def of_channels(channels: list[Channel]) -> str:
-    """Return everything that channels hold, two lines for each."""
-    return "\n".join(
-        f"{own.name!r} {own.kind} over {own.axis} at {own.position} {own.lamina!r}, unit "
-        f"{own.unit!r} {own.quantity!r}, {own.si.factor:.8g} {own.si.units} {own.si.quantity!r} "
-        f"({own.source})\n  {golden.values_of(own.points)}: {golden.values_of(own.values)}"
-        for own in channels
-    )
 
 
 @pytest.mark.parametrize(
@@ -106,44 +91,6 @@ def sheet(*columns: Column, label: str = "file", **about: object) -> Sheet:
     return Sheet(label, columns, **about)  # type: ignore[arg-type]
 
 
-def test_channels_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    t, ms = Column("t", TIME, None), Column("Time", TIME, "ms")
-    f, x = Column("f", 10.0 * TIME, "kHz"), Column("x", TIME, None)
-    cases: dict[str, tuple[list[Sheet], dict[str, str], str | None, float | None]] = {
-        "times first": ([sheet(t, Column("a", ONE, "mm"), Column("b", TWO))], {}, "m/s", None),
-        "times last": ([sheet(Column("a", ONE, "g"), ms)], {}, None, Times(), []),
-        "no times, the first column": ([sheet(Column("p", TIME, "s"), Column("q", ONE, "N"))], {},
-                                       None, None),
-        "first column without a name": ([sheet(Column("col1", TIME, None),
-                                               Column("col2", ONE, None))], {}, "um", None),
-        "a rate": ([sheet(Column("a", ONE, "mm"), Column("b", TWO, "mm"))], {}, None, 4.0),
-        "a rate in the file": ([sheet(Column("a", ONE, "mm"), rate=8.0)], {}, None, Times(), []),
-        "a rate for another": ([sheet(Column("a", ONE, "mm"), rate=8.0)], {}, None, 2.0),
-        "places in names": ([sheet(t, Column("v@0.12/upper", ONE, "m/s"),
-                                   Column("w @ 30mm", TWO, "m/s"), Column("z@-.5/p q", ONE, "m"),
-                                   Column("u@0.2", TWO, "m", position=0.4, lamina="low"))],
-                            {}, None, None),
-        "assigned": ([sheet(t, Column("a", ONE, "mm"), Column("B", TWO, None))],
-                     {"tip": "a:um@0.5/upper", "other": "b:N", "none": "col2"}, None, None),
-        "by its set": ([sheet(t, Column("a", ONE, "mm"), alias="set3"),
-                        sheet(t, Column("a", TWO, "mm"), alias="set5")],
-                       {"third": "set3", "fifth": "set5:m"}, None, None),
-        "over x": ([sheet(x, Column("gap", ONE, None))], {}, "cm", None),
-        "over f": ([sheet(f, Column("h", ONE + 1j * TWO, "mm/N"))], {}, None, Times(), []),
-        "SI by words": ([sheet(t, *(Column(f"The {word} there", ONE, "SI") for word in (
-            "velocity", "ACCELERATION", "force", "strain", "rest")),
-            Column("velocity", TWO, "SI", "strain"))], {}, None, Times(), []),
-        "SI over f": ([sheet(f, Column("h", ONE, "SI"), Column("k", ONE, None))], {}, "SI", None),
-        "SI over x": ([sheet(Column("x", TIME, "SI"), Column("k", ONE, None))], {}, "SI",
-                      None),
-    }  # fmt: skip
-    told = []
-    for name, (sheets, given, units, rate) in cases.items():
-        says = {key: assignment(text, key) for key, text in given.items()}
-        told += [f"# {name}", of_channels(channels_of(sheets, says, units, Times(rate), []))]
-    stored("\n".join(told))
-
-
 def test_messages_of_channels_are_exact() -> None:
     t, a = Column("t", TIME, "s"), Column("a", ONE, "mm")
     falling = TIME.copy()
@@ -189,19 +136,3 @@ def test_messages_of_channels_are_exact() -> None:
     assert "no column 'col0'" in message(
         lambda: channels_of([both], {"q": ("col0", {})}, None, Times(), [])
     )
-
-
-def test_parts_are_joined_to_the_stored_responses(stored: Callable[..., None]) -> None:
-    f = Column("f", TIME, "Hz")
-    columns = [
-        Column("p real", ONE, "mm/N"), Column("p_imag", TWO, "mm/N"),
-        Column("p-Coherence", ONE, "1"), Column("q Re", ONE, "m/N"), Column("q im", TWO, "m/N"),
-        Column("q mag", TWO, "m/N"),
-        Column("r amplitude", ONE, "m/N"), Column("r phase", 60.0 * TWO, "deg"),
-        Column("s Magnitude", ONE, "m/N"), Column("s.coh", TWO, "1"),
-        Column("u imaginary", TWO, "m/N"), Column("w", ONE + 2j * TWO, "m/N"), Column("w phase",
-        TWO, "1"), Column("z", TWO, "1", kind="coherence"),
-    ]  # fmt: skip
-    over_time = sheet(Column("t", TIME, "s"), Column("a real", ONE, "mm"))
-    found = channels_of([sheet(f, *columns), over_time], {}, None, Times(), [])
-    stored(of_channels(joined(found)))

@@ -55,7 +55,6 @@ def test_frequency_damping_and_amplitude_are_those_of_each_decay(path: Path) -> 
     assert data["free_amplitude"].attrs["units"] == "m"
 
 
-@pytest.mark.usefixtures("pictures")
 def test_the_command_follows_a_channel_and_draws_it(path: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["measure", "response", str(path), "-o", str(out), "--free", "y", "15", "30"]

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-import golden
 import h5py
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from delam_fem.case.gap import read_gap_table
 from delam_fem.results.measured.channels import Channel
 from delam_fem.results.measured.reading import (
     EQUAL,
-    HEADING,
     assigned,
     dataset,
     lines,
@@ -459,24 +457,6 @@ def channel(
 
 
 A, B = 2.0 + np.sin(np.arange(8.0)), np.cos(3.0 * np.arange(8.0)) - 1.0
-
-
-def test_the_dataset_of_all_kinds_is_the_stored_one(stored: Callable[..., None]) -> None:
-    channels = [
-        channel("tip velocity thin", B, "mm/s"), channel("Tip_thick", A),
-        channel("tip displacement thin", B), channel("tip acceleration thin", A, "g"),
-        channel("base", A), channel("FORCE", B, "kN"), channel("mid @ a/b", A, "N", position=0.12,
-        lamina="thin"), channel("sensor_x", B, "m/s2"), channel("odd", A, "kg"),
-        channel("h", A + 1j * B, "mm/N", "frequency", kind="response"),
-        channel("k", B + 2j * A, "m/s/N", "frequency", kind="response"),
-        channel("k", A, "1", "frequency", kind="coherence"),
-        channel("Gap 1", A, axis="x"), channel("gap 2", B, axis="x"), channel("more", A, axis="x"),
-    ]  # fmt: skip
-    data = dataset(channels, ["one note", "another"])
-    one = dataset([*channels[9:10], channel("gap", A, axis="x", points=np.arange(8.0) ** 2)])
-    told = [golden.of_dataset(data), "", golden.of_dataset(one), ""]
-    told += [" | ".join(row) for own in (data, one) for row in (HEADING, *rows(own))]
-    stored("\n".join([*told, *lines(data), *lines(one)]))
 
 
 @pytest.mark.parametrize(

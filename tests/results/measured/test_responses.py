@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-import golden
 import numpy as np
 import pytest
 import xarray as xr
@@ -114,31 +112,6 @@ def test_thresholds_of_pulses_are_met_on_both_sides() -> None:
     assert pulses(force) == []
 
 
-RECORDS = {
-    "decayed": ({20: 1.0, 420: 0.8, 900: -1.1}, {"mode": (6.0, 11.0)}, None),
-    "much is left": ({20: 1.0, 420: 0.8}, {}, None),
-    "of a given length": ({20: 1.0, 420: 0.8}, {}, 300),
-    "longer than there is": ({20: 1.0}, {"mode": (6.0, 11.0)}, 1100),
-    "single and too few samples": ({20: 1.0}, {"width": 5}, None),
-    "double hits": ({20: 1.0, 45: 0.5, 420: 0.8, 440: 0.3, 462: 0.3}, {}, None),
-    "cut off": ({0: 1.0, 300: 1.0, 640: 1.0, 950: 0.9}, {}, None),
-    "a quarter is enough": ({20: 1.0, 420: 1.0, 900: 1.0}, {"mode": (9.0, 31.0)}, None),
-    "drifting": ({20: 1.0}, {"drift": 0.002, "mode": (4.0, 23.0)}, None),
-    "drifting less": ({20: 1.0}, {"drift": 0.0004, "mode": (4.0, 23.0)}, None),
-    "short": ({4: 1.0}, {"mode": (2.0, 60.0)}, 31),
-}  # fmt: skip
-
-
-def test_segments_of_blows_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    told = []
-    for name, (begins, about, length) in RECORDS.items():
-        time, force, motions = struck(1000, begins, **about)  # type: ignore[arg-type]
-        forces, responses, decay, notes = cut(time, force, motions, pulses(force), length)
-        told += [f"# {name}: {forces.shape} {responses.shape}, window {decay:.4g}", *notes]
-        told += [golden.values_of(forces), *map(golden.values_of, responses.swapaxes(0, 1))]
-    stored("\n".join(told))
-
-
 def test_without_a_whole_blow_the_reasons_are_said() -> None:
     time, force, motions = struck(400, {0: 1.0, 390: 1.0})
     told = refusal(lambda: cut(time, force, motions, pulses(force)))
@@ -206,16 +179,6 @@ def test_peaks_without_force_or_pole_stay_as_they_are() -> None:
         assert np.array_equal(found, own) == (not led)
 
 
-def test_what_is_led_back_is_the_stored_response(stored: Callable[..., None]) -> None:
-    """Close modes, a peak that no pole explains, and one near the least frequency."""
-    f = 0.25 * np.arange(400)
-    s = 2j * np.pi * f + 2.0
-    windowed = two_modes(s) + 0.7 * two_modes(1.09 * s)[::-1] + 0.02 * np.exp(0.2j * f)
-    windowed[1] += 0.4 * np.exp(-((f - 80.0) ** 2))
-    found, led = on_axis(f, windowed, np.ones(f.size), 2.0)
-    stored("\n".join([golden.values_of(led), *map(golden.values_of, found - windowed)]))
-
-
 # ---- responses
 
 
@@ -228,21 +191,6 @@ def noisy(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         lfilter([0.5, 0.2], [1.0, 0.3, 0.5], force) + 0.2 * noise[1],
     ])  # fmt: skip
     return time, force, motions
-
-
-def test_responses_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    told = []
-    continuous, blows = as_dataset(*noisy(1003)), as_dataset(*struck(1000, {20: 1.0, 420: 0.8}))
-    one = as_dataset(*struck(400, {20: 1.0}, mode=(6.0, 11.0))).assign_attrs(notes="kept")
-    for name, data, options in (
-        ("H1", continuous, {}), ("H2", continuous, {"estimator": "H2", "segment": 0.5}),
-        ("Hv", continuous, {"estimator": "Hv", "segment": 0.501}), ("blows", blows, {}),
-        ("blows of a given length", blows, {"segment": 1.5}), ("one blow", one, {}),
-    ):  # fmt: skip
-        found = with_responses(data, "force", **options)  # type: ignore[arg-type]
-        exact = ["coherence"] if "blow" in name else []  # where nothing moves, round-off decides it
-        told += [f"# {name}", golden.of_dataset(found.drop_vars([*data.variables, *exact]))]
-    stored("\n".join(told))
 
 
 def test_messages_of_responses_are_exact() -> None:
@@ -347,27 +295,6 @@ def vibrating(n: int = 900, rate: float = 100.0) -> xr.Dataset:
     return as_dataset(time, 0.0 * y, np.array([y, -3.0 * y]))
 
 
-ERRORS = (1.926e-5, 5.907e-6, 8.057e-5, 1.1285e-5, 4.951e-5, 8.545e-7, 0.0, 0.0)
-"""Means of the standard errors of frequency and damping; fewer digits of them are sure."""
-
-
-def test_free_vibrations_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    data, told, errors = vibrating(), [], []
-    for channel, ends in (
-        ("a", (6.0, 11.0)), ("b", (6.0, 15.0, 0.9)), ("b", (11.0, 15.0, 1.2)), ("a", (15.0, 18.0)),
-    ):  # fmt: skip
-        found = with_free_vibrations(data, channel, *ends)
-        for name in ("time", "frequency", "damping", "amplitude"):
-            own = found[f"free_{name}"]
-            told.append(f"{channel} {ends} {name} {own.attrs}: {golden.numbers(own)}")
-        for name in ("frequency", "damping"):
-            own = found[f"free_{name}_error"]
-            told.append(f"{name} error {own.attrs}")
-            errors.append(float(np.nanmean(own)) if own.notnull().any() else 0.0)
-    assert errors == pytest.approx(ERRORS, rel=5e-3)
-    stored("\n".join(told))
-
-
 def test_a_fast_record_is_thinned() -> None:
     """To four times the highest frequency: the middles are those of the samples that are left."""
     found = with_free_vibrations(vibrating(4000, 1000.0), "a", 6.0, 11.0, 1.0)
@@ -418,7 +345,6 @@ def test_messages_of_free_vibrations_are_exact() -> None:
 # ---- pictures
 
 
-@pytest.mark.usefixtures("pictures")
 def test_pictures_are_the_stored_ones(tmp_path: Path) -> None:
     data = with_responses(as_dataset(*struck(1000, {20: 1.0, 420: 0.8})), "force")
     free = with_free_vibrations(vibrating(), "a", 6.0, 11.0)

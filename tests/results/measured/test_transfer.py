@@ -71,7 +71,6 @@ def test_responses_are_those_of_the_modes(data: xr.Dataset, estimator: str) -> N
         assert found["coherence"].sel(output="a")[k] > 0.9
 
 
-@pytest.mark.usefixtures("pictures")
 def test_responses_are_drawn(data: xr.Dataset, tmp_path: Path) -> None:
     assert len(save_pictures(with_responses(data, "force", segment=SEGMENT), tmp_path)) == 1
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
-import golden
 import numpy as np
 import pytest
 import xarray as xr
@@ -326,7 +324,7 @@ def test_nothing_in_common_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("pictures")
-def test_everything_is_written(tmp_path: Path, stored: Callable[..., None]) -> None:
+def test_everything_is_written(tmp_path: Path) -> None:
     found = df.overlay(RUN, measurement(tmp_path))
     written = found.save(tmp_path / "out")
     assert [path.name for path in written] == [
@@ -340,57 +338,3 @@ def test_everything_is_written(tmp_path: Path, stored: Callable[..., None]) -> N
     assert float(data["residual"].std()) == pytest.approx(NOISE, rel=0.06)
     page = written[-1].read_text()
     assert page.count("data:image/png") == 3 and "agree within" in page
-    off = df.overlay(RUN, measurement(tmp_path, late=0.05 * PERIOD, thin=1.3, clock=1.001))
-    stored(golden.told({"said": list(off.sentences()), **off.numbers}), ".numbers")
-    stored(golden.of_page(off.save(tmp_path / "off")[-1].read_text("utf-8")), ".page")
-
-
-def of_overlay(found: Overlay) -> str:
-    """Return the sentences, rows and numbers of an overlay, and its data."""
-    told = [*found.sentences(), *(" | ".join(row) for row in found.rows())]
-    return "\n".join([*told, golden.told(found.numbers), golden.of_dataset(found.data)])
-
-
-def smooth(t: np.ndarray, size: float) -> np.ndarray:
-    """Return what stands for noise: a motion of another frequency, which is the same anywhere."""
-    return size * np.sin(2.0 * np.pi * 61.7 * t + 0.3)
-
-
-@pytest.mark.usefixtures("pictures")
-def test_an_overlay_of_the_drive_and_many_sensors_is_the_stored_one(
-    tmp_path: Path, stored: Callable[..., None]
-) -> None:
-    """Eight channels, of which pictures show six; one is not in the run."""
-    run, start = result(subharmonic=0.004), START + PERIOD
-    t, (a, b) = recorded(run.history, period=2 * PERIOD, start=start, rate=500.0, duration=1.5)
-    tips = run.history["tip_displacement"]
-    sensors = {f"s{k}": (k + 1.0) * tips[k % 2].drop_vars("lamina") for k in range(5)}
-    history = run.history.assign({f"sensor_{name}": own for name, own in sensors.items()})
-    base = 0.0025 * np.sin(2.0 * np.pi * (start + t) / PERIOD)
-    columns = {"tip thin": 1.2 * b, "base": base, "far": a}
-    columns |= {f"s{k}": (k + 1.0) * (a, b)[k % 2] + 1e-3 * k for k in range(5)}
-    columns = {name: own + smooth(t, 1e-4) for name, own in columns.items()}
-    found = df.overlay(Result(run.case, history, run.summary, None),
-                       write_csv(tmp_path / "m.csv", t, columns))  # fmt: skip
-    found.save(tmp_path / "out")
-    stored(of_overlay(found), ".numbers")
-
-
-@pytest.mark.usefixtures("pictures")
-def test_an_overlay_of_a_motion_that_does_not_repeat_is_the_stored_one(
-    tmp_path: Path, stored: Callable[..., None]
-) -> None:
-    run = result(**SWEEP)
-    time = run.history["time"].to_numpy()
-
-    def tips(u: np.ndarray) -> np.ndarray:
-        return np.array([0.01, 0.02])[:, None] * np.sin(2.0 * np.pi * (3.0 + 2.0 * u) * u)
-
-    history = run.history.assign(tip_displacement=(("lamina", "time"), tips(time)))
-    t = np.arange(0.0, 0.5, 1.0 / 700.0)
-    a, b = tips(time[0] + 0.171 + t) + smooth(t, 1e-4)
-    path = write_csv(tmp_path / "m.csv", t, {"tip thick": 1.3 * a + 0.001, "tip thin": b})
-    found = df.overlay(Result(run.case, history, run.summary, None), path)
-    written = found.save(tmp_path / "out")
-    stored(of_overlay(found), ".numbers")
-    stored(golden.of_page(written[-1].read_text("utf-8")), ".page")

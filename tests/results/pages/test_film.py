@@ -1,13 +1,11 @@
 """A film holds positions and contacts, quantised."""
 
 import base64
-from collections.abc import Callable
 from typing import Any
 
-import golden
 import numpy as np
 import pytest
-from stack import NODE, STOPS, three_laminae, with_stops
+from stack import NODE, three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
 
 from delam_fem.case.sections import Support
@@ -116,24 +114,3 @@ def test_a_motion_at_rest_is_a_film_too() -> None:
         history[name][:] = 0.0
     data = film(history, case).data
     assert data["unit"] > 0.0
-
-
-@pytest.mark.parametrize("share", [1.0, 1e-2])
-def test_films_are_the_stored_ones(
-    share: float, monkeypatch: pytest.MonkeyPatch, stored: Callable[..., None]
-) -> None:
-    """Of laminae with stops, of which some nodes and the last frames are shown."""
-    monkeypatch.setattr(films, "MOST_NODES", 4)
-    monkeypatch.setattr(films, "MOST_NUMBERS", 4 * 3 * 50 + 11)
-    recorded = three_laminae()
-    history = with_stops(recorded.history())
-    case = recorded.case.model_copy(update={"stop": STOPS})
-    for name in ("displacement", "gap0"):
-        history[name] = share * history[name]
-    found = film(history, case)
-    assert found is not None
-    data = dict(found.data)
-    for name, kind in (("y", "<i2"), ("lit", "u1")):
-        data[name] = np.frombuffer(base64.b64decode(data[name]), dtype=kind)
-    told = [found.description, str(found.caption), golden.of_object(data)]
-    stored("\n".join(told))

@@ -1,10 +1,8 @@
 import base64
 import re
-from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
-import golden
 import numpy as np
 import pytest
 from stack import three_laminae
@@ -82,26 +80,25 @@ def test_the_page_is_well_formed_and_loads_nothing(case: Case, tmp_path: Path) -
     assert (tmp_path / "report.html").stat().st_size < 5_000_000
 
 
-def test_the_page_is_the_stored_one(tmp_path: Path, stored: Callable[..., None]) -> None:
+def test_a_page_says_outcome_and_warnings(tmp_path: Path) -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
     history["sensor_mid"] = ("sensor_mid_time", np.array([3.0, -4.0, 0.0]), ABOUT_MID)
     history.attrs = {"delam_fem": "0.1.0", "engine": "compiled", "outcome": "completed"}
     draw_figures(tmp_path / "figures")
     summary = diagnostics.summary(history, case) | {"outcome": "completed", "energy_residual": 2e-9}
-    text = report.page(history, summary | {"warnings": ["too soft"]}, case, tmp_path)
-    stored(golden.of_page(text))
+    text = report.page(history, summary | {"warnings": ["too <soft>"]}, case, tmp_path)
+    for word in ("completed", "too &lt;soft&gt;", ABOUT_MID["long_name"]):
+        assert word in text
 
 
-def test_a_notebook_shows_the_stored_fragment(stored: Callable[..., None]) -> None:
+def test_a_notebook_shows_a_fragment_with_the_warnings() -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
-    own = diagnostics.summary(history, case)
-    sure = ("tip_amplitude", "periodicity", "tip_contacts_per_period", "minimum_tip_gap")
-    summary = {name: own[name] for name in sure} | {"warnings": ["too soft", "too <long>"]}
+    summary = diagnostics.summary(history, case) | {"warnings": ["too soft", "too <long>"]}
     text = report.of_result(history, summary, case)
     assert "<style" not in text and "<script" not in text
-    stored(golden.of_page(text))
+    assert "too soft" in text and "too &lt;long&gt;" in text
 
 
 def test_files_beside_the_page_are_linked_if_they_are_there(case: Case, tmp_path: Path) -> None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-import golden
 import numpy as np
 import pytest
 from toys import DelayedLogistic, Henon, Toy
 
-from delam_fem.case.files import preset
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.branches import continuation
 from delam_fem.studies.branches.continuation import (
@@ -24,7 +21,6 @@ from delam_fem.studies.branches.continuation import (
     grazings,
     why_lost,
 )
-from delam_fem.studies.branches.follow import Branch, Branches, of
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 
 FINE = Perturbations(copies=8, size=1e-6, kick=1e-4)
@@ -87,27 +83,6 @@ def test_a_point_leads_on_if_two_steps_follow(monkeypatch: pytest.MonkeyPatch) -
     for steps, leads_on in (([some, some], True), ([some, None], False), ([None], False)):
         monkeypatch.setattr(continuation, "next_point", lambda *_, left=steps: left.pop(0))
         assert continuation._leads_on(some, some, some) == leads_on and not steps
-
-
-def test_the_diagram_and_the_dataset_are_the_stored_ones(stored: Callable[..., None]) -> None:
-    """But not the errors, which are round-off here."""
-    map_, path = Henon(), Path(0.2, 0.6)
-    points = branch(map_, map_.fixed(0.2), path, FINE)
-    events = events_of(points, path.span)
-    twice = Ensemble(map_, 2, FINE)
-    first = doubled_point(twice, points[events[0].index], events[0].parameter, path)
-    found, ending = followed(
-        twice, [first], path, keep=lambda point, count: None, is_stopped=lambda: False
-    )
-    branches = (
-        Branch(1, tuple(points), tuple(events), "range"), Branch(2, tuple(found), (), ending)
-    )  # fmt: skip
-    about = {"key": "contact.restitution", "processor_seconds": 1.0}
-    data = of(branches, preset("paper"), path.span, about)
-    stored(golden.of_finding(Branches(data, None).report), ".report")
-    kept = [name for name in data if "error" not in str(name) and "residual" not in str(name)]
-    values = {str(name): data[name].values.tolist() for name in kept if name != "iterations"}
-    stored(golden.told(values), ".data")
 
 
 def test_a_neimark_sacker_point() -> None:

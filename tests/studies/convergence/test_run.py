@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import golden
 import numpy as np
 import pytest
 
@@ -236,20 +234,13 @@ def test_verdict_on_elastic_impacts_names_no_limit() -> None:
     assert said not in verdict(whole(on))
 
 
-def test_report_of_a_ladder_is_the_stored_one(stored: Callable[..., None]) -> None:
+def test_figures_show_what_is_above_round_off() -> None:
     found = whole(ladder())
-    stored(golden.of_finding(found.report))
     axes = pictures(found)["free_steps"](found).axes[0]
     drawn = [line for line in axes.lines if not str(line.get_label()).startswith("order")]
     assert drawn and all((line.get_ydata() > FREE_FLOOR).all() for line in drawn)
     one = whole(ladder(meshes=(20,), limit_steps=0))
     assert set(one.report.pictures) == {"figures/free_steps", "figures/work_over_steps"}
-
-
-def test_report_of_an_interrupted_ladder_is_the_stored_one(stored: Callable[..., None]) -> None:
-    on = ladder(meshes=(20, 40), steps=(1000, 2000))
-    first = on.rungs()[0]
-    stored(golden.of_finding(Convergence(on, {first.key: synthetic(first, "compiled")}).report))
 
 
 def test_without_a_limit_nothing_is_compared_with_it() -> None:

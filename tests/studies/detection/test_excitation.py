@@ -28,7 +28,6 @@ def short(directory: Path, noise_db: float) -> ExcitationMap:
     )
 
 
-@pytest.mark.usefixtures("pictures")
 def test_a_short_delamination_needs_a_high_frequency_and_little_noise(tmp_path: Path) -> None:
     found = short(tmp_path, 40.0)
     assert found.calls.tolist() == [[0.0, 1.0]]

@@ -25,7 +25,6 @@ def test_the_case_itself_is_observed_at_each_frequency() -> None:
     assert both[0].support == "clamped"
 
 
-@pytest.mark.usefixtures("pictures")
 def test_a_posterior_is_written_and_drawn(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     samples = truth_of(CASE) * rng.normal(1.0, 0.02, size=(400, 3))

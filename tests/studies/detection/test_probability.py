@@ -67,7 +67,6 @@ def test_200_intact_beams_are_called_in_at_most_5_percent(support: str, noise: f
     assert (scores > 1.0).sum() <= 10
 
 
-@pytest.mark.usefixtures("pictures")
 def test_a_small_study(tmp_path: Path) -> None:
     case = preset("embedded")
     specimens = [

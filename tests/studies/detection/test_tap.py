@@ -82,7 +82,6 @@ def test_healthy_plates_are_called_as_rarely_as_promised() -> None:
     assert called <= 14 < half
 
 
-@pytest.mark.usefixtures("pictures")
 @pytest.mark.slow
 def test_measured_taps_are_judged_whatever_the_hammer(tmp_path: Path) -> None:
     """A harder contact, another velocity and unit, from a table: the ends are the same."""

@@ -274,7 +274,7 @@ def test_a_cell_amid_others_is_no_attractor() -> None:
 
 
 @pytest.mark.parametrize("kind", get_args(DiagramName))
-def test_diagrams_are_the_stored_ones(kind: DiagramName, stored: Callable[..., None]) -> None:
+def test_diagrams_have_the_stored_words(kind: DiagramName, stored: Callable[[str], None]) -> None:
     drawn = [unsettled(lines(), (0, 1)), unsettled(plane(), (1, 0))]
     fits = [data for data in drawn if kind == "lyapunov" or (data is drawn[1]) == (kind in FLAT)]
     with styled():

@@ -42,7 +42,6 @@ def measured(path: Path, frequencies: np.ndarray) -> Path:
     return write_measured(data, path)
 
 
-@pytest.mark.usefixtures("pictures")
 def test_each_time_has_the_place_of_its_own_and_an_interval_as_wide_as_the_error(
     tmp_path: Path,
 ) -> None:

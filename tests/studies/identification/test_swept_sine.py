@@ -21,7 +21,6 @@ SWEEP = {
 }
 
 
-@pytest.mark.usefixtures("pictures")
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.nightly), 1e-4])
 def test_a_simulated_sweep_gives_the_rig_back(tmp_path: Path, noise: float) -> None:

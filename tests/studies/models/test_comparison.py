@@ -54,7 +54,6 @@ def test_rows_have_a_column_for_each_model(found: ModelComparison) -> None:
     assert text["difference until then"][0] == "0.00%"
 
 
-@pytest.mark.usefixtures("pictures")
 def test_files(found: ModelComparison, tmp_path) -> None:
     table, image = found.save(tmp_path)
     numbers = json.loads(table.read_text())["models"]
