@@ -458,6 +458,7 @@ def _result(
         unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:]),
         never_opens(case),
         quality.limit_warning(case, summary),
+        quality.alternating_warning(case, history),
         *quality.quality_warnings(case, structure, residual),
     ]
     warnings = [text for text in texts if text is not None]

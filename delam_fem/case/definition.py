@@ -287,13 +287,6 @@ class Case(Section):
                 "contact point without mass is rigid and cannot bounce; given "
                 f'"{self.contact.law}" with restitution = {self.contact.restitution:g}',
             )
-        for own in self.sensor:
-            if own.quantity == "acceleration":
-                raise inconsistent(
-                    f"sensor.{own.name}.quantity",
-                    'expected another with time.mass = "massless", because what the modes leave '
-                    'out has no inertia; given "acceleration"',
-                )
 
     def _check_elastic(self) -> None:
         """Check that elastic stops and impactors fit the contact law and its springs."""

@@ -27,13 +27,11 @@ Sensors are linear functionals of the state, of the base and of the contact forc
 that evaluates a deflection at the place of the sensor, a signal is
 
     displacement   r u + r_b q          velocity   r v + r_b q'
-    acceleration   r a + r_b q'',   a = M⁻¹ (-K u - C v - m q'' - c q' - k q + H^T λ)           (A1)
+    acceleration   the mean change of that velocity over a step, see `simulation/signals.py`
     strain         a functional of u; see `StrainRows`
     contact force  Σ λ_k of the pairs of an interface
 
-A1 is the equation of motion: at the end of a step of Newmark's scheme it is the scheme's own
-acceleration. λ_k are the forces of springs, and the impulses of a step over the time step: their
-mean force. An impulse acts through the matrix of the law, M or the lumped mass.
+λ_k are the forces of springs, and the impulses of a step over the time step: their mean force.
 
 `simulation/signals.py` puts the signals together.
 """
@@ -66,7 +64,7 @@ from delam_fem.model.layout import (
     selection,
 )
 from delam_fem.model.linear import lowest
-from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
 
@@ -456,13 +454,7 @@ def _sensor(
         for interface in layout.interfaces:
             if tuple(layout.names[part] for part in interface.parts) == own.between:
                 of_pairs[interface.pairs] = 1.0
-        return SensorRows(
-            own.name,
-            None,
-            None,
-            of_forces=of_pairs,
-            of_lumped_impulses=of_pairs,
-        )
+        return SensorRows(own.name, None, None, of_forces=of_pairs)
     assert own.lamina is not None and own.position is not None  # all but contact forces
     number = layout.names.index(own.lamina)
     part = layout.parts[number]
@@ -472,31 +464,11 @@ def _sensor(
     else:
         row = layout.of_dofs(columns_of(part, place, layout.n_numbered(o.n_dofs)))
     of_dofs, of_base = row.toarray()[0, :-1], 0.0 if o.base.is_force else float(row[0, -1])
-    if own.quantity == "acceleration":
-        return _acceleration(own.name, o, of_dofs, of_base, rows)
     rows.append(of_dofs)
-    if own.quantity == "velocity":
-        return SensorRows(own.name, None, len(rows) - 1, (0.0, of_base, 0.0))
-    return SensorRows(own.name, len(rows) - 1, None, (of_base, 0.0, 0.0))
-
-
-def _acceleration(
-    name: str, o: Operators, row: FloatArray, of_base: float, rows: list[FloatArray]
-) -> SensorRows:
-    """Return what a sensor of an acceleration reads (A1), with y = M⁻¹ rᵀ."""
-    y = splu(sp.csc_matrix(o.mass)).solve(row)
-    rows += [-(o.stiffness.T @ y), -(o.damping.T @ y)]
-    base = (-o.base.stiffness @ y, -o.base.damping @ y, of_base - o.base.mass @ y)
-    of_pairs = np.asarray(o.gap_matrix @ y)
-    lumped = o.mass.diagonal() if o.lumped_mass is None else o.lumped_mass
-    return SensorRows(
-        name,
-        len(rows) - 2,
-        len(rows) - 1,
-        (float(base[0]), float(base[1]), float(base[2])),
-        of_forces=of_pairs,
-        of_lumped_impulses=np.asarray(o.gap_matrix @ (row / lumped)),
-    )
+    if own.quantity in ("velocity", "acceleration"):
+        is_rate = own.quantity == "acceleration"
+        return SensorRows(own.name, None, len(rows) - 1, (0.0, of_base), is_rate=is_rate)
+    return SensorRows(own.name, len(rows) - 1, None, (of_base, 0.0))
 
 
 def _of_single_laminae(case: Case, layout: Layout, n: int) -> StrainRows:

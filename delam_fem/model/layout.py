@@ -160,11 +160,11 @@ class SensorRows:
         name: name of the sensor.
         of_u: row of `Operators.sensors` whose value of u counts; None: none.
         of_v: row of `Operators.sensors` whose value of v counts; None: none.
-        of_base: weights of q, q', q'' of the base (or of the force), shape (3,).
-        of_forces: weights of the forces of contact springs, and of impulses over the time step that
-            act through M, positive where they part the laminae, shape (n_pairs,); None: they do not
-            count.
-        of_lumped_impulses: the same for impulses that act through the lumped mass.
+        of_base: weights of q and q' of the base (or of the force), shape (2,).
+        of_forces: weights of the forces of contact springs, and of impulses over the time step,
+            positive where they part the laminae, shape (n_pairs,); None: they do not count.
+        is_rate: whether the signal is the change of this sum with time, as an acceleration is that
+            of a velocity.
         unit: unit of the signal.
         words: the sensor in words.
     """
@@ -172,9 +172,9 @@ class SensorRows:
     name: str
     of_u: int | None
     of_v: int | None
-    of_base: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    of_base: tuple[float, float] = (0.0, 0.0)
     of_forces: FloatArray | None = None
-    of_lumped_impulses: FloatArray | None = None
+    is_rate: bool = False
     unit: str = "1"
     words: str = ""
 

@@ -32,6 +32,7 @@ from delam_fem.numerics.settling import Settling, judge
 from delam_fem.numerics.statistics import BLOCKS, block_means, interval
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results import diagnostics
+from delam_fem.results.schema import SENSOR
 from delam_fem.simulation.recorder import LEDGER, Recorder
 
 if TYPE_CHECKING:
@@ -268,6 +269,8 @@ def contacts_by_period(motion: diagnostics.ProbeMotion, steps_per_period: int) -
 
 CLOSED = 1e-6
 """Largest residual of the energy ledger, relative to the energy exchanged, of a good run."""
+ALTERNATING = 0.05
+"""Share of the steps at which a signal may alternate before a warning says so."""
 LOST = 1e-2
 """Residual at which the motion is not that of the equations any more."""
 OPEN = "diverged: the energy balance does not close, so that this is not the motion of the case"
@@ -291,6 +294,29 @@ def quality_warnings(case: Case, structure: Structure, residual: float) -> list[
     if not np.isfinite(residual):
         return [*reasons, open_balance(residual)]
     return [f"{open_balance(residual)}: {'; '.join(reasons or [_known(case, structure)])}"]
+
+
+def alternating_warning(case: Case, history: xr.Dataset) -> str | None:
+    """Return a warning if sensors alternate from step to step, which no motion does; else None."""
+    shares = {
+        sensor.name: float(history[f"{SENSOR}{sensor.name}"].attrs["alternating"])
+        for sensor in case.sensor
+    }
+    rough = {name: share for name, share in shares.items() if share > ALTERNATING}
+    if not rough:
+        return None
+    names = ", ".join(f"{name} in {100.0 * share:.0f} %" for name, share in rough.items())
+    per_period = case.steps_per_period
+    steps = f"time.steps_per_period = {per_period}"
+    remedy = f"{4 * per_period}"
+    if case.time.step is not None:
+        steps, remedy = f"time.step = {case.time.step:g} s", f"{case.time.step / 4.0:.3g} s"
+    if case.time.refine == 1:
+        remedy += ", or time.refine, which divides the steps near contact"
+    return (
+        f"sensors alternate from step to step ({names} of the steps): {steps} does not resolve "
+        f"what is excited there; try {remedy}"
+    )
 
 
 def open_balance(residual: float) -> str:

@@ -473,6 +473,7 @@ def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:
     about |= {key: value for key in keys if (value := getattr(own, key)) is not None}
     if own.between is not None:
         about["between"] = list(own.between)
+    about["alternating"] = signal.alternating
     data[name] = (dim, signal.value, about)
     return data
 

@@ -1,5 +1,15 @@
 """Read what a recorder has kept in its window: steps, frames, and the signals of sensors.
 
+An acceleration is the mean change of the velocity over the step before an instant and the one
+after,
+
+    a = (v₊ - v₋) / 2Δt                                                                        (G1)
+
+and converges with the steps where velocities do. The equation of motion at an instant does not:
+modes that are too fast for the step, or that damping makes overdamped, change their sign from step
+to step after each impact, and M⁻¹ K weights them with ω². G1 leaves out what alternates, and an
+impulse counts with its change of velocity, spread over both steps.
+
 A sensor without a sampling rate has a value at every step. With a rate, the signal passes a
 low-pass filter without phase shift before it is sampled, as in front of a converter: the pass band
 ends at 0.4 and the stop band begins at 0.5 times the rate (-60 dB), so nothing folds back. The
@@ -19,13 +29,15 @@ import scipy  # loads its parts when they are used
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Sensor
-from delam_fem.contact.laws import LAWS, combination
+from delam_fem.contact.laws import LAWS
 from delam_fem.model.layout import SensorRows, Structure
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 
 PASS, STOP, ATTENUATION = 0.4, 0.5, 60.0
 """End of the pass band and start of the stop band over the sampling rate; attenuation [dB]."""
+_AT_REST = 1e-6
+"""Size of a signal over its largest value below which it counts as being at rest."""
 _ROUND_OFF = 1e-6
 """Share of a sampling interval by which the first or last sample may be outside the window."""
 
@@ -86,35 +98,81 @@ class Signal:
         sensor: the sensor.
         time: time of each sample, shape (k,) [s].
         value: samples, shape (k,), in the unit of the sensor.
+        alternating: share of the steps at which the signal alternates, `alternating_share` [-]; of
+            an acceleration, before its means are taken.
     """
 
     sensor: Sensor
     time: FloatArray
     value: FloatArray
+    alternating: float = 0.0
 
 
 def signals(recorder: Recorder, structure: Structure, case: Case) -> tuple[Signal, ...]:
     """Return the signals of all sensors of a case over the window of a run."""
-    layout = structure.layout
+    layout, n_probes = structure.layout, structure.operators.n_probes
     if not layout.sensors:
         return ()
-    forces = [
-        None if layout.gap_row is None else spring_forces(record, structure, case)
-        for record in recorder.window
-    ]
+    forces = None
+    if layout.gap_row is not None:
+        periods = [contact_forces_of(record, structure, case) for record in recorder.window]
+        forces = np.concatenate(periods)
+    motion = steps_of(recorder)
     start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
-    n_steps = sum(record.n_steps for record in recorder.window)
-    time = (start + 1 + np.arange(n_steps)) * recorder.time_step
-    by_name = {own.name: own for own in case.sensor}
-    found = []
-    for rows in layout.sensors:
-        own = by_name[rows.name]
-        pieces = [
-            _of_period(record, recorder.time_step, structure, rows, case, forces=own_forces)
-            for record, own_forces in zip(recorder.window, forces, strict=True)
-        ]
-        found.append(_sampled(own, time, np.concatenate(pieces), recorder.time_step))
-    return tuple(found)
+    time = (start + np.arange(1, len(motion[0]))) * recorder.time_step
+    by_name = {sensor.name: sensor for sensor in case.sensor}
+    return tuple(
+        _sampled(
+            by_name[rows.name],
+            time,
+            read(rows, motion, forces, n_probes),
+            recorder.time_step,
+            is_rate=rows.is_rate,
+        )
+        for rows in layout.sensors
+    )
+
+
+def read(
+    rows: SensorRows,
+    motion: tuple[FloatArray, FloatArray, FloatArray],
+    forces: FloatArray | None,
+    n_probes: int,
+) -> FloatArray:
+    """Return what a sensor reads at the start of a window and after each of its k steps.
+
+    Args:
+        rows: the sensor.
+        motion: what `steps_of` returns.
+        forces: contact forces of all pairs after each step, shape (k, n_pairs) [N]; None: no
+            sensor reads them.
+        n_probes: number of probes, which stand before the functionals of sensors.
+
+    Returns:
+        Shape (k + 1,); contact forces are 0 at the start.
+    """
+    u, v, base = motion
+    values = base[:, :2] @ np.array(rows.of_base)
+    if rows.of_u is not None:
+        values += u[:, n_probes + rows.of_u]
+    if rows.of_v is not None:
+        values += v[:, n_probes + rows.of_v]
+    if forces is not None and rows.of_forces is not None:
+        values[1:] += forces @ rows.of_forces
+    return np.asarray(values)
+
+
+def contact_forces_of(record: PeriodRecord, structure: Structure, case: Case) -> FloatArray:
+    """Return springs' forces and impulses over Δt at each step [N], shape (steps, n_pairs).
+
+    A signal has one value per step: an impulse counts with its mean force over that step.
+    """
+    forces, jumps = spring_forces(record, structure, case), record.jumps.columns()
+    steps = np.repeat(_steps_of(record), jumps.sizes) - 1
+    inside = (steps >= 0) & (steps < record.n_steps)
+    time_step = case.time_step
+    np.add.at(forces, (steps[inside], jumps.hit[inside]), jumps.impulses[inside] / time_step)
+    return forces
 
 
 def spring_forces(record: PeriodRecord, structure: Structure, case: Case) -> FloatArray:
@@ -191,51 +249,67 @@ def _steps_of(record: PeriodRecord) -> IntArray:
     return np.asarray(-(-record.jumps.columns().ticks // record.ticks_per_step))
 
 
-def _of_period(
-    record: PeriodRecord,
-    time_step: float,
-    structure: Structure,
-    rows: SensorRows,
-    case: Case,
-    *,
-    forces: FloatArray | None,
-) -> FloatArray:
-    """Return the signal of a sensor at each step of a period, shape (steps,)."""
-    n, steps = structure.operators.n_probes, slice(1, record.n_steps + 1)
-    signal = record.base_states[steps] @ np.array(rows.of_base)
-    if rows.of_u is not None:
-        signal += record.u[steps, N_BASE + n + rows.of_u]
-    if rows.of_v is not None:
-        signal += record.v[steps, n + rows.of_v]
-    if forces is None or rows.of_forces is None:
-        return np.asarray(signal)
-    signal += forces @ rows.of_forces
-    reads = combination(case.contact.law, case.time.scheme).reads
-    is_lumped = "impulse" in reads and case.contact.impulse == "lumped"
-    weights = rows.of_lumped_impulses if is_lumped else rows.of_forces
-    assert weights is not None  # beside the weights of forces
-    jumps = record.jumps.columns()
-    at = np.repeat(_steps_of(record), jumps.sizes) - 1
-    inside = (at >= 0) & (at < record.n_steps)
-    # a signal has one value per step: an impulse counts with its mean force over that step
-    means = (weights[jumps.hit] * jumps.impulses)[inside] / time_step
-    np.add.at(signal, at[inside], means)
-    return np.asarray(signal)
+def _sampled(
+    sensor: Sensor, time: FloatArray, values: FloatArray, time_step: float, *, is_rate: bool = False
+) -> Signal:
+    """Return the samples of a signal.
 
-
-def _sampled(own: Sensor, time: FloatArray, value: FloatArray, time_step: float) -> Signal:
-    """Return the samples of a signal that is known at every step."""
-    if own.sampling_rate is not None:
-        value = low_passed(value, own.sampling_rate * time_step)
-        first = np.ceil(time[0] * own.sampling_rate - _ROUND_OFF)
-        last = np.floor(time[-1] * own.sampling_rate + _ROUND_OFF)
-        at = np.clip(np.arange(first, last + 1.0) / own.sampling_rate, time[0], time[-1])
+    Args:
+        sensor: the sensor.
+        time: time of each of k steps, shape (k,) [s].
+        values: what the sensor reads at the start and after each step, shape (k + 1,).
+        time_step: Δt [s].
+        is_rate: whether the signal is the change of these values with time.
+    """
+    of_steps = np.diff(values) / time_step if is_rate else values[1:]
+    value = centred(of_steps) if is_rate else of_steps
+    if sensor.sampling_rate is not None:
+        rate = sensor.sampling_rate * time_step
+        value, of_steps = low_passed(value, rate), low_passed(of_steps, rate)
+        first = np.ceil(time[0] * sensor.sampling_rate - _ROUND_OFF)
+        last = np.floor(time[-1] * sensor.sampling_rate + _ROUND_OFF)
+        at = np.clip(np.arange(first, last + 1.0) / sensor.sampling_rate, time[0], time[-1])
         value = scipy.interpolate.make_interp_spline(time, value, k=min(3, time.size - 1))(at)
         time = at
-    if own.noise:
-        rng = np.random.default_rng([own.seed, zlib.crc32(own.name.encode())])
-        value = value + rng.normal(scale=own.noise, size=value.size)
-    return Signal(own, time, np.asarray(value, dtype=np.float64))
+    if sensor.noise:
+        rng = np.random.default_rng([sensor.seed, zlib.crc32(sensor.name.encode())])
+        value = value + rng.normal(scale=sensor.noise, size=value.size)
+    value = np.asarray(value, dtype=np.float64)
+    return Signal(sensor, time, value, alternating_share(of_steps))
+
+
+def centred(change: FloatArray) -> FloatArray:
+    """Return the mean of the changes in the steps before and after each instant, shape (k,).
+
+    The last instant of a window has no step after it, and repeats the value before.
+
+    Args:
+        change: mean rate of change in each step, shape (k,).
+    """
+    if change.size < 2:
+        return change
+    means = 0.5 * (change[:-1] + change[1:])
+    return np.append(means, means[-1])
+
+
+def alternating_share(value: FloatArray) -> float:
+    """Return the share of steps at which a signal does little else than alternate [-].
+
+    At such a step, and at both beside it, the alternating part |x₋ - 2 x + x₊| / 4 is more than
+    half of the signal there, the root mean square of the three. A sine with more than four steps a
+    cycle has no such step, and a peak of a single step is none.
+
+    Args:
+        value: signal at every step, shape (k,).
+    """
+    if value.size < 5:
+        return 0.0
+    before, here, after = value[:-2], value[1:-1], value[2:]
+    part = 0.25 * np.abs(before - 2.0 * here + after)
+    size = np.sqrt((before**2 + here**2 + after**2) / 3.0)
+    is_large = size > _AT_REST * np.abs(value).max()
+    alternates = is_large & (part > 0.5 * size)
+    return float(np.mean(alternates[:-2] & alternates[1:-1] & alternates[2:]))
 
 
 def low_passed(value: FloatArray, rate: float) -> FloatArray:

@@ -63,40 +63,6 @@ def test_rigid_motion_has_no_strain() -> None:
     assert np.abs(found).max() < 1e-15
 
 
-def test_acceleration_is_that_of_the_equation_of_motion() -> None:
-    own = {"name": "a", "quantity": "acceleration", **AT}
-    structure = closed_form.assemble(preset("paper", {"sensor": [own]}))
-    o, (sensor,) = structure.operators, structure.layout.sensors
-    rng = np.random.default_rng(1)
-    u, v = rng.normal(size=(2, o.n_dofs)) * 1e-6
-    q, dq, ddq = 1e-6, -2e-3, 3.0
-    p = rng.normal(size=o.n_pairs)
-    rest = o.stiffness @ u + o.damping @ v - o.gap_matrix.T @ p
-    rest += o.base.mass * ddq + o.base.damping * dq + o.base.stiffness * q
-    a = splu(o.mass.tocsc()).solve(-rest)
-    from delam_fem.model.layout import interpolation_rows, place_of
-
-    part = structure.layout.parts[1]
-    row = interpolation_rows(part, np.array([place_of(part, 0.3)]), o.n_dofs)
-    expected = float((row @ a)[0])
-    found = (o.sensors @ u)[sensor.of_u] + (o.sensors @ v)[sensor.of_v]
-    found += np.array(sensor.of_base) @ [q, dq, ddq] + sensor.of_forces @ p
-    assert found == pytest.approx(expected, rel=1e-8)
-
-
-def test_impulses_act_through_the_matrix_of_the_law() -> None:
-    own = {"name": "a", "quantity": "acceleration", "lamina": "thin", "position": 0.3425}
-    structure = closed_form.assemble(preset("paper", {"sensor": [own]}))
-    o, (sensor,) = structure.operators, structure.layout.sensors
-    p = np.linspace(0.1, 2.0, o.n_pairs)
-    dof = structure.layout.parts[1].dofs[10, 0]
-    change = splu(o.mass.tocsc()).solve(o.gap_matrix.T @ p)
-    assert sensor.of_forces @ p == pytest.approx(change[dof], rel=1e-8)
-    lumped = (o.gap_matrix.T @ p) / o.lumped_mass
-    assert sensor.of_lumped_impulses @ p == pytest.approx(lumped[dof], rel=1e-8)
-    assert (sensor.unit, sensor.words) == ("m/s2", "acceleration of thin at 0.3425 m")
-
-
 def test_probes_and_layout_do_not_change() -> None:
     own = {"name": "d", "quantity": "displacement", **AT}
     plain = closed_form.assemble(preset("paper"))
