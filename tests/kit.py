@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -49,13 +48,15 @@ def refusal(call: Callable[[], object]) -> str:
 
 
 def covering(*axes: Sequence[Any]) -> list[ParameterSet]:
-    """Return all combinations of values; those without which any two still meet are nightly."""
-    numbers = [range(len(axis)) for axis in axes]
-    short = {tuple(cell) for cell in make([list(own) for own in numbers])}
+    """Return combinations in which any two values meet, and nightly ones in which any three do."""
+    numbers = [list(range(len(axis))) for axis in axes]
+    of_two = sorted(map(tuple, make(numbers)))
+    of_three = sorted(map(tuple, make(numbers, strength=min(3, len(axes)))))
+    further = [cell for cell in of_three if cell not in of_two]
     return [
         pytest.param(
             *(axis[k] for axis, k in zip(axes, cell, strict=True)),
-            marks=() if cell in short else pytest.mark.nightly,
+            marks=pytest.mark.nightly if cell in further else (),
         )
-        for cell in product(*numbers)
+        for cell in (*of_two, *further)
     ]

@@ -1,7 +1,7 @@
 """Cases in which no two numbers are alike: laminae, places, supports, stops, sensors and drives.
 
-A result that is described in full for them, and compared with what is stored, notices a wrong
-index, sign, factor or bound wherever it has an effect.
+A comparison of two ways to the same result notices a wrong index, sign, factor or bound in one of
+them wherever it has an effect.
 """
 
 from __future__ import annotations

@@ -66,3 +66,10 @@ def test_samples_stay_within_the_prior() -> None:
 def test_few_simulations_are_refused() -> None:
     with pytest.raises(ValueError, match="at least 100 simulations, given 20"):
         table(20).posterior(np.zeros(2))
+
+
+def test_of_many_simulations_a_share_is_accepted() -> None:
+    many = table(1500)
+    observed = np.array([0.3, 0.1])
+    assert len(many.posterior(observed).samples) == round(0.08 * 1500)
+    assert len(many.posterior(observed, accepted=0.2).samples) == round(0.2 * 1500)

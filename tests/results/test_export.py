@@ -14,7 +14,6 @@ from scipy.io import loadmat
 from stack import STOPS, three_laminae, with_stops
 
 import delam_fem as df
-from delam_fem.model.beams import closed_form
 from delam_fem.results.export import export, operators
 from delam_fem.system.errors import CaseError
 
@@ -86,32 +85,6 @@ def test_universal_files_have_the_stored_sets(
 def is_word(key: str, value: str | int) -> bool:
     """Return whether an entry of a set says something that is the same tomorrow."""
     return value not in ("NONE", "") and not key.endswith("_file_written")
-
-
-CASES: dict[str, tuple[str, dict[str, Any]]] = {
-    "base": ("paper", {"mesh.elements": 3, "excitation.acceleration": 2.0}),
-    "force": ("paper", {"mesh.elements": 2, "excitation": {
-        "kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 0.7, "frequency": 3.0}}),
-    "sweep": ("embedded", {"mesh.elements": 6, "excitation": {
-        "kind": "sweep", "start_frequency": 1.0, "end_frequency": 2.0, "duration": 9.0,
-        "acceleration": 1.0}}),
-    "stop": ("paper", {"mesh.elements": 2, "contact.impulse": "consistent", "stop": [
-        {"lamina": "thick", "side": "below", "gap": 0.001, "position": 0.2}]}),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("suffix", [".npz", ".mat"])
-@pytest.mark.parametrize("name", CASES)
-def test_operators_are_those_of_the_model(name: str, suffix: str, tmp_path: Path) -> None:
-    preset_name, keys = CASES[name]
-    case = df.preset(preset_name, keys)
-    path = operators(case, tmp_path / "new" / f"{name}{suffix}")
-    content = dict(np.load(path)) if suffix == ".npz" else loadmat(path)
-    model = closed_form.assemble(case).operators
-    matrices = {"M": model.mass, "C": model.damping, "K": model.stiffness, "H": model.gap_matrix}
-    for symbol, matrix in matrices.items():
-        np.testing.assert_allclose(content[symbol], matrix.toarray(), rtol=1e-12, err_msg=symbol)
-    assert case.is_in(str(np.ravel(content["case"])[0]))
 
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
