@@ -242,7 +242,7 @@ def _run_case(
             before = "running" if extend else before
         begin, first = time.perf_counter(), recorder.n_closed
         decay = quality.decay_of(case, structure) * case.period
-        enough = quality.enough_of(case, recorder, len(structure.layout.parts), decay)
+        enough = quality.stop_when_settled(case, recorder, len(structure.layout.parts), decay)
         with stop_signals() as is_stopped, reporting(progress, "period") as shown:
             of_run = case, engine, opened.engine, recorder
             stop = Watch(kept, of_run, is_stopped, comm, report=shown, seconds=checkpoint_seconds)
@@ -358,7 +358,7 @@ def _run_operators(
             key.replace("tip_", "probe_"): found[key] for key in found if key not in OF_GAPS
         }
         decay = quality.decay_of_operators(operators) * period if case.is_periodic else 0.0
-        summary |= quality.numbers(recorder, n, case, decay)
+        summary |= quality.settling_summary(recorder, n, case, decay)
     summary["energy_residual"] = residual
     summary["impact_energy_gain"] = diagnostics.gain_of(recorder)
     texts = [
@@ -444,9 +444,9 @@ def _result(
     attributes = {"outcome": summary["outcome"], "engine": summary["engine"], **solvers()}
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
-    summary |= quality.numbers(recorder, len(structure.layout.parts), case, decay)
+    summary |= quality.settling_summary(recorder, len(structure.layout.parts), case, decay)
     summary |= {
-        "intervals": quality.of_run(history, case, summary),
+        "intervals": quality.confidence_intervals(history, case, summary),
         "periods": recorder.n_closed,
         "energy_residual": residual,
         "impact_energy_gain": diagnostics.gain_of(recorder),

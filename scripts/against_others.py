@@ -23,11 +23,8 @@ from scipy.optimize import root
 from scipy.sparse import csr_matrix
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import drive
+from delam_fem.api import Case, FloatArray, atomic, drive
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.types import FloatArray
-from delam_fem.system.files import atomic
 
 ROOT = Path(__file__).parents[1]
 CASES = Path("docs", "examples", "others")

@@ -31,12 +31,11 @@ from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
+from delam_fem.api import N_SIZES, EngineName, session_of
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import matrix
 from delam_fem.reference.loop import simulate_reference
-from delam_fem.simulation.recorder import N_SIZES
 
 COMM = PETSc.COMM_SELF
 SCHEMES: dict[str, dict[str, Any]] = {

@@ -23,7 +23,7 @@ from trials.compare import (
     table,
 )
 
-from delam_fem.results.figures.style import styled
+from delam_fem.api import style
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "convergence.md"
@@ -40,13 +40,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     given = parser.parse_args(arguments)
     if given.redraw:
-        with styled():
+        with style.styled():
             figure(errors_in(DOCUMENT.read_text("utf-8"))).savefig(FIGURE)
         return 0
     found, limit = measure(STEPS, LIMIT_STEPS, given.periods, given.workers)
     shown = table(found, limit)
     sys.stdout.write(shown.markdown() + "\n")
-    with styled():
+    with style.styled():
         figure(errors_of(found, limit)).savefig(FIGURE)
     DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), {"trials": shown}), "utf-8")
     return 0

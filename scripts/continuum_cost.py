@@ -37,13 +37,11 @@ MOST_STEPS = 2000
 
 def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     """Measure one structure on all ranks of this process's launcher (collective)."""
-    from delam_fem.case.files import preset
+    from delam_fem.api import MPI, Operators, motion_of, preset
     from delam_fem.engines.petsc import linear_algebra
     from delam_fem.engines.petsc.theta import MoreauJean
-    from delam_fem.engines.session import motion_of
     from delam_fem.model import discretise
-    from delam_fem.model.operators import Operators, spread
-    from delam_fem.system.mpi import MPI
+    from delam_fem.model.operators import spread
 
     comm = MPI.COMM_WORLD
     keys = {"model.kind": kind, "model.strips": strips, "mesh.elements": elements}
@@ -194,7 +192,7 @@ def main(arguments: list[str] | None = None) -> list[dict[str, Any]]:
     parser.add_argument("-o", "--output", type=Path, help="folder for numbers and figure")
     given = parser.parse_args(arguments)
     if given.one:
-        from delam_fem.system.mpi import MPI
+        from delam_fem.api import MPI
 
         row = measured(given.one[0], int(given.one[1]), int(given.one[2]))
         if MPI.COMM_WORLD.rank == 0:

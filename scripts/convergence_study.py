@@ -17,8 +17,8 @@ from ladders.document import document, fill
 from ladders.study import ladders
 from rich.console import Console
 
+from delam_fem.api import style
 from delam_fem.cli.console import progress
-from delam_fem.results.figures.style import styled
 from delam_fem.studies.convergence.run import run_ladder
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     shown = document(found)
     FIGURES.mkdir(parents=True, exist_ok=True)
-    with styled():
+    with style.styled():
         for name, draw in shown.figures.items():
             draw().savefig(FIGURES / f"convergence_{name}.png")
     DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), shown.tables), "utf-8")

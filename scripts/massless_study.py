@@ -18,9 +18,8 @@ from ladders.document import fill
 from reduced_study import ELEMENTS, RESONANT, Limit, limit_of
 
 import delam_fem as df
-from delam_fem.case.definition import Case
+from delam_fem.api import Case, lowest
 from delam_fem.model.beams import closed_form
-from delam_fem.model.linear import lowest
 from delam_fem.studies.convergence.analysis import Table
 
 DOCS = Path(__file__).parents[1] / "docs"

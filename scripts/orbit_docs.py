@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import delam_fem as df
-from delam_fem.results.figures.style import styled
+from delam_fem.api import style
 from delam_fem.studies.branches.follow import branch_diagram
 from delam_fem.studies.orbits.maps import FREQUENCY
 from delam_fem.studies.sweeps.grid import sweep_of
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
             }),
             folder / "sweep", "serial", resume=True, is_confirmed=True,
         )  # fmt: skip
-        with swept, styled():
+        with swept, style.styled():
             (given.output / "figures").mkdir(parents=True, exist_ok=True)
             figure = branch_diagram(branches, swept)
             figure.savefig(given.output / "figures" / f"orbits_{given.preset}.png")

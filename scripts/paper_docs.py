@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from delam_fem.api import atomic, write_text
 from delam_fem.paper.claims import HEADING, Claim
 from delam_fem.paper.reproduce import (
     ABOUT,
@@ -26,7 +27,6 @@ from delam_fem.paper.reproduce import (
     pictures,
     tally,
 )
-from delam_fem.system.files import atomic, write_text
 
 ROOT = Path(__file__).parents[1]
 IN_SHORT = ("figure", "the paper says", "what came out", "verdict")

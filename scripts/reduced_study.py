@@ -20,9 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import LAMINA_COLOURS, WIDTH, styled
+from delam_fem.api import Case, FloatArray, style
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, ModalMap, PeriodMap
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -51,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         path.write_text(json.dumps(measured(given), indent=1) + "\n", "utf-8")
     found = json.loads(path.read_text("utf-8"))
     (given.output / "figures").mkdir(exist_ok=True)
-    with styled():
+    with style.styled():
         drawn = figure(found["limits"], ELEMENTS, found["growth"], SIZES)
         drawn.savefig(given.output / "figures" / "reduced.png")
     return 0
@@ -196,7 +194,7 @@ def figure(
         growth: growth of kicks by name of the map.
         sizes: sizes of the kicks.
     """
-    canvas = Figure(figsize=(WIDTH, 3.9), layout="constrained")
+    canvas = Figure(figsize=(style.WIDTH, 3.9), layout="constrained")
     panels = canvas.subplots(1, len(limits) + 1)
     for axes, (damping, rows) in zip(panels, limits.items(), strict=False):
         _draw_limits(axes, rows, elements[damping])
@@ -215,7 +213,7 @@ def figure(
 def _draw_limits(axes: Axes, rows: Limits, elements: Mapping[int, float]) -> None:
     """Draw y1 over the number of contact points, a line for each number of modes."""
     counts = sorted({int(row["modes"]) for row in rows})
-    for colour, modes in zip(LAMINA_COLOURS, counts, strict=False):
+    for colour, modes in zip(style.LAMINA_COLOURS, counts, strict=False):
         own = sorted((r for r in rows if r["modes"] == modes), key=lambda row: row["points"])
         axes.semilogx(
             [row["points"] for row in own],

@@ -16,12 +16,11 @@ from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.paper.lab import MOTIONS, Motion, contacts, strikes
 
 if TYPE_CHECKING:
-    from delam_fem.engines.session import EngineName
-    from delam_fem.results.folder import Result
+    from delam_fem.api import EngineName, Result
 
 HEADINGS = (
     "f [Hz]", "paper", "contacts per period", "strike: thick / thin [m/s]", "period (paper)",
@@ -63,7 +62,7 @@ def motion_rows(base: str, periods: int, engine: EngineName) -> tuple[list[tuple
 
 def compute(base: str, frequency: float, engine: EngineName, overrides: dict[str, Any]) -> Result:
     """Run a preset at a frequency [Hz] without keeping fields."""
-    from delam_fem.pipeline import run
+    from delam_fem.api import run
 
     keys = {"excitation.frequency": frequency, "output.fields_per_period": 0}
     return run(preset(base, keys | overrides), engine)

@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from project import ROOT
 
+from delam_fem import api
+
 PACKAGE = ROOT / "delam_fem"
 SOURCES = {
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
@@ -25,6 +27,7 @@ SOURCES = {
 PURE = {"system", "numerics", "case", "contact", "model", "simulation"}
 BELOW_STUDIES = PURE | {"engines", "results", "pipeline"}
 ALLOWED: dict[str, set[str]] = {
+    "api": BELOW_STUDIES,
     "system": set(),
     "numerics": {"system"},
     "case": {"system", "numerics", "contact"},
@@ -34,13 +37,23 @@ ALLOWED: dict[str, set[str]] = {
     "engines": PURE,
     "results": PURE,
     "pipeline": PURE | {"engines", "results"},
-    "studies": BELOW_STUDIES,
+    "studies": {"api", "results"},
     "reference": BELOW_STUDIES | {"studies"},
-    "paper": BELOW_STUDIES | {"studies"},
+    "paper": {"api", "studies"},
     "cli": BELOW_STUDIES | {"studies", "reference", "paper"},
     "__init__": BELOW_STUDIES | {"studies", "reference"},
     "__main__": {"cli"},
 }
+
+# What stands above the seam takes the simulator from it, but for measured data and scans.
+ABOVE_THE_SEAM = ("studies", "paper")
+SIGNALS = {"results.measured", "results.overlay", "results.scan"}
+OF_SCRIPTS = {
+    "contact.complementarity", "engines.petsc.linear_algebra", "engines.petsc.theta",
+    "model.beams.closed_form", "model.discretise", "model.operators", "reference.loop",
+    "system.caches",
+}  # fmt: skip
+"""What scripts besides look into: benchmarks of single operations, trials on bare matrices."""
 
 # Modules that must not reach the others, even through what they import at once. The table of laws
 # imports the laws when they are set up, so cases may read it.
@@ -175,6 +188,45 @@ def test_imports_run_one_way() -> None:
     assert upwards == {}
 
 
+def test_studies_take_the_simulator_from_the_seam() -> None:
+    above = [module for module in SOURCES if folder(module) in ABOVE_THE_SEAM]
+    around = {
+        module: others
+        for module in above
+        if (others := own(nodes(module)) - {"api", *within(SIGNALS)} - within({*ABOVE_THE_SEAM}))
+    }
+    assert around == {}
+
+
+def test_scripts_take_the_simulator_from_the_seam() -> None:
+    taken = {
+        module
+        for path in (ROOT / "scripts").rglob("*.py")
+        for module in own(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    }
+    above = within({"cli", "reference.compare", *ABOVE_THE_SEAM, *SIGNALS})
+    assert taken - above - {"__init__", "api"} == OF_SCRIPTS
+
+
+def test_every_name_of_the_seam_is_there_and_taken() -> None:
+    """A name that nobody takes is not one of the seam."""
+    code = [*map(tree, SOURCES)]
+    code += [
+        ast.parse(path.read_text(encoding="utf-8"))
+        for path in [*ROOT.glob("scripts/**/*.py"), *ROOT.glob("docs/examples/**/*.py")]
+    ]
+    taken = {
+        name.rpartition(".")[2]
+        for source in code
+        for name in imported(ast.walk(source))
+        if name.startswith("delam_fem.api.")
+    }
+    assert {"home_of", *taken} == {"home_of", *dir(api)}
+    declared = {name.rpartition(".")[2] for name in imported(nodes("api"))}
+    assert declared - {"annotations", "import_module", "TYPE_CHECKING"} == set(dir(api))
+    assert [name for name in dir(api) if getattr(api, name) is None] == []
+
+
 @pytest.mark.parametrize(("some", "others"), STRANGERS)
 def test_strangers_do_not_reach_each_other(some: set[str], others: set[str]) -> None:
     near, far = within(some), within(others)
@@ -185,8 +237,8 @@ def test_strangers_do_not_reach_each_other(some: set[str], others: set[str]) -> 
 def test_structures_come_through_one_door() -> None:
     outside = {m for m in SOURCES if folder(m) != "model"}
     passing = {m: taken for m in outside if (taken := own(nodes(m)) & ASSEMBLING)}
-    assert passing == {"paper.ground": {"model.beams.closed_form"}}
-    assert {n for n in imported(nodes("paper.ground")) if "closed_form" in n} == {
+    assert passing == {"api": {"model.beams.closed_form"}}
+    assert {n for n in imported(nodes("api")) if "closed_form" in n} == {
         "delam_fem.model.beams.closed_form.beam"  # matrices of a strip that is no case
     }
 

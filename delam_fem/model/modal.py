@@ -48,8 +48,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from delam_fem.model.layout import Layout, Reading, Structure
 from delam_fem.model.linear import DENSE_DOFS, lowest, normalised
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.operators import matrix as petsc_matrix
+from delam_fem.model.operators import BaseCoupling, Operators, matrix as petsc_matrix
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 Solve = Callable[[FloatArray], FloatArray]

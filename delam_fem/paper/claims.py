@@ -25,15 +25,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, diagnostics, style
 from delam_fem.paper.lab import Laboratory, is_as_described, strikes
-from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import HISTORY_PERIODS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delam_fem.results.folder import Result
+    from delam_fem.api import Result
 
 Verdict = Literal["holds", "does not hold", "undecided", "open"]
 """`undecided`: the uncertainty of a number contains its bound. `open`: the paper's text does not
@@ -311,7 +309,7 @@ def motion_numbers(result: Result) -> Numbers:
         which the tips are less than `FREE_GAP` apart [-]; t_over_T and position_mm, time and tip
         positions, every `SERIES_STEP` steps, shapes (n,) and (2, n).
     """
-    t, y = tip_positions(result, HISTORY_PERIODS)
+    t, y = tip_positions(result, style.HISTORY_PERIODS)
     names = (
         "periodicity", "periodicity_class", "strobe_scatters", "strobe_scatter",
         "tip_contacts_per_period", "impacts_per_period",

@@ -17,13 +17,20 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.case.sections import Lamina
-from delam_fem.model.beams.closed_form import beam
-from delam_fem.model.layout import CURVATURE, Part, columns_of, place_of, selection
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics import harmonics
-from delam_fem.numerics.beams import cantilever_mode, cantilever_roots
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import (
+    CURVATURE,
+    BaseCoupling,
+    FloatArray,
+    Lamina,
+    Operators,
+    Part,
+    beam,
+    beams,
+    columns_of,
+    harmonics,
+    place_of,
+    selection,
+)
 
 Touching = Literal["everywhere", "tip"]
 """The nodes that can touch the ground."""
@@ -59,7 +66,7 @@ def steel_strip(
     """
     young_modulus, density = 2.1e11, 7850.0
     kappa = thickness * math.sqrt(young_modulus / (12.0 * density))
-    fitting = float(cantilever_roots(1)[0]) * math.sqrt(kappa / (2.0 * math.pi * frequency))
+    fitting = float(beams.cantilever_roots(1)[0]) * math.sqrt(kappa / (2.0 * math.pi * frequency))
     return Lamina(
         name="steel",
         length=length or fitting,
@@ -181,8 +188,8 @@ def _shape(lamina: Lamina, n: int, by: Lift, tip: float) -> FloatArray:
         slope = (12.0 * xi - 12.0 * xi**2 + 4.0 * xi**3) / 3.0
     else:
         step = 1e-4  # the error of the central difference, step² B⁴ / 6, is 2e-8
-        u = cantilever_mode(1, xi)
+        u = beams.cantilever_mode(1, xi)
         inside = np.minimum(xi, 1.0 - step)  # the curvature is 0 at the tip
-        ends = cantilever_mode(1, inside + step) - cantilever_mode(1, inside - step)
+        ends = beams.cantilever_mode(1, inside + step) - beams.cantilever_mode(1, inside - step)
         slope = ends / (2.0 * step)
     return np.ravel(np.column_stack([tip * u, tip / lamina.length * slope]))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, style
 from delam_fem.paper.claims import (
     CLEARLY,
     SMOOTH_HARMONICS,
@@ -37,23 +37,12 @@ from delam_fem.paper.lab import (
     strikes,
 )
 from delam_fem.paper.panels import four_by_two, line, portrait, show
-from delam_fem.results.figures.style import (
-    BLACK,
-    GAP_COLOUR,
-    HISTORY_PERIODS,
-    LAMINA_COLOURS,
-    PORTRAIT_PERIODS,
-    canvas,
-    label_x,
-    lamina_colours,
-    legend_above,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.results.folder import Result
+    from delam_fem.api import Result
 
 SMALLEST_JUMP = 0.2
 """Smallest jump that counts as a strike, as a share of the largest jump; smaller ones are waves or
@@ -182,15 +171,15 @@ def draw_histories(numbers: Numbers) -> Figure:
     figure, panels = four_by_two(
         9.6, numbers.results, _draw_history, "time t/T [–]", "tip [mm]", sharex=True, sharey="row"
     )
-    legend_above(panels[0, 1])
+    style.legend_above(panels[0, 1])
     return figure
 
 
 def _draw_history(panel: Axes, result: Result) -> None:
     """Draw the positions of both tips and the gap between them."""
-    t, y = tip_positions(result, HISTORY_PERIODS)
-    panel.fill_between(t, y[0], y[1], where=y[1] >= y[0], color=GAP_COLOUR)
-    tips = (line(t, y[i], color=LAMINA_COLOURS[i], label=f"$y_{i + 1}$") for i in range(2))
+    t, y = tip_positions(result, style.HISTORY_PERIODS)
+    panel.fill_between(t, y[0], y[1], where=y[1] >= y[0], color=style.GAP_COLOUR)
+    tips = (line(t, y[i], color=style.LAMINA_COLOURS[i], label=f"$y_{i + 1}$") for i in range(2))
     show(panel, *tips, xmargin=0.0)
 
 
@@ -343,7 +332,7 @@ def tip_strikes(result: Result, fit_samples: int = 1) -> Jumps:
 
 def draw_velocities(numbers: Numbers) -> Figure:
     """Draw the tip velocities over two periods with the jumps from which e follows."""
-    figure = canvas(7.0)
+    figure = style.canvas(7.0)
     panels = figure.subplot_mosaic([["whole"] * 2, ["strikes", "samples"]], width_ratios=[3, 1])
     history, case = numbers.result.history, numbers.result.case
     time, T = history["time"].to_numpy(), case.period
@@ -357,9 +346,9 @@ def draw_velocities(numbers: Numbers) -> Figure:
         *(
             line((time[shown] - start) / T, v[i], color=colour,
                  label=f"{case.lamina[i].name}  $\\dot y_{i + 1}$")
-            for i, colour in enumerate(lamina_colours(2))
+            for i, colour in enumerate(style.lamina_colours(2))
         ),
-        line(np.repeat(at, 4), ends.ravel(), "o", color=BLACK, markersize=4,
+        line(np.repeat(at, 4), ends.ravel(), "o", color=style.BLACK, markersize=4,
              label="before and after the strike"),
         xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]", xmargin=0.0, legend="above",
     )  # fmt: skip
@@ -368,19 +357,19 @@ def draw_velocities(numbers: Numbers) -> Figure:
     number, by_lamina = np.arange(1, e.size + 1), numbers.restitution_by_lamina
     show(
         panel,
-        line(number, e, "o", color=BLACK, label="eq. 3"),
+        line(number, e, "o", color=style.BLACK, label="eq. 3"),
         *(
             line(number, by_lamina[:, i], marker, color=colour, label=f"eq. 4, lamina {i + 1}")
-            for i, (marker, colour) in enumerate(zip("^v", lamina_colours(2), strict=True))
+            for i, (marker, colour) in enumerate(zip("^v", style.lamina_colours(2), strict=True))
         ),
         xlabel="number of the strike", ylabel="coefficient of restitution e [–]",
     )  # fmt: skip
     panel.axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
-    panel.axhline(given, color=BLACK, linewidth=0.8, label="given e")
-    legend_above(panel)
+    panel.axhline(given, color=style.BLACK, linewidth=0.8, label="given e")
+    style.legend_above(panel)
     panel = panels["samples"]  # from which e is read, on each side
     samples, e = zip(*numbers.restitution_by_samples.items(), strict=True)
-    panel.semilogx(samples, e, "o-", color=BLACK)
+    panel.semilogx(samples, e, "o-", color=style.BLACK)
     panel.axhspan(*MEASURED, color="#e9e9e9")
     panel.set(xlabel="samples on each side", ylabel="mean e by eq. 3 [–]")
     panel.set_xticks(samples, [str(n) for n in samples])
@@ -478,19 +467,19 @@ def _draw_strikes(numbers: Numbers, *methods: PaperMethod) -> Figure:
 
     The strike is the last one whose details are all in the window.
     """
-    figure = canvas(0.5 + 4.1 * len(methods))
+    figure = style.canvas(0.5 + 4.1 * len(methods))
     panels = figure.subplots(len(methods), 2, squeeze=False, sharex="col", sharey="col")
     for row, method in zip(panels, methods, strict=True):
         result = numbers.results[method]
         N = result.case.time.steps_per_period
-        t, y = tip_positions(result, PORTRAIT_PERIODS)
+        t, y = tip_positions(result, style.PORTRAIT_PERIODS)
         v = portrait(result)[:, 1]
         steps = strikes(result).step
         at = int(steps[steps + DETAIL[1] * N < t.size][-1])
         part = slice(max(at - int(DETAIL[0] * N), 0), at + int(DETAIL[1] * N))
         looks = [
             {"color": colour, "label": lamina.name, "linewidth": 0.7, "markersize": 2.5}
-            for lamina, colour in zip(result.case.lamina, lamina_colours(2), strict=True)
+            for lamina, colour in zip(result.case.lamina, style.lamina_colours(2), strict=True)
         ]
         show(
             row[0],
@@ -503,9 +492,9 @@ def _draw_strikes(numbers: Numbers, *methods: PaperMethod) -> Figure:
             title="[b] history", ylabel="position of the tip [mm]",
             xticks=np.arange(-1, 3) / 10.0,
         )  # fmt: skip
-    label_x(panels[:, 0], "position of the tip [mm]")
-    label_x(panels[:, 1], "time since the strike  t/T [–]")
-    legend_above(panels[0][1])
+    style.label_x(panels[:, 0], "position of the tip [mm]")
+    style.label_x(panels[:, 1], "time since the strike  t/T [–]")
+    style.legend_above(panels[0][1])
     return figure
 
 

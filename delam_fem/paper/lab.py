@@ -21,19 +21,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import base_motion
-from delam_fem.case.files import preset
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.diagnostics import Strikes, of_interface
-from delam_fem.results.folder import Result
+from delam_fem.api import Case, FloatArray, Result, base_motion, diagnostics, preset, require
 from delam_fem.studies import executors
-from delam_fem.system.errors import require
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from delam_fem.engines.session import EngineName
+    from delam_fem.api import EngineName
 
 BEATS = 2.0
 """A lamina beats the other one if its tip is more than this factor faster."""
@@ -41,9 +35,9 @@ SAME_FREQUENCY = 0.01
 """Two frequencies count as the same if they differ by less than this [Hz]."""
 
 
-def strikes(result: Result) -> Strikes:
+def strikes(result: Result) -> diagnostics.Strikes:
     """Return the strikes of a result with two laminae; see `Strikes`."""
-    return of_interface(result.history, result.case.time.steps_per_period, 0)
+    return diagnostics.of_interface(result.history, result.case.time.steps_per_period, 0)
 
 
 @dataclass(frozen=True)
@@ -329,7 +323,7 @@ def both_methods(lab: Laboratory) -> dict[tuple[float, PaperMethod], Result]:
 
 def _computed(case: Case, engine: EngineName) -> Result:
     """Compute a case in a worker, without the warning that lumped impulses can add energy."""
-    from delam_fem.pipeline import run
+    from delam_fem.api import run
 
     log = logging.getLogger("delam_fem.pipeline")
     level = log.level

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delam_fem.api import style
 from delam_fem.paper import ground
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.lab import Laboratory
@@ -22,17 +23,6 @@ from delam_fem.paper.strip import (
     exact_beam,
     rolling_study,
     tip_block,
-)
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    canvas,
 )
 
 if TYPE_CHECKING:
@@ -51,7 +41,7 @@ FROM_CLAMP = 0.5
 
 NO_REBOUND = 0.05
 """A rebound below this share of the speed or height before the impact counts as none."""
-LAW_COLOURS = {"newton@moreau-jean": BLUE, "newton-penalty@newmark": ORANGE}
+LAW_COLOURS = {"newton@moreau-jean": style.BLUE, "newton-penalty@newmark": style.ORANGE}
 MARKERS = {20: ("s", "□"), 40: ("^", "△"), 80: ("o", "○")}
 """Markers of the meshes of a ladder, and how a title shows them, by number of elements."""
 SHOWN_LANDING = (-0.02, 0.06)
@@ -59,7 +49,7 @@ SHOWN_ENERGY = (-0.05, 0.25)
 """Parts of the period around the first hit that are drawn."""
 
 
-GAUGE_COLOURS = (BLUE, VERMILLION)
+GAUGE_COLOURS = (style.BLUE, style.VERMILLION)
 
 
 def measure_rolling(lab: Laboratory) -> Numbers:
@@ -88,7 +78,7 @@ def struck_block(lab: Laboratory) -> TipBlock:
 
 def draw_rolling(numbers: Numbers) -> Figure:
     """Draw the results of the strip on the ground, and the set-up of the strip on a block."""
-    figure, study = canvas(12.6), numbers.study
+    figure, study = style.canvas(12.6), numbers.study
     rows = figure.subfigures(4, 1, height_ratios=(1.0, 1.35, 1.35, 1.35))
     _draw_setup(rows[0].subplots(), numbers.block)
     main = study.by_law["newton@moreau-jean"]
@@ -98,7 +88,12 @@ def draw_rolling(numbers: Numbers) -> Figure:
     energy = main.energy
     parts = np.array([energy.stored, energy.damped, energy.impact]) / energy.stored[0]
     names = ("in the strip", "lost to damping", "lost at impacts")
-    left.stackplot(1e3 * energy.time, parts, labels=names, colors=(BASE_COLOUR, SKY, VERMILLION))
+    left.stackplot(
+        1e3 * energy.time,
+        parts,
+        labels=names,
+        colors=(style.BASE_COLOUR, style.SKY, style.VERMILLION),
+    )
     shown = main.landing[0] + main.period * np.array(SHOWN_ENERGY)
     left.set(
         title=f"thin strip, {main.method}, {main.x.size} elements",
@@ -129,10 +124,12 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
     x = 1e3 * np.concatenate([[0.0], ground.nodes(strip, n)])
     length, t = 1e3 * strip.length, 1e3 * strip.thickness
     up = 1e3 * np.concatenate([[0.0], ground.lifted(strip, n, LIFT, "tip force")[::2]])
-    axes.fill_between(x, 0.0, t, color=BASE_COLOUR, linewidth=0.0)
-    axes.plot(x, up + 0.5 * t, color=BLACK, linestyle="--", label="lifted, before the release")
+    axes.fill_between(x, 0.0, t, color=style.BASE_COLOUR, linewidth=0.0)
+    axes.plot(
+        x, up + 0.5 * t, color=style.BLACK, linestyle="--", label="lifted, before the release"
+    )
     axes.add_patch(Rectangle((-22.0, -16.0), 22.0, 35.0, facecolor="#c8c8c8", hatch="///"))
-    axes.add_patch(Rectangle((length - 12.0, -16.0), 14.0, 16.0, facecolor=ORANGE))
+    axes.add_patch(Rectangle((length - 12.0, -16.0), 14.0, 16.0, facecolor=style.ORANGE))
     axes.annotate(
         "[3] block and force transducer",
         (length - 5.0, -10.0),
@@ -173,9 +170,9 @@ def _draw_contact_line(axes: Axes, run: Rolling) -> None:
     sag = 1e3 * ground.sag(run.lamina, run.gravity)
     show(
         axes,
-        line(1e3 * time[seen], x[pair[seen]], ".", color=SKY, markersize=2.5,
+        line(1e3 * time[seen], x[pair[seen]], ".", color=style.SKY, markersize=2.5,
              label="node is pushed"),
-        line(1e3 * run.contact_line, x, ".", color=BLACK, markersize=4.5,
+        line(1e3 * run.contact_line, x, ".", color=style.BLACK, markersize=4.5,
              label="for the first time"),
         title=f"{size}, sag {sag:.0f} mm, lifted {1e3 * run.tip[0]:.0f} mm\n"
         f"{words}, {speed:.0f} m/s",
@@ -235,8 +232,8 @@ def _draw_heights(axes: Axes, study: RollingStudy) -> None:
     direction = [run.front()[0] for run in runs]
     show(
         axes,
-        line(ratio[:-1], direction[:-1], "o-", color=BLUE, label="thin strip"),
-        line(ratio[-1:], direction[-1:], "s", color=VERMILLION, label="stiff strip"),
+        line(ratio[:-1], direction[:-1], "o-", color=style.BLUE, label="thin strip"),
+        line(ratio[-1:], direction[-1:], "s", color=style.VERMILLION, label="stiff strip"),
         title="1: clamp → tip\n−1: tip → clamp",
         xlabel="height of the tip / sag  [–]", xscale="log",
         ylabel="rank correlation, place and time  [–]", ylim=(-1.15, 1.15), legend="center left",
@@ -352,7 +349,7 @@ def measure_struck(lab: Laboratory) -> Numbers:
 
 def draw_struck(numbers: Numbers) -> Figure:
     """Draw strains and contact force: the signals, the first wave, its dispersion."""
-    figure, block = canvas(8.6), numbers.block
+    figure, block = style.canvas(8.6), numbers.block
     axes = figure.subplots(3, 2)
     for k in (0, 1):
         spring, free = (
@@ -362,13 +359,13 @@ def draw_struck(numbers: Numbers) -> Figure:
         show(
             axes[k, 0],
             line(*spring, color=GAUGE_COLOURS[k]),
-            line(*free, "--", color=BASE_COLOUR, label="no block"),
+            line(*free, "--", color=style.BASE_COLOUR, label="no block"),
             title=f"[{k + 1}]  x = {place:.0f} mm, held up: ε = {before:.0f}·10⁻⁶", xmargin=0.0,
             xlabel="time after the touch  [ms]", ylabel="strain  ε  [10⁻⁶]", legend="best",
         )  # fmt: skip
     show(
         axes[2, 0],
-        line(1e3 * block.spring.time, 1e-3 * block.force, color=BLACK, linewidth=0.9),
+        line(1e3 * block.spring.time, 1e-3 * block.force, color=style.BLACK, linewidth=0.9),
         title="[3]  block of finite stiffness", xmargin=0.0,
         xlabel="time after the touch  [ms]", ylabel="force  [kN]",
     )  # fmt: skip
@@ -391,7 +388,7 @@ def _draw_waves(axes: Axes, block: TipBlock) -> None:
             line(time, wave[k], color=GAUGE_COLOURS[k], label=f"[{k + 1}]  {x:.0f} mm from the tip")
             for k, x in enumerate(distances)
         ),
-        line(time, exact[1], ":", color=BLACK, label="[2] exact, no clamp"),
+        line(time, exact[1], ":", color=style.BLACK, label="[2] exact, no clamp"),
         xlabel="time after the touch  [µs]", xlim=(0.0, SHOWN_WAVE),
         ylabel="strain by the block  [10⁻⁶]", ylim=(-largest, 1.9 * largest), legend="upper left",
     )  # fmt: skip
@@ -408,9 +405,12 @@ def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
     top = 2e-3 * float(shown.max())
     show(
         axes,
-        line(arrival, 1e-3 * shown, color=BLACK, label="distance / $c_g$ (bending)"),
-        line(slower, 1e-3 * shown, ":", color=BLACK, label="with shear (Timoshenko)"),
-        line([rod, rod], [0.0, top], "--", color=PURPLE, label="distance / $c_0$ (longitudinal)"),
+        line(arrival, 1e-3 * shown, color=style.BLACK, label="distance / $c_g$ (bending)"),
+        line(slower, 1e-3 * shown, ":", color=style.BLACK, label="with shear (Timoshenko)"),
+        line(
+            [rod, rod], [0.0, top], "--", color=style.PURPLE,
+            label="distance / $c_0$ (longitudinal)",
+        ),
         line(1e6 * middle, 1e-3 * frequency, "o", color=GAUGE_COLOURS[1],
              label="half waves at [2]"),
         xlabel="arrival after the largest force  [µs]", xlim=(0.0, float(arrival.max())),
@@ -427,20 +427,20 @@ def _draw_peak(axes: Axes, block: TipBlock) -> None:
     _, end = block.peak()
     show(
         axes,
-        line(time, 1e-3 * block.force, color=BLACK, label="force"),
-        line(1e6 * exact_time, 1e-3 * exact, "--", color=ORANGE, label="exact"),
+        line(time, 1e-3 * block.force, color=style.BLACK, label="force"),
+        line(1e6 * exact_time, 1e-3 * exact, "--", color=style.ORANGE, label="exact"),
         title=f"[3]  peak of {1e6 * end:.0f} µs", ylabel="force  [kN]",
         xlabel="time after the touch  [µs]", xlim=(-10.0, 100.0),
     )  # fmt: skip
     right, impulse = axes.twinx(), beam.rigid_impulse(exact_time, block.speed)
     show(
         right,
-        line(1e6 * block.rigid.time, block.rigid.impulse, color=GREEN,
+        line(1e6 * block.rigid.time, block.rigid.impulse, color=style.GREEN,
              label="impulse, rigid block"),
-        line(1e6 * exact_time, impulse, "--", color=ORANGE),
+        line(1e6 * exact_time, impulse, "--", color=style.ORANGE),
         ylim=(0.0, 0.15),
     )  # fmt: skip
-    right.set_ylabel("impulse  [N s]", color=GREEN)
+    right.set_ylabel("impulse  [N s]", color=style.GREEN)
     right.grid(visible=False)
     axes.axvspan(0.0, 1e6 * end, color="#eeeeee", zorder=0)
     axes.legend(handles=[*axes.lines, right.lines[0]], loc="upper right")

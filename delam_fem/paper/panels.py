@@ -7,30 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
+from delam_fem.api import diagnostics, style
 from delam_fem.paper.lab import FREQUENCIES, PaperMethod
-from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import (
-    LAMINA_COLOURS,
-    PORTRAIT_PERIODS,
-    canvas,
-    label_x,
-    legend_above,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.numerics.types import FloatArray
-    from delam_fem.results.folder import Result
+    from delam_fem.api import FloatArray, Result
 
 Line = tuple[npt.ArrayLike, npt.ArrayLike, str, dict[str, Any]]
 """A line of a panel; see `line`."""
 
 
-def line(x: npt.ArrayLike, y: npt.ArrayLike, style: str = "-", **look: Any) -> Line:
-    """Return a line for `show`: its points, its style and its look, as `Axes.plot` takes them."""
-    return x, y, style, look
+def line(x: npt.ArrayLike, y: npt.ArrayLike, line_style: str = "-", **look: Any) -> Line:
+    """Return points, line style and look of a line for `show`, as `Axes.plot` takes them."""
+    return x, y, line_style, look
 
 
 def show(panel: Axes, *lines: Line, legend: str = "", **look: Any) -> None:
@@ -42,18 +34,18 @@ def show(panel: Axes, *lines: Line, legend: str = "", **look: Any) -> None:
         legend: "above", a place inside as `Axes.legend` names it, or "" for none.
         look: properties of the panel as `Axes.set` takes them.
     """
-    for x, y, style, own in lines:
-        panel.plot(x, y, style, **own)
+    for x, y, line_style, own in lines:
+        panel.plot(x, y, line_style, **own)
     panel.set(**look)
     if legend == "above":
-        legend_above(panel)
+        style.legend_above(panel)
     elif legend:
         panel.legend(loc=legend)
 
 
 def portrait(result: Result) -> FloatArray:
     """Return displacement [m] and velocity [m/s] of both tips, shape (2 laminae, 2, n)."""
-    return diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS)
+    return diagnostics.phase_portrait(result.history, result.case, style.PORTRAIT_PERIODS)
 
 
 def four_by_two(
@@ -77,7 +69,7 @@ def four_by_two(
     Returns:
         The figure and its panels, shape (4, 2).
     """
-    figure = canvas(height)
+    figure = style.canvas(height)
     panels = figure.subplots(4, 2, **shared)
     for (frequency, method), result in results.items():
         row = FREQUENCIES.index(frequency)
@@ -85,7 +77,7 @@ def four_by_two(
         draw(panel, result)
         panel.set_title(f"[{'abcd'[row]}] {frequency:.2f} Hz, method {method}")
         panels[row, 0].set_ylabel(y)
-    label_x(panels.flat, x)
+    style.label_x(panels.flat, x)
     return figure, panels
 
 
@@ -103,17 +95,17 @@ def two_portraits(
         The figure, and the axes of the rows below.
     """
     rows = len(results)
-    figure = canvas(0.6 + 3.9 * rows + 2.8 * n_below)
+    figure = style.canvas(0.6 + 3.9 * rows + 2.8 * n_below)
     grid = figure.add_gridspec(rows + n_below, 2, height_ratios=[3.9] * rows + [2.8] * n_below)
     panels = grid[:rows, :].subgridspec(rows, 2).subplots(squeeze=False, sharex="col", sharey=True)
     for row, result, title in zip(panels, results, titles, strict=True):
         for i, (q, v) in enumerate(portrait(result)):
             show(
                 row[i],
-                line(1e3 * q, v, color=LAMINA_COLOURS[i], linewidth=0.6),
+                line(1e3 * q, v, color=style.LAMINA_COLOURS[i], linewidth=0.6),
                 title=f"{result.case.lamina[i].name}, {title}",
             )
         row[0].set_ylabel("velocity of the tip [m/s]")
     for i, column in enumerate(panels.T):
-        label_x(column, f"displacement of the tip $q_{i + 1}$ [mm]")
+        style.label_x(column, f"displacement of the tip $q_{i + 1}$ [mm]")
     return figure, [figure.add_subplot(grid[rows, i]) for i in range(2 * n_below)]

@@ -8,28 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.model import linear
-from delam_fem.model.discretise import assemble
-from delam_fem.numerics import settling
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.api import (
+    FloatArray,
+    IntArray,
+    assemble,
+    diagnostics,
+    largest_stable_time_step,
+    settling,
+    style,
+)
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
 from delam_fem.paper.panels import line, show
-from delam_fem.results import diagnostics
-from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    SKY,
-    VERMILLION,
-    canvas,
-    edges,
-    label_x,
-    legend_above,
-)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
 
-    from delam_fem.results.folder import Result
+    from delam_fem.api import Result
 
 # -- Fig. 15: the plane (e, k_con) at 3.25 Hz, compared with that of the penalty law ------------
 
@@ -64,7 +54,16 @@ CORRECT_SHARE = 0.5
 TOLD_THRESHOLDS = (5.0, 7.0, 8.0, 10.0, 12.0)
 """Thresholds of the scatter that the text quotes [%]."""
 SHOWN_THRESHOLDS = (2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0)
-KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff", "#cfe8f7", "#e0e0e0")
+KIND_COLOURS = (
+    style.SKY,
+    style.ORANGE,
+    style.GREEN,
+    "#bbbbbb",
+    style.BLACK,
+    "#ffffff",
+    "#cfe8f7",
+    "#e0e0e0",
+)
 
 
 KINDS = (
@@ -235,7 +234,7 @@ def draw_planes(numbers: Numbers) -> Figure:
 
     both = (numbers.impact, numbers.classical)
     titles = ("method 3.2", "classical penalty law")
-    figure = canvas(12.0)
+    figure = style.canvas(12.0)
     grid = figure.add_gridspec(3, 2, height_ratios=[4.3, 4.3, 2.8])
     panels = grid[:2, :].subgridspec(2, 2).subplots(squeeze=False)
     _shares(figure.add_subplot(grid[2, :]), both, titles)
@@ -247,31 +246,39 @@ def draw_planes(numbers: Numbers) -> Figure:
         left.set_title(f"{title}: {100 * plane.share['one-periodic']:.0f} % one-periodic")
         mesh = _map(right, plane, plane.scatter, cmap="cividis", norm=norm)
         bar = figure.colorbar(mesh, ax=right, label="scatter one period apart [–]")
-        bar.ax.axhline(PERIODIC_SCATTER, color=VERMILLION, linewidth=2.0)
+        bar.ax.axhline(diagnostics.PERIODIC_SCATTER, color=style.VERMILLION, linewidth=2.0)
     present = sorted({int(k) for plane in both for k in np.unique(plane.kind)})
-    patches = [Patch(facecolor=KIND_COLOURS[k], edgecolor=BLACK, label=KINDS[k]) for k in present]
+    patches = [
+        Patch(facecolor=KIND_COLOURS[k], edgecolor=style.BLACK, label=KINDS[k]) for k in present
+    ]
     figure.legend(handles=patches, loc="outside upper left", ncols=6, frameon=False)
     return figure
 
 
 def _shares(panel: Axes, planes: tuple[Numbers, ...], titles: tuple[str, ...]) -> None:
     """Draw how the share of one-periodic points depends on the threshold of the scatter."""
-    at, margin = 100.0 * PERIODIC_SCATTER, PERIODIC_MARGIN
+    at, margin = 100.0 * diagnostics.PERIODIC_SCATTER, diagnostics.PERIODIC_MARGIN
     shares = [plane.one_periodic_by_threshold for plane in planes]
     lines = [
-        line([*share], [100.0 * own for own in share.values()], style, color=BLACK, label=title)
-        for share, title, style in zip(shares, titles, ("o-", "s--"), strict=True)
+        line(
+            [*share],
+            [100.0 * own for own in share.values()],
+            line_style,
+            color=style.BLACK,
+            label=title,
+        )
+        for share, title, line_style in zip(shares, titles, ("o-", "s--"), strict=True)
     ]
     show(
         panel, *lines, xscale="log", xlabel="threshold of the scatter one period apart [%]",
         ylabel="points below it [%]", ylim=(0.0, 105.0),
     )  # fmt: skip
-    panel.axvline(at, color=VERMILLION, linewidth=2.0)
+    panel.axvline(at, color=style.VERMILLION, linewidth=2.0)
     undecided = KIND_COLOURS[settling.UNDECIDED]
     panel.axvspan(at / margin, at * margin, label="undecided", color=undecided, zorder=0)
     panel.set_xticks(SHOWN_THRESHOLDS, [f"{t:g}" for t in SHOWN_THRESHOLDS])
     panel.minorticks_off()
-    legend_above(panel)
+    style.legend_above(panel)
 
 
 def _map(panel: Axes, plane: Numbers, values: FloatArray | IntArray, **look: Any) -> QuadMesh:
@@ -279,14 +286,14 @@ def _map(panel: Axes, plane: Numbers, values: FloatArray | IntArray, **look: Any
     panel.grid(False)
     first, second = (plane.kept[name] for name in plane.axes)
     (*_, spacing, first_label), (*_, second_label) = PLANE_AXES[plane.law]
-    columns = edges(first, is_logarithmic=spacing == "logarithmic")
-    mesh = panel.pcolormesh(columns, edges(second, is_logarithmic=True), values.T, **look)
+    columns = style.edges(first, is_logarithmic=spacing == "logarithmic")
+    mesh = panel.pcolormesh(columns, style.edges(second, is_logarithmic=True), values.T, **look)
     panel.set(xlabel=first_label, ylabel=second_label, yscale="log")
     if spacing == "logarithmic":
         panel.set_xscale("log")
     if plane.law == "newton-penalty":
         panel.plot([0.1], [100.0], "o", markersize=10, markerfacecolor="none",
-                   markeredgecolor=VERMILLION, markeredgewidth=2.0)  # fmt: skip
+                   markeredgecolor=style.VERMILLION, markeredgewidth=2.0)  # fmt: skip
     return mesh
 
 
@@ -311,14 +318,14 @@ PLANES = Piece(
     "15",
     "Parameter planes",
     "{0.points} × {0.points} points, {0.periods} periods each, "
-    f"T/1000, 3.25 Hz. Period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by "
-    f"less than {100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms of the "
-    f"worse tip over the last 40 periods); quasi-periodic: {100 * settling.LINE_SHARE:g} % "
-    f"of the power of the last {SWEPT_STROBES} strobes in {settling.LINES} spectral lines; "
-    "irregular: neither; undecided: the class changes with the threshold times or over "
-    f"{PERIODIC_MARGIN:g}. Right: that scatter for P = 1 (line: the threshold). Below: the share "
-    "of points with a scatter below a threshold. Ring: the "
-    "paper's parameters. The axes of the paper's plane are not known; compared is what its text "
+    f"T/1000, 3.25 Hz. Period P: strobes P ≤ {diagnostics.LARGEST_PERIODICITY} periods apart "
+    f"differ by less than {100 * diagnostics.PERIODIC_SCATTER:g} % of the half peak-to-peak "
+    "amplitude (rms of the worse tip over the last 40 periods); quasi-periodic: "
+    f"{100 * settling.LINE_SHARE:g} % of the power of the last {SWEPT_STROBES} strobes in "
+    f"{settling.LINES} spectral lines; irregular: neither; undecided: the class changes "
+    f"with the threshold times or over {diagnostics.PERIODIC_MARGIN:g}. Right: that scatter "
+    "for P = 1 (line: the threshold). Below: the share of points with a scatter below a "
+    "threshold. Ring: the paper's parameters. The axes of the paper's plane are not known; compared is what its text "
     "says of it.",
     measure_planes,
     draw_planes,
@@ -407,7 +414,7 @@ def measure_threshold(lab: Laboratory) -> Numbers:
     }
     (printed,) = lab.motions([motion_case(RESONANT, lab.plan)])
     rate, case = printed.history["tip_velocity"].to_numpy(), printed.case
-    limit = linear.largest_stable_time_step(assemble(case, needs_dolfinx=False).operators, 100.0)
+    limit = largest_stable_time_step(assemble(case, needs_dolfinx=False).operators, 100.0)
 
     def over_gamma(name: str) -> dict[str, list[Any]]:
         return {f: [r.summary[name] for r in results] for f, results in found.items()}
@@ -442,23 +449,25 @@ def staying_share(result: Result, gamma: float) -> float:
 
 def draw_threshold(numbers: Numbers) -> Figure:
     """Draw permanent contacts, amplitudes and impacts of the motions over γ."""
-    gammas, figure = numbers.gamma_m_s, canvas(7.6)
+    gammas, figure = numbers.gamma_m_s, style.canvas(7.6)
     panels = figure.subplots(3, 1, sharex=True)
-    for f, colour, marker in zip(CLAPPING, (BLUE, VERMILLION, GREEN), "osv", strict=True):
+    for f, colour, marker in zip(
+        CLAPPING, (style.BLUE, style.VERMILLION, style.GREEN), "osv", strict=True
+    ):
         key = f"{f:g}"
-        style = {"color": colour, "marker": marker, "markersize": 4, "label": f"{f:.2f} Hz"}
+        line_style = {"color": colour, "marker": marker, "markersize": 4, "label": f"{f:.2f} Hz"}
         thick, thin = np.transpose(numbers.amplitude_mm[key])
-        panels[0].semilogx(gammas, 100.0 * np.array(numbers.staying_share[key]), **style)
-        panels[1].semilogx(gammas, thick, **style)
-        panels[1].semilogx(gammas, thin, **{**style, "linestyle": "--", "label": None})
-        panels[2].semilogx(gammas, numbers.impacts_per_period[key], **style)
+        panels[0].semilogx(gammas, 100.0 * np.array(numbers.staying_share[key]), **line_style)
+        panels[1].semilogx(gammas, thick, **line_style)
+        panels[1].semilogx(gammas, thin, **{**line_style, "linestyle": "--", "label": None})
+        panels[2].semilogx(gammas, numbers.impacts_per_period[key], **line_style)
     panels[0].set_ylabel("impacts followed by\npermanent contact [%]")
     panels[1].set_ylabel("half peak-to-peak [mm]\nthick –, thin - -")
-    label_x(panels, "threshold γ [m/s]")
+    style.label_x(panels, "threshold γ [m/s]")
     panels[2].set(ylabel="impacts per period", yscale="log")
     for panel in panels:
-        panel.axvline(PRINTED, color=BASE_COLOUR, linestyle=":")
-    legend_above(panels[0])
+        panel.axvline(PRINTED, color=style.BASE_COLOUR, linestyle=":")
+    style.legend_above(panels[0])
     return figure
 
 

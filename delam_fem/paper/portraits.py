@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.numerics.harmonics import (
-    distortion_factor,
-    harmonic_amplitudes,
-    total_harmonic_distortion,
-)
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, diagnostics, harmonics, style
 from delam_fem.paper.claims import (
     CLEARLY,
     SMOOTH_HARMONICS,
@@ -31,22 +26,12 @@ from delam_fem.paper.claims import (
 )
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, both_methods, motion_case
 from delam_fem.paper.panels import four_by_two, line, portrait, show, two_portraits
-from delam_fem.results import diagnostics
-from delam_fem.results.diagnostics import PERIODIC_MARGIN, PERIODIC_SCATTER
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    LAMINA_COLOURS,
-    PORTRAIT_PERIODS,
-    canvas,
-    legend_outside,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.results.folder import Result
+    from delam_fem.api import Result
 
 
 # -- Fig. 9: method 3.1 -----------------------------------------------------------------------
@@ -85,7 +70,7 @@ def _settling(result: Result, scatters: float) -> int:
 IMPACT_PORTRAITS = Piece(
     "9",
     "Phase portraits by method 3.1",
-    f"Method 3.1 at {RESONANT} Hz, {PORTRAIT_PERIODS} periods. The paper's experiment beside "
+    f"Method 3.1 at {RESONANT} Hz, {style.PORTRAIT_PERIODS} periods. The paper's experiment beside "
     "it is not available.",
     measure_impact_portraits,
     lambda n: two_portraits([n.result], ["method 3.1"])[0],
@@ -146,7 +131,7 @@ def draw_portraits(numbers: Numbers) -> Figure:
         12.0, numbers.results, _draw_both_tips,
         "position of the tip [mm]", "velocity of the tip [m/s]", sharex="row", sharey="row",
     )  # fmt: skip
-    legend_outside(figure, panels[0, 0], 3)
+    style.legend_outside(figure, panels[0, 0], 3)
     return figure
 
 
@@ -158,8 +143,8 @@ def _draw_both_tips(panel: Axes, result: Result) -> None:
         y, name = 1e3 * q + i * gap, result.case.lamina[i].name
         show(
             panel,
-            line(y, v, color=LAMINA_COLOURS[i], linewidth=0.6, label=name),
-            line(y[N - 1 :: N], v[N - 1 :: N], "o", color=BLACK, markersize=3, zorder=4,
+            line(y, v, color=style.LAMINA_COLOURS[i], linewidth=0.6, label=name),
+            line(y[N - 1 :: N], v[N - 1 :: N], "o", color=style.BLACK, markersize=3, zorder=4,
                  label=None if i else "ends of periods"),
         )  # fmt: skip
 
@@ -184,8 +169,8 @@ def _smoother(numbers: Numbers) -> FloatArray:
 PORTRAITS = Piece(
     "12",
     "Phase portraits",
-    f"Phase portraits of both tips over {PORTRAIT_PERIODS} periods by methods 3.1 (impact law) "
-    "and 3.2 (impact law and penalty stiffness), dots: ends of periods. The paper's portraits "
+    f"Phase portraits of both tips over {style.PORTRAIT_PERIODS} periods by methods 3.1 (impact "
+    "law) and 3.2 (impact law and penalty stiffness), dots: ends of periods. The paper's portraits "
     "are not available; compared is what its text says of them.",
     measure_portraits,
     draw_portraits,
@@ -204,8 +189,8 @@ PORTRAITS = Piece(
             + " of the half peak-to-peak amplitude at 1.25, 1.60, 3.25, 3.65 Hz",
             lambda n: [
                 Criterion(
-                    f"{f:.2f} Hz", s, "<", PERIODIC_SCATTER, "%",
-                    (s / PERIODIC_MARGIN, s * PERIODIC_MARGIN),
+                    f"{f:.2f} Hz", s, "<", diagnostics.PERIODIC_SCATTER, "%",
+                    (s / diagnostics.PERIODIC_MARGIN, s * diagnostics.PERIODIC_MARGIN),
                 )
                 for f, s in _scatters(n)
             ],
@@ -325,15 +310,15 @@ def draw_finer_mesh(numbers: Numbers) -> Figure:
         show(
             panel,
             *(
-                line([float(p) for p in by_gap], [r[i] for r in by_gap.values()], style,
-                     color=LAMINA_COLOURS[i], label=name)
-                for (name, by_gap), style in zip(ratios.items(), ("o-", "s--"), strict=True)
+                line([float(p) for p in by_gap], [r[i] for r in by_gap.values()], line_style,
+                     color=style.LAMINA_COLOURS[i], label=name)
+                for (name, by_gap), line_style in zip(ratios.items(), ("o-", "s--"), strict=True)
             ),
             yscale="log", ylim=(0.5, 100.0), xticks=[float(p) for p in ratios["as printed"]],
             xlabel="exponent p of the gap  [–]", ylabel="rough velocity, 50 over 20  [–]",
             legend="above",
         )  # fmt: skip
-        panel.axhline(1.0, color=BLACK, linewidth=0.8)
+        panel.axhline(1.0, color=style.BLACK, linewidth=0.8)
         panel.yaxis.set_major_formatter(ScalarFormatter())
     return figure
 
@@ -356,7 +341,8 @@ def _finer(ratio: Mapping[str, FloatArray]) -> Iterable[Criterion]:
 FINER_MESH = Piece(
     "14",
     "A finer mesh",
-    f"Method 3.2 at {RESONANT} Hz, {PORTRAIT_PERIODS} periods; all other parameters identical. "
+    f"Method 3.2 at {RESONANT} Hz, {style.PORTRAIT_PERIODS} periods; all other parameters "
+    "identical. "
     f"Below: velocity above harmonic {SMOOTH_HARMONICS} with {ELEMENTS[1]} elements over that "
     f"with {ELEMENTS[0]}, for gaps 12 mm (x/L)^p. The paper's portrait is not available; "
     "compared is the sentence on high frequencies.",
@@ -419,7 +405,7 @@ def measure(lab: Laboratory) -> Numbers:
     tips = _harmonics(u, u.shape[1] // result.case.time.steps_per_period, result)
     u = result.history["displacement"].to_numpy().swapaxes(1, 2)
     nodes = _harmonics(u, result.case.n_window_periods, result)
-    at_nodes = {order: distortion_factor(a) for order, a in nodes.items()}
+    at_nodes = {order: harmonics.distortion_factor(a) for order, a in nodes.items()}
 
     def by_gap(name: str) -> dict[str, Any]:
         return {p: r.summary[name] for p, r in found.items()}
@@ -427,8 +413,8 @@ def measure(lab: Laboratory) -> Numbers:
     return Numbers(
         {
             "harmonics_m": tips["displacement"][:, :COUNTED],
-            "d": {order: distortion_factor(a) for order, a in tips.items()},
-            "thd": {order: total_harmonic_distortion(a) for order, a in tips.items()},
+            "d": {order: harmonics.distortion_factor(a) for order, a in tips.items()},
+            "thd": {order: harmonics.total_harmonic_distortion(a) for order, a in tips.items()},
             "d_at_nodes": at_nodes,
             "thd_at_nodes": {order: np.sqrt((1.0 + d) ** 2 - 1.0) for order, d in at_nodes.items()},
             "d_by_gap_exponent": by_gap("distortion_factor"),
@@ -451,7 +437,7 @@ def _harmonics(u: FloatArray, n_periods: int, result: Result) -> dict[str, Float
         n_periods: number of these periods.
         result: the result whose excitation gives ω.
     """
-    amplitudes = harmonic_amplitudes(u, n_periods)
+    amplitudes = harmonics.harmonic_amplitudes(u, n_periods)
     rotation = 2.0 * np.pi / result.case.period * np.arange(1, amplitudes.shape[-1] + 1)
     return {
         "displacement": amplitudes,
@@ -462,7 +448,7 @@ def _harmonics(u: FloatArray, n_periods: int, result: Result) -> dict[str, Float
 
 def draw(numbers: Numbers) -> Figure:
     """Draw spectra of the tips, d along the laminae, and d over the shape of the gap."""
-    figure = canvas(8.6)
+    figure = style.canvas(8.6)
     grid = figure.add_gridspec(3, 2)
     for i in range(2):
         _spectrum(figure.add_subplot(grid[i, 0]), numbers, i)
@@ -476,7 +462,7 @@ def _spectrum(panel: Axes, numbers: Numbers, i: int) -> None:
     from matplotlib.ticker import LogLocator
 
     orders, A = np.arange(1, SHOWN + 1), 1e3 * numbers.harmonics_m[i]
-    panel.bar(orders, A[:SHOWN], width=0.6, color=LAMINA_COLOURS[i])
+    panel.bar(orders, A[:SHOWN], width=0.6, color=style.LAMINA_COLOURS[i])
     panel.set(
         xlabel="harmonic of the excitation", xlim=(0.0, SHOWN + 1),
         xticks=np.arange(2, SHOWN + 1, 2),
@@ -493,9 +479,9 @@ def _along_lamina(panel: Axes, numbers: Numbers, i: int) -> None:
     show(
         panel,
         *(
-            line(x[1:], 100.0 * numbers.d_at_nodes[order][i, 1:], style, marker=".",
-                 color=LAMINA_COLOURS[i], label=order)
-            for order, style in zip(ORDERS, ("-", "--", ":"), strict=True)
+            line(x[1:], 100.0 * numbers.d_at_nodes[order][i, 1:], line_style, marker=".",
+                 color=style.LAMINA_COLOURS[i], label=order)
+            for order, line_style in zip(ORDERS, ("-", "--", ":"), strict=True)
         ),
         xlabel="x [mm]", xlim=(0.0, 1.02 * x[-1]), ylabel=f"d of {name} [%]", yscale="log",
         legend="above",
@@ -513,8 +499,8 @@ def _over_exponent(panel: Axes, numbers: Numbers, i: int) -> None:
     exponents = [float(p) for p in numbers.d_by_gap_exponent]
     d = 100.0 * np.array([both[i] for both in numbers.d_by_gap_exponent.values()])
     printed = 100.0 * PRINTED[i]
-    panel.plot(exponents, d, "o-", color=LAMINA_COLOURS[i], label="computed")
-    panel.axhline(printed, color=BASE_COLOUR, linestyle="--", label=f"paper, {printed:.2f} %")
+    panel.plot(exponents, d, "o-", color=style.LAMINA_COLOURS[i], label="computed")
+    panel.axhline(printed, color=style.BASE_COLOUR, linestyle="--", label=f"paper, {printed:.2f} %")
     show(
         panel, xlabel="exponent p of the gap", ylabel=f"$d_{i + 1}$ of the tip [%]",
         ylim=(0.0, 1.15 * max(float(d.max()), printed)), legend="above",

@@ -14,14 +14,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from delam_fem.api import CaseError, atomic, html, json_ready, style, write_json, write_text
 from delam_fem.paper import histories, lateral, parameters, portraits, responses, shapes
 from delam_fem.paper.claims import HEADING, Claim, Piece
 from delam_fem.paper.lab import Laboratory
-from delam_fem.results.figures.style import styled, write_png
-from delam_fem.results.pages import html
-from delam_fem.results.pages.html import Block, Gallery, Link, Paragraph, Section, Table
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic, json_ready, write_json, write_text
 
 PAPER = (
     'I. Müller, "Clapping in Delaminated Sandwich-beams due to Forced Oscillations", '
@@ -72,11 +68,11 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    about = Section("", [Paragraph(PAPER), Paragraph(ABOUT, "about")])
+    about = html.Section("", [html.Paragraph(PAPER), html.Paragraph(ABOUT, "about")])
     claims = claims_of(figures)
-    overview = Section(
+    overview = html.Section(
         "What the paper says and what came out",
-        [Paragraph(tally(claims)), _table(claims, figures)],
+        [html.Paragraph(tally(claims)), _table(claims, figures)],
     )
     sections = [about, overview, *(_section(figure, figures) for figure in figures)]
     text = html.page("The paper, figure by figure", sections, style=_STYLE, contents=True)
@@ -103,20 +99,20 @@ def heading(figure: Entry) -> str:
     return f"Fig. {name}: {figure['title']}" if name[0].isdigit() else str(figure["title"])
 
 
-def _section(figure: Entry, figures: Sequence[Entry]) -> Section:
+def _section(figure: Entry, figures: Sequence[Entry]) -> html.Section:
     """Return the section of a figure: picture, caption and claims."""
-    caption = (f"{figure['caption']} ", Link("Numbers", f"{figure['stem']}.json"), ".")
-    blocks: list[Block] = [Gallery(pictures(figure), heading(figure), caption)]
+    caption = (f"{figure['caption']} ", html.Link("Numbers", f"{figure['stem']}.json"), ".")
+    blocks: list[html.Block] = [html.Gallery(pictures(figure), heading(figure), caption)]
     if figure["claims"]:
         blocks.append(_table(claims_of([figure]), figures))
-    return Section(heading(figure), blocks, anchor=figure["stem"])
+    return html.Section(heading(figure), blocks, anchor=figure["stem"])
 
 
-def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> Table:
+def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> html.Table:
     """Return claims as a table with links to their figures."""
     stems = {figure["name"]: figure["stem"] for figure in figures}
-    rows = [(Link(c.figure, f"#{stems[c.figure]}"), *c.row[1:]) for c in claims]
-    return Table(HEADING, rows, [_ROW_CLASS[claim.verdict] for claim in claims])
+    rows = [(html.Link(c.figure, f"#{stems[c.figure]}"), *c.row[1:]) for c in claims]
+    return html.Table(HEADING, rows, [_ROW_CLASS[claim.verdict] for claim in claims])
 
 
 FIGURES: dict[str, Piece] = {
@@ -201,9 +197,9 @@ def _write(piece: Piece, lab: Laboratory, directory: Path, begin: float) -> list
         directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json", "gif")
     )
     paths, numbers = [picture, kept], piece.measure(lab)
-    with styled(), rc_context({"axes.titlelocation": "left"}):
+    with style.styled(), rc_context({"axes.titlelocation": "left"}):
         with atomic(picture) as temporary:
-            write_png(piece.draw(numbers), temporary)
+            style.write_png(piece.draw(numbers), temporary)
         if piece.film is not None:
             with atomic(film) as temporary:
                 piece.film(numbers, temporary)

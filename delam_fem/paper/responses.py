@@ -8,10 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.case.sections import Lamina
-from delam_fem.numerics.beams import frequency_rise
-from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.api import BoolArray, Case, FloatArray, Lamina, beams, style
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
 from delam_fem.paper.lab import (
     BAND,
@@ -26,18 +23,6 @@ from delam_fem.paper.lab import (
     swept_extremes,
 )
 from delam_fem.paper.panels import Line, line, show
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GAP_COLOUR,
-    GREEN,
-    ORANGE,
-    SKY,
-    VERMILLION,
-    canvas,
-    legend_outside,
-)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -65,9 +50,9 @@ SWEEPS = {
     "logarithmic, up": ("logarithmic", BAND), "logarithmic, down": ("logarithmic", BAND[::-1]),
 }  # fmt: skip
 _STYLES: dict[str, dict[str, Any]] = {
-    "linear, up": {"color": BLUE}, "linear, down": {"color": VERMILLION},
-    "logarithmic, up": {"color": SKY, "style": "--"},
-    "logarithmic, down": {"color": ORANGE, "style": "--"},
+    "linear, up": {"color": style.BLUE}, "linear, down": {"color": style.VERMILLION},
+    "logarithmic, up": {"color": style.SKY, "style": "--"},
+    "logarithmic, down": {"color": style.ORANGE, "style": "--"},
 }  # fmt: skip
 LABELS = {"xlabel": "frequency of the base [Hz]", "ylabel": "tip amplitude [mm]"}
 _ZOOM = 0.06
@@ -104,7 +89,7 @@ def measure_linear(lab: Laboratory) -> Numbers:
             "exact_peak_hz": [float(fine[a.argmax()]) for a in top],
             "exact_peak_m": [float(a.max()) for a in top],
             "frequency_rise_at_peak": [
-                frequency_rise(float(a.max()) / lam.length)
+                beams.frequency_rise(float(a.max()) / lam.length)
                 for a, lam in zip(top, case.lamina, strict=True)
             ],
             "damping_ratio": [lam.damping_ratio for lam in case.lamina],
@@ -152,7 +137,7 @@ def _lowest_frequency(lamina: Lamina) -> float:
 
 def draw_linear(numbers: Numbers) -> Figure:
     """Draw the responses of both laminae, close views of the resonances, and a record."""
-    figure = canvas(9.4)
+    figure = style.canvas(9.4)
     panels = figure.subplots(3, 2)
     for i, lamina in enumerate(numbers.case.lamina):
         f1 = numbers.natural_frequency_hz[i]
@@ -166,19 +151,19 @@ def draw_linear(numbers: Numbers) -> Figure:
             title="lines: f₁ exact, dotted: as the paper prints it",
             xlim=(f1 * (1.0 - _ZOOM), f1 * (1.0 + _ZOOM)), ylim=(0.0, None),
         )  # fmt: skip
-        close.axvline(f1, color=BLACK, linewidth=0.8)
-        close.axvline(PRINTED[lamina.name], color=BLACK, linewidth=0.8, linestyle=":")
+        close.axvline(f1, color=style.BLACK, linewidth=0.8)
+        close.axvline(PRINTED[lamina.name], color=style.BLACK, linewidth=0.8, linestyle=":")
         time, (low, high) = numbers.record
         minutes, envelope = time / 60.0, 1e3 * numbers.envelopes["linear, up"][1][i]
-        record.fill_between(minutes, 1e3 * low[i], 1e3 * high[i], color=SKY, label="record")
+        record.fill_between(minutes, 1e3 * low[i], 1e3 * high[i], color=style.SKY, label="record")
         show(
             record,
-            line(minutes, envelope, color=BLUE, linewidth=0.8, label="envelope"),
-            line(minutes, -envelope, color=BLUE, linewidth=0.8),
+            line(minutes, envelope, color=style.BLUE, linewidth=0.8, label="envelope"),
+            line(minutes, -envelope, color=style.BLUE, linewidth=0.8),
             title="swept linear, up", xlabel="time [min]", xlim=(0.0, SWEEP_SECONDS / 60.0),
             ylabel="displacement of the tip [mm]", legend="above",
         )  # fmt: skip
-    legend_outside(figure, panels[0, 0], 3)
+    style.legend_outside(figure, panels[0, 0], 3)
     return figure
 
 
@@ -187,14 +172,14 @@ def _linear_lines(numbers: Numbers, i: int) -> Iterator[Line]:
     f = np.linspace(*BAND, 20001)
     yield line(
         f, 1e3 * numbers.case.linear_amplitude(i, f),
-        color=BASE_COLOUR, linewidth=2.5, label="exact",
+        color=style.BASE_COLOUR, linewidth=2.5, label="exact",
     )  # fmt: skip
     for name, (f_swept, amplitude) in numbers.envelopes.items():
         look = _STYLES[name] | {"linewidth": 1.0, "label": f"swept {name}"}
         yield line(f_swept, 1e3 * amplitude[i], **look)
     yield line(
         numbers.stepped_frequency_hz, 1e3 * numbers.stepped_amplitude_m[i],
-        "o", color=BLACK, markersize=2.5, label="stepped sine",
+        "o", color=style.BLACK, markersize=2.5, label="stepped sine",
     )  # fmt: skip
 
 
@@ -366,7 +351,7 @@ def _differ(up: FloatArray, down: FloatArray) -> BoolArray:
 
 def draw_contact(numbers: Numbers) -> Figure:
     """Draw the responses with contact, up and down, with the paper's four points."""
-    figure = canvas(5.4)
+    figure = style.canvas(5.4)
     panels = figure.subplots(1, 2)
     for i, panel in enumerate(panels):
         f = numbers.frequency_hz
@@ -375,7 +360,7 @@ def draw_contact(numbers: Numbers) -> Figure:
         for k, at in enumerate(f[_differ(up, down)]):
             label = "hysteresis" if k == 0 else None
             panel.axvspan(
-                at - half, at + half, color=GAP_COLOUR, linewidth=0, zorder=0, label=label
+                at - half, at + half, color=style.GAP_COLOUR, linewidth=0, zorder=0, label=label
             )
         fine = np.linspace(*BAND, 5001)
         linear = 1e3 * numbers.case.linear_amplitude(i, fine)
@@ -383,17 +368,17 @@ def draw_contact(numbers: Numbers) -> Figure:
         look: dict[str, Any] = {"markersize": 2.8, "linewidth": 0.9}
         show(
             panel,
-            line(fine, linear, ":", color=BASE_COLOUR, label="linear, no contact"),
-            line(*swept["up"], color=SKY, linewidth=0.7, label="swept up"),
-            line(*swept["down"], color=ORANGE, linewidth=0.7, label="swept down"),
-            line(f, up, "^-", color=BLUE, label="stepped up", **look),
-            line(f, down, "v-", color=VERMILLION, label="stepped down", **look),
+            line(fine, linear, ":", color=style.BASE_COLOUR, label="linear, no contact"),
+            line(*swept["up"], color=style.SKY, linewidth=0.7, label="swept up"),
+            line(*swept["down"], color=style.ORANGE, linewidth=0.7, label="swept down"),
+            line(f, up, "^-", color=style.BLUE, label="stepped up", **look),
+            line(f, down, "v-", color=style.VERMILLION, label="stepped down", **look),
         )
         for k, at in enumerate(numbers.jumps_up_hz[i] + numbers.jumps_down_hz[i]):
             label = "jump of the amplitude" if k == 0 else None
-            panel.axvline(at, color=GREEN, linewidth=0.8, linestyle="--", label=label)
+            panel.axvline(at, color=style.GREEN, linewidth=0.8, linestyle="--", label=label)
         points = 1e3 * numbers.marked_m[:, i]
-        panel.plot(FREQUENCIES, points, "o", markerfacecolor="white", markeredgecolor=BLACK,
+        panel.plot(FREQUENCIES, points, "o", markerfacecolor="white", markeredgecolor=style.BLACK,
                    markersize=8, zorder=5, label="[a]–[d]")  # fmt: skip
         for letter, f, y in zip("abcd", FREQUENCIES, points, strict=True):
             panel.annotate(
@@ -408,7 +393,7 @@ def draw_contact(numbers: Numbers) -> Figure:
             ylabel="half peak-to-peak of the tip [mm]",
             ylim=(0.0, 1.25e3 * float(np.nanmax(both))),
         )  # fmt: skip
-    legend_outside(figure, panels[0], 4)
+    style.legend_outside(figure, panels[0], 4)
     return figure
 
 

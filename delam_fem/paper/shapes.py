@@ -10,27 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.case.definition import Case
-from delam_fem.case.gap import initial_gap
-from delam_fem.case.sections import Gap, Lamina
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import Case, FloatArray, Gap, Lamina, diagnostics, initial_gap, style
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
-from delam_fem.results import diagnostics
-from delam_fem.results.diagnostics import gap_field, rest_positions
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GAP_COLOUR,
-    GREEN,
-    ORANGE,
-    SKY,
-    VERMILLION,
-    canvas,
-    lamina_colours,
-    legend_outside,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
-    from delam_fem.results.folder import Result
+    from delam_fem.api import Result
 
 EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
 """Exponents p of possible gap shapes g0(L) (x/L)^p; the paper does not give the shape."""
@@ -83,7 +65,7 @@ def measure(lab: Laboratory) -> Numbers:
 
 def draw(numbers: Numbers) -> Figure:
     """Draw the laminae at rest, their gap, the base and the sensors, and list their properties."""
-    case, figure = numbers.drawn_case, canvas(5.2)
+    case, figure = numbers.drawn_case, style.canvas(5.2)
     left, right = figure.subplots(1, 2, width_ratios=[3, 4])
     _draw_laminae(left, case)
     right.axis("off")
@@ -96,7 +78,7 @@ def draw(numbers: Numbers) -> Figure:
     table.auto_set_font_size(False)
     table.set_fontsize(10.0)
     table.scale(1.0, 1.6)
-    for column, colour in enumerate(lamina_colours(2), start=1):
+    for column, colour in enumerate(style.lamina_colours(2), start=1):
         table[0, column].get_text().set_color(colour)
     figure.suptitle(f"{case.name}: the system at rest (horizontal scale stretched)")
     return figure
@@ -109,26 +91,26 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
     x = np.linspace(0.0, L, SHOWN_POINTS)
     gaps = [1e3 * initial_gap(Gap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS]
     own = 1e3 * initial_gap(case.gap, x, L)
-    axes.fill_betweenx(1e3 * x, gaps[-1], gaps[0], color=GAP_COLOUR, label="p = 1 … 3")
+    axes.fill_betweenx(1e3 * x, gaps[-1], gaps[0], color=style.GAP_COLOUR, label="p = 1 … 3")
     shapes = (np.zeros_like(x), own)
-    for lamina, shape, colour in zip(case.lamina, shapes, lamina_colours(2), strict=True):
+    for lamina, shape, colour in zip(case.lamina, shapes, style.lamina_colours(2), strict=True):
         width = 2.5 * lamina.thickness / 1e-3
         label = f"{lamina.name}, {1e3 * lamina.thickness:g} mm"
         axes.plot(shape, 1e3 * x, color=colour, linewidth=width, label=label)
     height = 1e3 * L
     axes.annotate(
         "", (0.0, 0.97 * height), (tip, 0.97 * height),
-        arrowprops={"arrowstyle": "<->", "color": BLACK, "shrinkA": 0, "shrinkB": 0},
+        arrowprops={"arrowstyle": "<->", "color": style.BLACK, "shrinkA": 0, "shrinkB": 0},
     )  # fmt: skip
     axes.text(0.5 * tip, 0.985 * height, f"{tip:g} mm", ha="center", va="bottom")
     for position, name in ((0.0, "$y_1$"), (tip, "$y_2$")):
-        axes.plot([position], [height], "s", color=GREEN, markersize=7, zorder=4)
-        axes.text(position, 1.035 * height, name, ha="center", va="bottom", color=GREEN)
-    axes.plot([], [], "s", color=GREEN, label="position and velocity sensors")
-    axes.fill_between([-5.0, tip + 5.0], -0.07 * height, 0.0, color=BASE_COLOUR)
+        axes.plot([position], [height], "s", color=style.GREEN, markersize=7, zorder=4)
+        axes.text(position, 1.035 * height, name, ha="center", va="bottom", color=style.GREEN)
+    axes.plot([], [], "s", color=style.GREEN, label="position and velocity sensors")
+    axes.fill_between([-5.0, tip + 5.0], -0.07 * height, 0.0, color=style.BASE_COLOUR)
     axes.annotate(
         "", (tip / 2 - 5.0, -0.11 * height), (tip / 2 + 5.0, -0.11 * height),
-        arrowprops={"arrowstyle": "<->", "color": BLACK},
+        arrowprops={"arrowstyle": "<->", "color": style.BLACK},
     )  # fmt: skip
     axes.text(
         tip / 2, -0.13 * height, f"base: A sin(2πft), {case.excitation.size}",
@@ -223,10 +205,10 @@ def measure_shapes(lab: Laboratory) -> Numbers:
     (result,) = lab.motions([detailed_case(lab)])
     n, x = result.case.output.fields_per_period, result.history["x"].to_numpy()
     last = result.history.isel(frame=slice(-n, None))
-    position = 1e3 * (last["displacement"].to_numpy() + rest_positions(last)[:, None])
-    strike = int(np.argmin(gap_field(last)[0, :, diagnostics.probe_node(last)]))
+    position = 1e3 * (last["displacement"].to_numpy() + diagnostics.rest_positions(last)[:, None])
+    strike = int(np.argmin(diagnostics.gap_field(last)[0, :, diagnostics.probe_node(last)]))
     shown = (strike + np.rint(np.array(PHASES) * n).astype(np.int64)) % n
-    gap = gap_field(result.history)[0, :, 1:]
+    gap = diagnostics.gap_field(result.history)[0, :, 1:]
     held = result.history["contact_state"].to_numpy()[:, 1:] > 0
     return Numbers(
         {
@@ -245,13 +227,13 @@ def measure_shapes(lab: Laboratory) -> Numbers:
 
 def draw_shapes(numbers: Numbers) -> Figure:
     """Draw both laminae at several times of one period, and the contact time of each pair."""
-    x, position, figure = numbers.x, numbers.position, canvas(7.4)
+    x, position, figure = numbers.x, numbers.position, style.canvas(7.4)
     columns = len(PHASES) // 2
     panels = figure.subplots(2, columns + 1, width_ratios=[1.0] * columns + [1.3])
     limits = position.min() - 3.0, position.max() + 3.0
     instants = zip(panels[:, :-1].ravel(), numbers.shown.tolist(), PHASES, strict=True)
     for panel, frame, phase in instants:
-        panel.fill_betweenx(x, *position[:, frame], color=GAP_COLOUR)
+        panel.fill_betweenx(x, *position[:, frame], color=style.GAP_COLOUR)
         _move(_curves(panel, numbers.names), x, position[:, frame])
         panel.set(
             title=f"strike {phase:+g} T".replace("-", "−") if phase else "strike",
@@ -265,7 +247,7 @@ def draw_shapes(numbers: Numbers) -> Figure:
         (panels[0, -1], numbers.share_closed, "pair closed"),
         (panels[1, -1], numbers.share_near, "gap < 0.1 mm"),
     ):
-        panel.barh(x[1:], 100.0 * share, height=0.7 * x[1], color=GREEN)
+        panel.barh(x[1:], 100.0 * share, height=0.7 * x[1], color=style.GREEN)
         panel.set(
             title=text, xlabel="share of the period [%]", ylim=(0.0, 1.03 * x[-1]), yticklabels=[]
         )
@@ -279,9 +261,9 @@ def _curves(axes: Axes, names: list[str]) -> list[Line2D]:
     """Return lines of both laminae and dots where they touch, still without points."""
     lines = [
         axes.plot([], [], color=colour, linewidth=2.2 - 0.8 * i, label=names[i])[0]
-        for i, colour in enumerate(lamina_colours(2))
+        for i, colour in enumerate(style.lamina_colours(2))
     ]
-    return lines + axes.plot([], [], "o", color=BLACK, markersize=4)
+    return lines + axes.plot([], [], "o", color=style.BLACK, markersize=4)
 
 
 def _move(lines: list[Line2D], x: FloatArray, position: FloatArray) -> None:
@@ -359,7 +341,7 @@ NAMES = (
 )  # fmt: skip
 MARGIN = 0.005
 """Margin of the close view around the contact phase, in periods."""
-COLOURS = ("#ffffff", "#bbbbbb", VERMILLION, ORANGE, BLUE, SKY)
+COLOURS = ("#ffffff", "#bbbbbb", style.VERMILLION, style.ORANGE, style.BLUE, style.SKY)
 
 
 def decisions(result: Result) -> tuple[npt.NDArray[np.int8], int]:
@@ -373,7 +355,7 @@ def decisions(result: Result) -> tuple[npt.NDArray[np.int8], int]:
     """
     history = result.history
     held = history["contact_state"].to_numpy()[:, 1:] == 2
-    closed = gap_field(history)[0, :, 1:] <= 0.0
+    closed = diagnostics.gap_field(history)[0, :, 1:] <= 0.0
     hit = np.zeros_like(held)
     steps = np.rint(
         (history["event_time"].to_numpy() - float(history["frame"][0])) / result.case.time_step
@@ -422,7 +404,7 @@ def measure_chart(lab: Laboratory) -> Numbers:
 
 def draw_chart(numbers: Numbers) -> Figure:
     """Draw the decisions of the supervisor as a chart with counts, and as a timeline of pairs."""
-    state, N, figure = numbers.state, numbers.steps_per_period, canvas(9.6)
+    state, N, figure = numbers.state, numbers.steps_per_period, style.canvas(9.6)
     grid = figure.add_gridspec(2, 2, height_ratios=[3, 2], width_ratios=[1, 2])
     _flow(figure.add_subplot(grid[0, :]), numbers.pair_steps_per_period, state.shape[1] * N)
     whole, close = (figure.add_subplot(grid[1, k]) for k in range(2))
@@ -449,7 +431,7 @@ def draw_chart(numbers: Numbers) -> Figure:
     whole.set(title="one period", ylabel="pair (1 near the clamp)")
     shown = (busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
     close.set(title="its contact phase", xlim=shown)
-    legend_outside(figure, close, 5, "outside lower center")
+    style.legend_outside(figure, close, 5, "outside lower center")
     return figure
 
 
@@ -477,10 +459,11 @@ def _flow(axes: Axes, counts: FloatArray, total: int) -> None:
     }
     drawn = {}
     for name, (x, y, text, colour) in boxes.items():
-        dark = colour in (BLUE, VERMILLION)
+        dark = colour in (style.BLUE, style.VERMILLION)
         drawn[name] = axes.text(
-            x, y, text, ha="center", va="center", color="white" if dark else BLACK, fontsize=9.5,
-            bbox={"boxstyle": "round,pad=0.45", "facecolor": colour, "edgecolor": BLACK},
+            x, y, text, ha="center", va="center", fontsize=9.5,
+            color="white" if dark else style.BLACK,
+            bbox={"boxstyle": "round,pad=0.45", "facecolor": colour, "edgecolor": style.BLACK},
         )  # fmt: skip
     edges = (
         ("step", "spring", f"{total} pair-steps"),
@@ -507,7 +490,7 @@ def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
     axes.annotate(
         "", stop, start, zorder=0,
         arrowprops={
-            "arrowstyle": "-|>", "color": BLACK, "shrinkA": 0, "shrinkB": 0,
+            "arrowstyle": "-|>", "color": style.BLACK, "shrinkA": 0, "shrinkB": 0,
             "patchA": begin.get_bbox_patch(), "patchB": end.get_bbox_patch(),
         },
     )  # fmt: skip

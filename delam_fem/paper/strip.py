@@ -15,15 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from delam_fem.case.sections import Lamina
-from delam_fem.contact.laws import SCHEMES, Law, Scheme
-from delam_fem.engines.session import ImpactTable, Solution, solve
-from delam_fem.model.linear import lowest
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.beams import StruckBeam, peak_end
-from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.api import (
+    SCHEMES,
+    BoolArray,
+    FloatArray,
+    ImpactTable,
+    Lamina,
+    Law,
+    Operators,
+    Scheme,
+    Solution,
+    State,
+    beams,
+    lowest,
+    solve,
+)
 from delam_fem.paper import ground
-from delam_fem.simulation.loop import State
 
 LIFT = 0.050
 """Height of the tip before the release [m]."""
@@ -401,9 +408,9 @@ FAINT = 0.3
 before have higher frequencies than the peak of the force, and left the tip before that peak."""
 
 
-def exact_beam(lamina: Lamina) -> StruckBeam:
+def exact_beam(lamina: Lamina) -> beams.StruckBeam:
     """Return the exact semi-infinite beam with the section of a strip."""
-    return StruckBeam(lamina.flexural_rigidity, lamina.mass_per_length, lamina.thickness)
+    return beams.StruckBeam(lamina.flexural_rigidity, lamina.mass_per_length, lamina.thickness)
 
 
 @dataclass(frozen=True)
@@ -561,7 +568,7 @@ class TipBlock:
             "rigid_impulse_of_peak_N_s": _at(end, self.rigid, self.rigid.impulse),
             "rigid_impulse_of_peak_exact_N_s": float(beam.rigid_impulse(end, self.speed)),
             "duration_of_block_us": {
-                f"{k:g}": 1e6 * peak_end() * beam.contact_time(k) for k in BLOCK_STIFFNESSES
+                f"{k:g}": 1e6 * beams.peak_end() * beam.contact_time(k) for k in BLOCK_STIFFNESSES
             },
             "restitution_after_peak": _at(end, self.spring, self.spring.tip_velocity) / self.speed,
         }

@@ -97,7 +97,7 @@ def decay_of_operators(operators: Operators | DistributedOperators) -> float:
     return decay if np.isfinite(decay) else 0.0
 
 
-def enough_of(
+def stop_when_settled(
     case: Case, recorder: Recorder, n_parts: int, decay: float
 ) -> Callable[[int], bool] | None:
     """Return a function that takes the number of finished periods: whether the run may end.
@@ -143,7 +143,7 @@ def touches(recorder: Recorder) -> BoolArray:
     return np.asarray((recorder.impulse[: recorder.n_closed, 1] > 0.0) | rows[:, columns].any(1))
 
 
-def numbers(recorder: Recorder, n_parts: int, case: Case, decay: float) -> dict[str, Any]:
+def settling_summary(recorder: Recorder, n_parts: int, case: Case, decay: float) -> dict[str, Any]:
     """Return the entries of a summary that say whether a run has settled, and what follows.
 
     Args:
@@ -188,7 +188,7 @@ NAMES = (
 """Entries of the summary that fluctuate from period to period."""
 
 
-def of_run(
+def confidence_intervals(
     history: xr.Dataset, case: Case, summary: Mapping[str, Any]
 ) -> dict[str, dict[str, Any]] | None:
     """Return mean and 95 % interval of the numbers of an irregular motion.

@@ -22,48 +22,20 @@ from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from delam_fem.case.definition import Case
-from delam_fem.numerics import settling as at
-from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GAP_COLOUR,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    YELLOW,
-    edges,
-    label_x,
-    legend_above,
-    save_figure,
-    stacked,
-    styled,
-)
-from delam_fem.results.pages.html import (
-    Block,
-    Cell,
-    Code,
-    Gallery,
-    Grid,
-    Link,
-    Paragraph,
-    Preformatted,
-    Section,
-    Table,
-    embedded,
-    files,
-    page,
+from delam_fem.api import (
+    Case,
+    CaseError,
+    FloatArray,
+    IntArray,
+    diagnostics,
+    html,
+    settling as at,
+    style,
+    write_text,
 )
 from delam_fem.studies.linear import linear_amplitudes
 from delam_fem.studies.study import number
 from delam_fem.studies.sweeps.grid import INITIAL, Sweep
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import write_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -96,7 +68,7 @@ class DiagramAxis:
     @property
     def edges(self) -> FloatArray:
         """Edges of the cells of a map, shape (n + 1,)."""
-        return edges(self.shown, is_logarithmic=self.is_logarithmic)
+        return style.edges(self.shown, is_logarithmic=self.is_logarithmic)
 
     @property
     def is_logarithmic(self) -> bool:
@@ -150,9 +122,9 @@ def heading(data: xr.Dataset) -> str:
     return f"{case.name}: {', '.join(parts)}"
 
 
-DIRECTION_STYLE = {"up": (BLUE, "^", "-"), "down": (VERMILLION, "v", "--")}
+DIRECTION_STYLE = {"up": (style.BLUE, "^", "-"), "down": (style.VERMILLION, "v", "--")}
 """Colour, marker and line of each direction, the same in every diagram."""
-POINT_STYLE = {"up": (SKY, 3.4), "down": (VERMILLION, 1.4)}
+POINT_STYLE = {"up": (style.SKY, 3.4), "down": (style.VERMILLION, 1.4)}
 """Colour and size of stroboscopic points; both directions stay visible where they agree."""
 HEADROOM = 1.15
 """Upper end of the axis over the largest amplitude; linear resonances lie far above it."""
@@ -184,7 +156,9 @@ def response(data: xr.Dataset, axis: DiagramAxis) -> Figure:
             if not case.is_apart:
                 f = np.linspace(f[0], f[-1], STACK_POINTS)
             alone = 1e3 * linear_amplitudes(case, f)[i]
-            panel.plot(f, alone, ":", color=BASE_COLOUR, linewidth=1.3, label="linear, no contact")
+            panel.plot(
+                f, alone, ":", color=style.BASE_COLOUR, linewidth=1.3, label="linear, no contact"
+            )
 
     return _of_laminae(data, axis, draw, 3.0, "half peak-to-peak  $q_{{{}}}$ [mm]")
 
@@ -194,7 +168,7 @@ def bifurcation(data: xr.Dataset, axis: DiagramAxis) -> Figure:
 
     def draw(panel: Axes, i: int) -> None:
         for label, part, _ in _directions(data):
-            colour, size = POINT_STYLE.get(label, (BLUE, 1.6))
+            colour, size = POINT_STYLE.get(label, (style.BLUE, 1.6))
             strobes = part["strobe_displacement"].isel(lamina=i)
             q = 1e3 * strobes.transpose(axis.name, "strobe").to_numpy()
             is_grey = is_unsettled(part).to_numpy()
@@ -210,8 +184,8 @@ def bifurcation(data: xr.Dataset, axis: DiagramAxis) -> Figure:
 
 def lyapunov(data: xr.Dataset, axis: DiagramAxis) -> Figure:
     """Draw the largest Lyapunov exponent over one axis."""
-    figure, (panel,) = stacked(1, 4.2)
-    panel.axhline(0.0, color=BLACK, linewidth=0.8)
+    figure, (panel,) = style.stacked(1, 4.2)
+    panel.axhline(0.0, color=style.BLACK, linewidth=0.8)
     for label, part, (colour, marker, line) in _directions(data):
         errors = BARS * part["lyapunov_error"].to_numpy() if "lyapunov_error" in part else None
         panel.errorbar(
@@ -220,7 +194,7 @@ def lyapunov(data: xr.Dataset, axis: DiagramAxis) -> Figure:
         )  # fmt: skip
     _mark_points(panel, data, axis)
     panel.set(ylabel=f"largest Lyapunov exponent [1/s]\nbars: ±{BARS:g} errors")
-    legend_above(panel)
+    style.legend_above(panel)
     _finish(figure, [panel], data, axis)
     return figure
 
@@ -242,14 +216,14 @@ def _of_laminae(
         label: label of the y axes, a format of the number of the lamina from 1.
     """
     names = data["lamina"].to_numpy()
-    figure, panels = stacked(names.size, height * names.size, sharex=True)
+    figure, panels = style.stacked(names.size, height * names.size, sharex=True)
     for i, (panel, name) in enumerate(zip(panels, names, strict=True)):
         _shade_two_motions(panel, data, axis)
         draw(panel, i)
         _mark_points(panel, data, axis)
         panel.set_title(str(name), loc="left")
         panel.set(ylabel=label.format(i + 1))
-    legend_above(panels[0])
+    style.legend_above(panels[0])
     _finish(figure, panels, data, axis)
     return figure
 
@@ -261,8 +235,10 @@ def _directions(
     if "direction" not in data.dims:
         order = tomllib.loads(data.attrs.get("sweep", "")).get("order", "independent")
         label = "each point from the start" if order == "independent" else f"going {order}"
-        return [(label, data, (BLUE, "o", "-"))]
-    return [(name, data.sel(direction=name), style) for name, style in DIRECTION_STYLE.items()]
+        return [(label, data, (style.BLUE, "o", "-"))]
+    return [
+        (name, data.sel(direction=name), line_style) for name, line_style in DIRECTION_STYLE.items()
+    ]
 
 
 def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
@@ -278,7 +254,12 @@ def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None
     for k, (start, stop) in enumerate(edges.reshape(-1, 2)):
         label = "depends on the direction" if k == 0 else None
         panel.axvspan(
-            middles[start], middles[stop], color=GAP_COLOUR, linewidth=0.0, zorder=0, label=label
+            middles[start],
+            middles[stop],
+            color=style.GAP_COLOUR,
+            linewidth=0.0,
+            zorder=0,
+            label=label,
         )
 
 
@@ -286,7 +267,7 @@ def _mark_points(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
     """Mark the points that have not settled or have no result at the bottom of the panel."""
     for is_marked, marker, colour, label in (
         (is_unsettled(data), "s", UNSETTLED_COLOUR, NOT_SETTLED),
-        (data["outcome"] != "completed", "x", BLACK, "not completed"),
+        (data["outcome"] != "completed", "x", style.BLACK, "not completed"),
     ):
         others = [dim for dim in is_marked.dims if dim != axis.name]
         x = axis.shown[is_marked.any(others).to_numpy()]
@@ -302,13 +283,30 @@ def _finish(figure: Figure, panels: Iterable[Axes], data: xr.Dataset, axis: Diag
     for panel in panels:
         panel.set(xscale="log" if axis.is_logarithmic else "linear")
         panel.margins(x=0.01)
-    label_x(panels, axis.label)
+    style.label_x(panels, axis.label)
     figure.suptitle(heading(data))
 
 
-KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff", "#cfe8f7", "#e0e0e0")
+KIND_COLOURS = (
+    style.SKY,
+    style.ORANGE,
+    style.GREEN,
+    "#bbbbbb",
+    style.BLACK,
+    "#ffffff",
+    "#cfe8f7",
+    "#e0e0e0",
+)
 """Colours of the kinds of motion, in the order of `KINDS`."""
-ATTRACTOR_COLOURS = (BLUE, ORANGE, GREEN, SKY, VERMILLION, YELLOW, PURPLE)
+ATTRACTOR_COLOURS = (
+    style.BLUE,
+    style.ORANGE,
+    style.GREEN,
+    style.SKY,
+    style.VERMILLION,
+    style.YELLOW,
+    style.PURPLE,
+)
 """Colours of the attractors, the most frequent first; all further attractors share a grey."""
 NOT_SETTLED, HATCH = at.KINDS[at.UNSETTLED], "////"
 OTHERS, ISOLATED, NONE = "#999999", "#dddddd", "#ffffff"
@@ -320,7 +318,7 @@ DIVERGING = "PuOr_r"
 
 def _map(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> tuple[Figure, Axes]:
     """Return a figure for a map over two axes, with labels and a title."""
-    figure, (panel,) = stacked(1, 6.6)
+    figure, (panel,) = style.stacked(1, 6.6)
     panel.grid(False)
     for axis, name in ((x, "x"), (y, "y")):
         panel.set(**{f"{name}label": axis.label})
@@ -351,19 +349,20 @@ def plane(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
         for i, j in zip(*np.nonzero((kinds == at.HIGHER) & (periods > 1)), strict=True):
             panel.text(
                 x.shown[i], y.shown[j], f"{periods[i, j]:.0f}", fontsize=7.0, ha="center",
-                va="center", color=BLACK,
+                va="center", color=style.BLACK,
             )  # fmt: skip
     present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]
     shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
     _hatch_unsettled(panel, x, y, data)
     _legend(panel, [KIND_COLOURS[k] for k in present], shares)
     figure.supxlabel(
-        f"period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by less than "
-        f"{100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
+        f"period P: strobes P ≤ {diagnostics.LARGEST_PERIODICITY} periods apart differ by less "
+        f"than {100 * diagnostics.PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
         f"quasi-periodic: {100 * at.LINE_SHARE:g} % of the strobes' power\nin "
         f"{at.LINES} spectral lines; irregular: none of these; undecided: the class changes with "
-        f"the {100 * PERIODIC_SCATTER:g} % times or over {PERIODIC_MARGIN:g}; numbers: P of higher "
-        "order;\nhatched: the transient is not over",
+        f"the {100 * diagnostics.PERIODIC_SCATTER:g} % times or over "
+        f"{diagnostics.PERIODIC_MARGIN:g}; numbers: P of higher order;\n"
+        "hatched: the transient is not over",
         fontsize=8.0, color="#555555",
     )  # fmt: skip
     return figure
@@ -573,7 +572,7 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
         "basins": basins,
     }
     ordered = data.transpose(*data["outcome"].dims, ...)
-    with styled():
+    with style.styled():
         return draw[kind](ordered, *(_axis(data, name) for name in axes))
 
 
@@ -587,12 +586,12 @@ def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
         CaseError: see `diagram`.
         OSError: the file cannot be written.
     """
-    return save_figure(lambda: diagram(kind, data), Path(path))
+    return style.save_figure(lambda: diagram(kind, data), Path(path))
 
 
 MOST_POINTS = 2500
 """Largest number of points in the table and map of a page, which then has about 1.5 MB."""
-COLOURS = {1: SKY, 2: ORANGE}
+COLOURS = {1: style.SKY, 2: style.ORANGE}
 """Colours of periodicities in the map; the further ones are green."""
 IRREGULAR, FAILED, MOVING = "#bbbbbb", "#ffffff", "#e0e0e0"
 FILES = {
@@ -647,14 +646,14 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
     directory = Path(directory)
     about = data.attrs
     sections = [
-        Section("", [Paragraph(sentence(data), "verdict")]),
-        Section("Diagrams", [*_diagrams(directory)]),
-        Section("Points", [*_points(data, directory)]),
-        Section("Files", [files(directory, FILES)]),
-        Section("Sweep", [Preformatted(str(about["sweep"]))]),
-        Section("Case", [Preformatted(str(about["case"]))]),
+        html.Section("", [html.Paragraph(sentence(data), "verdict")]),
+        html.Section("Diagrams", [*_diagrams(directory)]),
+        html.Section("Points", [*_points(data, directory)]),
+        html.Section("Files", [html.files(directory, FILES)]),
+        html.Section("Sweep", [html.Preformatted(str(about["sweep"]))]),
+        html.Section("Case", [html.Preformatted(str(about["case"]))]),
     ]
-    text = page(str(about["title"]), [s for s in sections if s.blocks], contents=True)
+    text = html.page(str(about["title"]), [s for s in sections if s.blocks], contents=True)
     return write_text(directory / "report.html", text)
 
 
@@ -713,36 +712,36 @@ def _command(keys: dict[str, Any], directory: Path, folder: str) -> str:
     return shlex.join(["delam-fem", "run", case, *given, "-o", folder])
 
 
-def _diagrams(directory: Path) -> Iterator[Block]:
+def _diagrams(directory: Path) -> Iterator[html.Block]:
     """Yield the diagrams that have been drawn, or how to draw one."""
     found = [directory / f"{kind}.png" for kind in _NEEDS]
     for picture in found:
         if picture.is_file():
-            yield Gallery([embedded(picture)], picture.stem, f"Diagram: {picture.stem}.")
+            yield html.Gallery([html.embedded(picture)], picture.stem, f"Diagram: {picture.stem}.")
     if not any(picture.is_file() for picture in found):
         command = shlex.join(["delam-fem", "show", "diagram", "response", str(directory)])
-        yield Paragraph(("No diagram has been drawn yet; ", Code(command), " draws one."))
+        yield html.Paragraph(("No diagram has been drawn yet; ", html.Code(command), " draws one."))
 
 
-def _points(data: xr.Dataset, directory: Path) -> Iterator[Block]:
+def _points(data: xr.Dataset, directory: Path) -> Iterator[html.Block]:
     """Yield the map of the points and their table."""
     if data["outcome"].size > MOST_POINTS:
-        yield Paragraph(
+        yield html.Paragraph(
             f"{data['outcome'].size} points are too many for a page; they are in sweep.nc.", "about"
         )
         return
     found = list(points(data, directory))
     yield from _maps(data, found)
-    yield Paragraph(ALONE, "about")
+    yield html.Paragraph(ALONE, "about")
     yield _table(found)
 
 
-def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[Block]:
+def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[html.Block]:
     """Yield a map of the periodicity over two axes, one for each direction."""
     axes = [str(name) for name in data["outcome"].dims if name != "direction"]
     if len(axes) != 2:
         return
-    yield Paragraph(
+    yield html.Paragraph(
         "Periods after which the motion repeats, – where it does not, … where it has not settled; "
         "a cell leads to its run.",
         "about",
@@ -755,24 +754,26 @@ def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[Block]:
         ]
         columns = [point.values[axes[0]] for point in of_direction[:, 0]]
         first = of_direction[0, 0].values.get("direction", "")
-        yield Grid(f"{axes[1]} over {axes[0]}" + (f", {first}" if first else ""), columns, rows)
+        yield html.Grid(
+            f"{axes[1]} over {axes[0]}" + (f", {first}" if first else ""), columns, rows
+        )
 
 
-def _cell(point: Point) -> Cell:
+def _cell(point: Point) -> html.Cell:
     """Return the cell of a point in a map."""
     P = point.numbers.get("periodicity", np.nan)
     words = ", ".join(f"{name} = {value}" for name, value in point.values.items())
     target = point.report or f"#point-{point.number}"
     if point.outcome != "completed":
-        return Cell("×", target, FAILED, f"{words}: {point.outcome}")
+        return html.Cell("×", target, FAILED, f"{words}: {point.outcome}")
     if point.is_moving:
-        return Cell("…", target, MOVING, f"{words}: not settled")
+        return html.Cell("…", target, MOVING, f"{words}: not settled")
     if not np.isfinite(P):
-        return Cell("–", target, IRREGULAR, words)
-    return Cell(f"{P:.0f}", target, COLOURS.get(int(P), GREEN), f"{words}: {P:.0f}")
+        return html.Cell("–", target, IRREGULAR, words)
+    return html.Cell(f"{P:.0f}", target, COLOURS.get(int(P), style.GREEN), f"{words}: {P:.0f}")
 
 
-def _table(found: list[Point]) -> Table:
+def _table(found: list[Point]) -> html.Table:
     """Return the table of all points with the commands that run them."""
     names, shown = (list(found[0].values), list(found[0].numbers)) if found else ([], [])
     rows = [
@@ -781,9 +782,9 @@ def _table(found: list[Point]) -> Table:
             *point.values.values(),
             point.outcome,
             *map(number, point.numbers.values()),
-            Link("report", point.report) if point.report else Code(point.command),
+            html.Link("report", point.report) if point.report else html.Code(point.command),
         )
         for point in found
     ]
     heading = ("point", *names, "outcome", *(name.replace("_", " ") for name in shown), "run")
-    return Table(heading, rows, anchors=[f"point-{point.number}" for point in found])
+    return html.Table(heading, rows, anchors=[f"point-{point.number}" for point in found])

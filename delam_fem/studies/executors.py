@@ -16,9 +16,7 @@ from logging.handlers import QueueHandler, QueueListener
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Literal, ParamSpec, TypeVar
 
-from delam_fem.simulation.checkpoint import STOPPING
-from delam_fem.system.errors import CaseError
-from delam_fem.system.imports import ONE_THREAD, added, keep_garbage
+from delam_fem.api import ONE_THREAD, STOPPING, CaseError, added, keep_garbage
 
 ExecutorName = Literal["process", "mpi", "serial"]
 
@@ -111,7 +109,7 @@ class Pool:
         if isinstance(kind, Executor):
             self.executor, self.n_workers = kind, workers or size_of(kind)
         elif kind == "mpi":
-            from delam_fem.system.mpi import MPI
+            from delam_fem.api import MPI
 
             n_workers = MPI.COMM_WORLD.size - 1
             if n_workers < 1:

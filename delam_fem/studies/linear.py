@@ -7,13 +7,21 @@ from functools import lru_cache
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import Excitation, ForceExcitation, HarmonicExcitation
-from delam_fem.model import discretise
-from delam_fem.model.layout import Structure
-from delam_fem.model.linear import at_start, elastic, first_mode, keeping_closed, response
-from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.loop import State
+from delam_fem.api import (
+    Case,
+    Excitation,
+    FloatArray,
+    ForceExcitation,
+    HarmonicExcitation,
+    State,
+    Structure,
+    assemble,
+    at_start,
+    elastic,
+    first_mode,
+    keeping_closed,
+    response,
+)
 
 FINE = 320
 """Elements of the mesh whose motion stands for the exact one of a bonded stack."""
@@ -116,4 +124,4 @@ def _fine(case_text: str) -> Structure:
     case = Case.from_toml(case_text)
     if case.model.kind == "beam" and not case.is_of_points:
         case = case.with_overrides({"mesh.elements": max(FINE, 2 * (case.mesh.elements or 0))})
-    return discretise.assemble(case, needs_dolfinx=False)
+    return assemble(case, needs_dolfinx=False)

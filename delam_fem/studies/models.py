@@ -15,17 +15,22 @@ import xarray as xr
 from matplotlib.figure import Figure
 from scipy.sparse.linalg import splu
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import CaseSource, find_case
-from delam_fem.engines.session import EngineName
-from delam_fem.model import discretise
-from delam_fem.model.layout import Structure
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH
+from delam_fem.api import (
+    Case,
+    CaseError,
+    CaseSource,
+    EngineName,
+    FloatArray,
+    Structure,
+    assemble,
+    diagnostics,
+    find_case,
+    require,
+    require_held,
+    style,
+)
 from delam_fem.studies.modes import modes_of, structure_modes
 from delam_fem.studies.study import Finding, Report, Table
-from delam_fem.system.errors import CaseError, require
 
 Name = Literal["beam", "plane-stress", "solid", "modes"]
 NAMES: tuple[Name, ...] = get_args(Name)
@@ -73,8 +78,7 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
                     "models: expected a model before modes, the one that it reduces, for example "
                     "plane-stress,modes"
                 )
-            from delam_fem.model.attached import struck
-            from delam_fem.model.reduction import reduced_case
+            from delam_fem.api import reduced_case, struck
 
             whole = found[-1]
             reduction = reduced_case(whole.case, modes, full=whole.structure)
@@ -82,7 +86,7 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
             own, label = whole.case, f"{whole.name}, {modes} modes"
         else:
             own, label = with_model(case, name), name
-            structure = discretise.assemble(own, needs_dolfinx=False)
+            structure = assemble(own, needs_dolfinx=False)
         engine: EngineName = "compiled" if name in ("beam", "modes") else "petsc"
         seconds = time.process_time() - begin
         found.append(Variant(label, own, structure, engine, seconds))
@@ -198,7 +202,7 @@ def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes:
 
 def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     """Compute the motion of a model from rest at one frequency."""
-    from delam_fem.pipeline import run  # dolfinx comes with it
+    from delam_fem.api import run  # dolfinx comes with it
 
     span: dict[str, object] = {"time.periods": periods, "output.window_periods": periods}
     keys: dict[str, object] = {"excitation.frequency": frequency, "output.fields_per_period": 0}
@@ -239,7 +243,7 @@ def _first_strike(history: xr.Dataset) -> float:
     return float(min(near.min(initial=math.inf), closed.min(initial=math.inf)))
 
 
-COLOURS = (BLACK, VERMILLION, BLUE, GREEN, ORANGE)
+COLOURS = (style.BLACK, style.VERMILLION, style.BLUE, style.GREEN, style.ORANGE)
 SHOWN_PERIODS = 4
 """Periods of the histories that are shown, from rest."""
 
@@ -323,7 +327,7 @@ class ModelComparison(Finding):
     def figure(self) -> Figure:
         """Return a row for each frequency: tip histories of all models, impulses along laminae."""
         n = len(self.models[0].motions)
-        figure = Figure(figsize=(WIDTH, 2.6 * n + 0.6), layout="constrained")
+        figure = Figure(figsize=(style.WIDTH, 2.6 * n + 0.6), layout="constrained")
         rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
         for k, (histories, along) in enumerate(rows):
             for own, colour in zip(self.models, COLOURS * len(self.models), strict=False):
@@ -332,9 +336,14 @@ class ModelComparison(Finding):
                 shown = turns <= SHOWN_PERIODS
                 for number, tip in enumerate(motion.tips):
                     label = own.name if number == 0 else None
-                    style = ("-", "--", ":", "-.")[number % 4]
+                    line_style = ("-", "--", ":", "-.")[number % 4]
                     histories.plot(
-                        turns[shown], 1e3 * tip[shown], style, color=colour, lw=1.0, label=label
+                        turns[shown],
+                        1e3 * tip[shown],
+                        line_style,
+                        color=colour,
+                        lw=1.0,
+                        label=label,
                     )
                 along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
                 if motion.strike * motion.frequency <= SHOWN_PERIODS:
@@ -381,7 +390,7 @@ def compare_models(
             "compare: models are compared by periodic motions; expected a harmonic excitation or a "
             f"harmonic force, given kind {case.excitation.kind!r}"
         )
-    discretise.require_held(case, "compare")
+    require_held(case, "compare")
     at = tuple(frequencies) or (case.excitation.top_frequency,)
     found = []
     for model in variants(case, names, modes):

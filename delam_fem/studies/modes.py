@@ -16,23 +16,23 @@ import numpy as np
 import scipy.sparse as sp
 from matplotlib.figure import Figure
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import CaseSource, find_case
-from delam_fem.model import discretise
-from delam_fem.model.layout import Structure, nodal
-from delam_fem.model.linear import keeping_closed, lowest
-from delam_fem.numerics.beams import cantilever_mode
-from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.figures.style import (
-    GAP_COLOUR,
-    label_x,
-    lamina_colours,
-    legend_outside,
-    side_by_side,
+from delam_fem.api import (
+    Case,
+    CaseSource,
+    FloatArray,
+    IntArray,
+    Structure,
+    assemble,
+    beams,
+    find_case,
+    keeping_closed,
+    lowest,
+    nodal,
+    require,
+    style,
 )
 from delam_fem.studies import options
 from delam_fem.studies.study import Finding, Report, Study, Table, number
-from delam_fem.system.errors import require
 
 Kind = Literal["free", "closed"]
 
@@ -122,15 +122,15 @@ class StructureModes(Finding):
 
     def figure(self) -> Figure:
         """Draw the shape of each mode; shaded where the laminae are apart."""
-        figure, panels = side_by_side(
+        figure, panels = style.side_by_side(
             len(self.frequencies), PANEL, above=0.7, sharex=True, sharey=True
         )
         for k, axes in enumerate(panels):
             for j, (start, end) in enumerate(self.spans):
-                axes.axvspan(start, end, color=GAP_COLOUR, label=None if j else "delaminated")
+                axes.axvspan(start, end, color=style.GAP_COLOUR, label=None if j else "delaminated")
             axes.axhline(0.0, color="0.7", linewidth=0.6)
             styles = ("-", "--", ":", "-.")
-            for i, colour in enumerate(lamina_colours(len(self.names))):
+            for i, colour in enumerate(style.lamina_colours(len(self.names))):
                 axes.plot(
                     self.x, self.shapes[k, i], color=colour, linestyle=styles[i % 4],
                     linewidth=2.4 if i == 0 else 1.6, label=self.names[i],
@@ -142,8 +142,8 @@ class StructureModes(Finding):
                     text += f"; closed {self.partner_frequencies[k]:.5g} Hz"
             axes.set_title(text, loc="left", fontsize=9)
             axes.set(ylim=(-1.15, 1.15), yticks=(-1, 0, 1), xlim=(self.x[0], self.x[-1]))
-        label_x(panels, "x [m]")
-        legend_outside(figure, panels[0], 4, "outside upper right")
+        style.label_x(panels, "x [m]")
+        style.legend_outside(figure, panels[0], 4, "outside upper right")
         figure.suptitle(f"Modes, delaminations {self.kind}", x=0.02, ha="left")
         return figure
 
@@ -302,7 +302,7 @@ class Modes(Finding):
             for k, shape in enumerate(self.shapes[i]):
                 level = 2.5 * k
                 axes.axhline(level, color="0.85", linewidth=0.8)
-                axes.plot(fine * self.x[-1], level + cantilever_mode(k + 1, fine), "k-")
+                axes.plot(fine * self.x[-1], level + beams.cantilever_mode(k + 1, fine), "k-")
                 axes.plot(self.x, level + shape, "o", color=f"C{i}", markersize=4)
                 label = f"{self.frequencies[i, k]:.4g} Hz ({self.relative_differences[i, k]:+.0e})"
                 axes.annotate(label, (1.03 * self.x[-1], level + 1.0), fontsize=8, va="center")
@@ -330,7 +330,7 @@ def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Mode
         CaseError: n is below 1 or above the number of dofs, or `delaminations` is another word.
     """
     case = find_case(case).without_impactors
-    structure = discretise.assemble(case)
+    structure = assemble(case)
     whole = structure_modes(structure, case, n, kind=delaminations)
     if not case.is_apart or case.point_mass:
         return whole

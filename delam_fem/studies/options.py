@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError
 
 O = TypeVar("O", bound="Options")  # noqa: E741
 

@@ -13,17 +13,23 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from matplotlib.figure import Figure
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import CaseSource, find_case, save_case
-from delam_fem.engines.cost import Cost
-from delam_fem.results.figures.style import save_figure
-from delam_fem.results.pages import html
-from delam_fem.simulation.checkpoint import of_study
+from delam_fem.api import (
+    Case,
+    CaseError,
+    CaseSource,
+    Cost,
+    claimed,
+    find_case,
+    html,
+    of_study,
+    save_case,
+    style,
+    summary,
+    write_json,
+    write_text,
+)
 from delam_fem.studies.options import Options
 from delam_fem.studies.sweeps.dataset import remove_results
-from delam_fem.system.docstrings import summary
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import claimed, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,7 @@ class Report:
         links = [html.Paragraph(html.Link(path.name, path.name)) for path in written]
         for name, (draw, caption) in self.pictures.items():
             path = directory / f"{name}.png"
-            written.append(save_figure(draw, path))
+            written.append(style.save_figure(draw, path))
             drawn.append(html.Gallery([html.embedded(path)], caption, caption))
         if self.title:
             text = " ".join([*self.sentences, *self.remarks])

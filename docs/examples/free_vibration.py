@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 import delam_fem as df
+from delam_fem.api import initial_state
 from delam_fem.model.beams import closed_form
-from delam_fem.simulation.loop import initial_state
 
 D = 0.008  # damping ratio of the first mode in the preset
 cycles = 20

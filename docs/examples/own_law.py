@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 import delam_fem as df
-from delam_fem.contact.laws import Kinematics, Setting
+from delam_fem.api import Kinematics, Setting
 
 
 @dataclass(frozen=True)

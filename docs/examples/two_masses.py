@@ -13,7 +13,7 @@ from scipy.optimize import fsolve
 from scipy.sparse import csr_matrix
 
 import delam_fem as df
-from delam_fem.contact.laws import Kinematics, Setting
+from delam_fem.api import Kinematics, Setting
 
 f, A, gap, e0, v0 = 1.0, 0.01, 0.014, 0.6, 0.5  # Hz, m, m, -, m/s
 

@@ -20,8 +20,7 @@ from calibration.row import Row
 from scipy.cluster.hierarchy import fcluster, linkage
 
 import delam_fem as df
-from delam_fem.numerics import settling
-from delam_fem.numerics.types import IntArray
+from delam_fem.api import IntArray, settling
 from delam_fem.studies.diagrams import is_unsettled
 from delam_fem.studies.sweeps.grid import sweep_of
 

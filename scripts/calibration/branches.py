@@ -25,7 +25,7 @@ from calibration.oscillator import (
 from calibration.row import OWN, Row
 from scipy.optimize import brentq
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.branches import continuation
 from delam_fem.studies.branches.continuation import Event, events_of, first_point, followed
 from delam_fem.studies.orbits.maps import Nature, Passage, Slow

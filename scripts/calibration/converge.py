@@ -20,7 +20,7 @@ import numpy as np
 from calibration.row import OWN, Row
 
 import delam_fem as df
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import Ladder, method
 from delam_fem.studies.convergence.rung import compute

@@ -14,8 +14,7 @@ from calibration.infer import N_LINES, SHAKER, rigs, shaken
 from calibration.row import OWN, Row
 
 import delam_fem as df
-from delam_fem.numerics.statistics import uniform
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, statistics
 from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.indices import CONFIDENCE, mark, repeated
@@ -53,7 +52,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         specimens = [
             Specimen(middle - 0.5 * length, middle + 0.5 * length, depth, "clamped", frequency)
             for (middle, length, depth), frequency in zip(
-                uniform(prior_of(case), n, (200 if rig == OWN else 300) + number),
+                statistics.uniform(prior_of(case), n, (200 if rig == OWN else 300) + number),
                 rng.uniform(60.0, 400.0, n),
                 strict=True,
             )

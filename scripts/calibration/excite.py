@@ -17,8 +17,7 @@ from calibration.infer import rigs
 from calibration.row import OWN, Row
 
 import delam_fem as df
-from delam_fem.numerics.statistics import uniform
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, statistics
 from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.excitation import SURE, ExcitationMap, excitation_map
@@ -36,7 +35,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     case, truths = df.preset("embedded"), TRUTHS if is_long else 4
     *others, _ = rigs(case, truths)  # the last has the noise of `infer`
     rng = np.random.default_rng(61)
-    given = uniform(prior_of(case), truths, 500)
+    given = statistics.uniform(prior_of(case), truths, 500)
     maps = [mapped(one, folder / f"map-{k}") for k, one in enumerate(given)]
     known = [k for k, own in enumerate(maps) if own.recommended is not None]
     best = [maps[k].recommended for k in known]

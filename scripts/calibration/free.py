@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 from calibration.row import OWN, Row
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.results.measured.responses import CYCLES, with_free_vibrations
 
 TRUTHS, TWO_ERRORS = 200, 0.9545

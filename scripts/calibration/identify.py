@@ -20,9 +20,7 @@ from calibration.overlay import shaken
 from calibration.row import OWN, Row
 
 import delam_fem as df
-from delam_fem.numerics.beams import ComplexArray
-from delam_fem.numerics.statistics import Table, uniform
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, beams, statistics
 from delam_fem.studies.identification import identify
 from delam_fem.studies.identification.identify import (
     Experiment,
@@ -71,7 +69,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     size, repeated, left_out, most = (1000, 100, 200, 1000) if is_long else (120, 6, 20, 20)
     rig = df.preset("paper", CASE)
     given = Experiment(rig, (1.25, 3.25), UNKNOWNS, 1e-4, uncertain=of_rig(rig))
-    parameters = uniform(given.bounds, size, 1)
+    parameters = statistics.uniform(given.bounds, size, 1)
     also = drawn(given.uncertain, given.case, size, 2)
     exact = given.simulate(parameters, folder / "table", also=also, executor="serial")
     more = {key: values[:repeated] for key, values in also.items()}
@@ -80,13 +78,13 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     whole = given.table(exact, parameters, 3, finer)
     part = np.arange(len(whole.parameters)) // left_out  # 20 truths of a short form are enough
     kept = [
-        Table(whole.parameters[part != k], whole.statistics[part != k], whole.bounds)
+        statistics.Table(whole.parameters[part != k], whole.statistics[part != k], whole.bounds)
         for k in range(part[-1] + 1)
     ]
     own = [kept[k] for k in part[:most]]
     found = judged(OWN, given, own, whole.parameters[:most], whole.statistics[:most])
     for number, (rig, keys) in enumerate(RIGS.items() if is_long else ()):
-        truths = uniform(given.bounds, TRUTHS, 100 + number)
+        truths = statistics.uniform(given.bounds, TRUTHS, 100 + number)
         rng, tables = np.random.default_rng([17, number]), [whole] * TRUTHS
         if rig == RECORD:
             every = [recorded(given, truth, k) for k, truth in enumerate(truths)]
@@ -112,7 +110,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     return found
 
 
-def observed(motions: ComplexArray) -> FloatArray:
+def observed(motions: beams.ComplexArray) -> FloatArray:
     """Return the statistics of motions, shape (n, n_statistics)."""
     return identify.invariant(motions).reshape(len(motions), -1)
 
@@ -130,7 +128,7 @@ def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatAr
     return observed(np.stack(motions)[None])[0], max(noises)
 
 
-def distorted(given: Experiment, truth: FloatArray, rng: np.random.Generator) -> ComplexArray:
+def distorted(given: Experiment, truth: FloatArray, rng: np.random.Generator) -> beams.ComplexArray:
     """Return the harmonics of motions under a base with a second harmonic of any phase [m]."""
     found = []
     for frequency in given.frequencies:
@@ -151,7 +149,11 @@ def moved(
 
 
 def judged(
-    rig: str, given: Experiment, tables: list[Table], truths: FloatArray, seen: FloatArray
+    rig: str,
+    given: Experiment,
+    tables: list[statistics.Table],
+    truths: FloatArray,
+    seen: FloatArray,
 ) -> list[Row]:
     """Return a row for each unknown."""
     whole = np.flatnonzero(np.isfinite(seen).all(axis=1))

@@ -15,9 +15,7 @@ import numpy as np
 from calibration.row import OWN, Row
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.numerics.statistics import uniform
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import Case, FloatArray, statistics
 from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection import infer
 from delam_fem.studies.detection.detect import drive_responses, intact
@@ -38,16 +36,18 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     size = 1000 if is_long else 100
     case = df.preset("embedded")
     prior = infer.prior_of(case)
-    parameters = uniform(prior, size, 7)
+    parameters = statistics.uniform(prior, size, 7)
     table = computed(case, parameters, folder / "table", drawn(of_rig(case), case, size, 8))
     known = known_of(case, table, parameters, prior)
-    wide = np.subtract(*np.quantile(infer.edges(uniform(prior, 9999, 1)), [0.95, 0.05], axis=0))
+    wide = np.subtract(
+        *np.quantile(infer.edges(statistics.uniform(prior, 9999, 1)), [0.95, 0.05], axis=0)
+    )
     found = []
     for number, (rig, keys) in enumerate(rigs(case, TRUTHS).items()):
         n = TRUTHS if is_long else 4 * (rig in (OWN, SHAKER))
         if not n:
             continue
-        given = uniform(prior, n, (100 if rig == OWN else 400) + number)
+        given = statistics.uniform(prior, n, (100 if rig == OWN else 400) + number)
         also = {key: values[:n] for key, values in keys.items()}
         runs = computed(case, given, folder / f"rig-{number}", also)
         rng = np.random.default_rng([6 if rig == OWN else 16, number])

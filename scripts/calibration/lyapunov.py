@@ -24,9 +24,7 @@ import numpy as np
 from calibration.oscillator import forcing, journey, oscillator
 from calibration.row import OWN, Row
 
-from delam_fem.contact.laws import SCHEMES, Law
-from delam_fem.engines.session import session
-from delam_fem.simulation.refinement import Span
+from delam_fem.api import SCHEMES, Law, Span, session
 from delam_fem.studies.sweeps.grid import Record
 from delam_fem.studies.sweeps.point import Exponent, largest_exponent
 

@@ -28,9 +28,7 @@ from calibration.oscillator import (
 )
 from calibration.row import OWN, Row
 
-from delam_fem.contact.laws import SCHEMES, Law
-from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.refinement import Span
+from delam_fem.api import SCHEMES, FloatArray, Law, Span
 from delam_fem.studies.orbits.maps import PeriodMap, Problem, StrobeMap, modal
 from delam_fem.studies.orbits.newton import USUAL
 from delam_fem.studies.orbits.search import coarse_orbit, matched

@@ -17,9 +17,7 @@ import xarray as xr
 from calibration.row import OWN, Row
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.model.discretise import assemble
-from delam_fem.model.linear import elastic
+from delam_fem.api import Case, assemble, elastic
 from delam_fem.results.measured.reading import SCHEMA, write_measured
 from delam_fem.studies.identification.identify import drawn, of_rig
 

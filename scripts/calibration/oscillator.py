@@ -21,8 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import brentq
 
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import BaseCoupling, FloatArray, Operators
 
 SAMPLES = 64
 """Instants of a period at which a flight is looked at; its maxima between them are, too."""

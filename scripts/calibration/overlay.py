@@ -29,12 +29,18 @@ from calibration.settled import laminae
 from scipy.interpolate import CubicSpline
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import base_motion
-from delam_fem.engines.session import law_of, modes_of, scheme_of, session, span_of
+from delam_fem.api import (
+    Case,
+    FloatArray,
+    Result,
+    base_motion,
+    law_of,
+    modes_of,
+    scheme_of,
+    session,
+    span_of,
+)
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.folder import Result
 from delam_fem.studies.sweeps.point import probe_motion
 
 BEFORE, WINDOW, AFTER = 400, 40, 60

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from scipy.special import expit
 from scipy.stats import norm
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.detection.population import DEPTHS, LENGTHS, MIDDLES, logistic
 
 NOMINAL, LEVEL, TRUTHS = 0.95, 0.90, (400, 12)

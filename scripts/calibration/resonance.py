@@ -17,8 +17,7 @@ from calibration.row import OWN, Row
 from scipy.interpolate import CubicSpline
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
-from delam_fem.case.excitation import SweptMotion
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, SweptMotion
 from delam_fem.studies.identification.resonance import Resonance, fit
 
 AMPLITUDE = 0.0025

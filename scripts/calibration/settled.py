@@ -18,11 +18,8 @@ import numpy as np
 from calibration.row import Row
 
 import delam_fem as df
-from delam_fem.engines.session import session_of
+from delam_fem.api import FloatArray, decay_of, session_of, statistics, verdict_of
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.statistics import block_means, interval
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.quality import decay_of, verdict_of
 
 FIRST, LAST = 300, 3000
 SOFT = {
@@ -93,7 +90,9 @@ def verdict_and_truth(
         decay = decay_of(case, structure) * case.period
         said = verdict_of(recorder, 2, decay, FIRST)
         extremes = recorder.envelope[:LAST, :, :2].reshape(LAST, 4).T
-        middle, half = interval(block_means(extremes[:, FIRST - said.periods_judged : FIRST]))
+        middle, half = statistics.interval(
+            statistics.block_means(extremes[:, FIRST - said.periods_judged : FIRST])
+        )
         away = np.abs(extremes[:, LAST // 2 :].mean(axis=1) - middle) / half
         low, high = recorder.envelope[LAST // 2 :, 0, :2], recorder.envelope[LAST // 2 :, 1, :2]
         strobes = recorder.strobe[LAST // 2 : LAST, 0, :2]

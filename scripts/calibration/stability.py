@@ -33,8 +33,7 @@ import numpy as np
 from calibration.row import Row
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import Case, FloatArray
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, ProblemMap, StrobeMap
 from delam_fem.studies.orbits.newton import USUAL
 from delam_fem.studies.orbits.run import LEFT, Orbit

@@ -12,9 +12,8 @@ from ladders.study import DAMPINGS
 from ladders.tables import document_tables
 from matplotlib.figure import Figure
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset, style
 from delam_fem.model.beams import closed_form
-from delam_fem.results.figures.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
 from delam_fem.studies.convergence.analysis import (
     Convergence,
     Table,
@@ -82,11 +81,15 @@ def _framed(body: str, match: re.Match[str]) -> str:
 
 def literal_figure() -> Figure:
     """Draw the motion of tip 1 with Newton's law, by lumped (literal) and consistent impulses."""
-    from delam_fem.pipeline import run
+    from delam_fem.api import run
 
-    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
+    figure = Figure(figsize=(style.WIDTH, 4.4), layout="constrained")
     axes = figure.subplots()
-    runs = (("mass", 20, VERMILLION), ("stiffness", 50, BLUE), ("two-mode", 80, GREEN))
+    runs = (
+        ("mass", 20, style.VERMILLION),
+        ("stiffness", 50, style.BLUE),
+        ("two-mode", 80, style.GREEN),
+    )
     for damping, elements, colour in runs:
         for impulse, line in (("lumped", "-"), ("consistent", "--")):
             keys = {"contact.law": "newton", "contact.impulse": impulse, "mesh.elements": elements}
@@ -96,7 +99,7 @@ def literal_figure() -> Figure:
             y1 = 1e3 * np.abs(found["envelope_min"].to_numpy()[0])
             label = f"{damping}, {elements} elements, {impulse} impulses"
             axes.semilogy(np.arange(1, y1.size + 1), y1, line, color=colour, label=label)
-    axes.axhline(1e3 * chosen.lamina[0].length, color=BLACK, linestyle=":", label="length")
+    axes.axhline(1e3 * chosen.lamina[0].length, color=style.BLACK, linestyle=":", label="length")
     axes.set(xlabel="period of the excitation", ylabel="largest −y1 in the period [mm]")
     axes.legend()
     figure.suptitle("3.25 Hz, newton, consistent mass, T/1000")

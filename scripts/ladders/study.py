@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, preset
 from delam_fem.studies.convergence.ladder import Ladder, MeshChoice, Method, PointMesh, method
 
 MESHES = (10, 20, 40, 80, 160)

@@ -13,29 +13,23 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from trials.runners import LIMIT, RESTITUTION, runners
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, FloatArray, preset, style
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BLACK,
-    BLUE,
-    GAP_COLOUR,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    WIDTH,
-    label_x,
-)
 from delam_fem.studies.study import Table, number
 
 STEPS = (1000, 4000, 16000)
 LIMIT_STEPS = 256_000
 MEAN_PERIODS = 60
 """Number of last periods over which extremes are averaged."""
-METHOD_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+METHOD_COLOURS = (
+    style.BLUE,
+    style.VERMILLION,
+    style.GREEN,
+    style.ORANGE,
+    style.PURPLE,
+    style.SKY,
+    style.BLACK,
+)
 PER_PANEL = len(METHOD_COLOURS)
 """Largest number of methods in one panel of the figure; so no colour is used twice there."""
 
@@ -120,12 +114,12 @@ def figure(errors: Errors) -> Figure:
     """
     names = list(errors)
     groups = [names[k : k + PER_PANEL] for k in range(0, len(names), PER_PANEL)]
-    result = Figure(figsize=(WIDTH, 3.4 * len(groups)), layout="constrained")
+    result = Figure(figsize=(style.WIDTH, 3.4 * len(groups)), layout="constrained")
     panels = result.subplots(len(groups), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for panel, group in zip(panels, groups, strict=True):
         for name in names:
             if name not in group:
-                panel.loglog(*_curve(errors[name]), color=GAP_COLOUR, linewidth=0.8, zorder=1)
+                panel.loglog(*_curve(errors[name]), color=style.GAP_COLOUR, linewidth=0.8, zorder=1)
         for name, colour, marker in zip(group, METHOD_COLOURS, "os^vDPX", strict=False):
             panel.loglog(*_curve(errors[name]), color=colour, marker=marker, label=name)
         panel.set_ylabel("error of the extremes [%]")
@@ -134,7 +128,7 @@ def figure(errors: Errors) -> Figure:
         panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         panel.xaxis.set_minor_locator(NullLocator())
         panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    label_x(panels, "steps per period [–]")
+    style.label_x(panels, "steps per period [–]")
     result.suptitle("3.25 Hz, 20 elements, stiffness damping, e = 0.1; grey: the other panels")
     return result
 

@@ -11,13 +11,20 @@ from typing import TypeAlias
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from trials import schemes as ts
-from trials import steps
+from trials import schemes as ts, steps
 
-from delam_fem.case.definition import Case
-from delam_fem.engines.session import Session, law_of, motion_of, scheme_of, session, span_of
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import (
+    BaseCoupling,
+    Case,
+    FloatArray,
+    Operators,
+    Session,
+    law_of,
+    motion_of,
+    scheme_of,
+    session,
+    span_of,
+)
 
 RESTITUTION = 0.1
 """Coefficient of restitution."""

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, Operators
 
 LAWS = ("predicted gaps", "closed gaps", "end gaps", "recovery", "bounded recovery")
 """Constraints on the gap rate at the end of a step.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from stand_ins import Seen, seen, setting
 
 from delam_fem.contact.laws import SCHEMES, Law, Supervisor

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from delam_fem.numerics.settling import FEWEST, TOLERANCE, _beating, _decaying, judge
 

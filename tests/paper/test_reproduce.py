@@ -16,8 +16,15 @@ from prescribed import Prescribed
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
-from delam_fem.paper import histories, parameters, portraits, reproduce, responses, shapes
-from delam_fem.paper import lab as paper_lab
+from delam_fem.paper import (
+    histories,
+    lab as paper_lab,
+    parameters,
+    portraits,
+    reproduce,
+    responses,
+    shapes,
+)
 from delam_fem.paper.claims import HEADING, Claim, rough_part, settling, tip_positions
 from delam_fem.paper.lab import (
     BAND,

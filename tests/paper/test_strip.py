@@ -12,8 +12,7 @@ from delam_fem.case.sections import Lamina
 from delam_fem.contact.laws import SCHEMES, Law
 from delam_fem.engines.session import ImpactTable
 from delam_fem.numerics.beams import cantilever_roots
-from delam_fem.paper import ground, lateral
-from delam_fem.paper import strip as strips
+from delam_fem.paper import ground, lateral, strip as strips
 from delam_fem.paper.claims import Numbers
 from delam_fem.paper.strip import LIFT, Energy, Rolling, RollingStudy, TipBlock, rolling, tip_block
 from delam_fem.results.figures.style import styled

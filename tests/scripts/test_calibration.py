@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from calibration import detect as healthy
-from calibration import lyapunov as exponents
+from calibration import detect as healthy, lyapunov as exponents
 from calibration.row import OWN, Row
 from project import ROOT, script
 

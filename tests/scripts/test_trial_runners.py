@@ -7,9 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from kit import compiled
-from trials import compare as trials
-from trials import schemes as ts
-from trials import steps
+from trials import compare as trials, schemes as ts, steps
 from trials.runners import (
     LIMIT,
     RESTITUTION,

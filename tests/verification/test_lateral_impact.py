@@ -11,8 +11,7 @@ from delam_fem.contact import laws
 from delam_fem.contact.laws import SCHEMES, SchemeName
 from delam_fem.model.beams.forms import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.numerics.beams import cantilever_roots
-from delam_fem.paper import ground
-from delam_fem.paper import strip as strips
+from delam_fem.paper import ground, strip as strips
 from delam_fem.paper.strip import LIFT, Rolling, TipBlock, rolling, thin_strip, tip_block
 from delam_fem.simulation.loop import State
 

@@ -6,8 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibration.oscillator import forcing, impact_phase, oscillator, state_at_zero
-from calibration.oscillator import multipliers as closed_form
+from calibration.oscillator import (
+    forcing,
+    impact_phase,
+    multipliers as closed_form,
+    oscillator,
+    state_at_zero,
+)
 from problems import Law, Prescribed
 from scipy.optimize import brentq
 

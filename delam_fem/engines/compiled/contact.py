@@ -14,8 +14,7 @@ import numpy as np
 from delam_fem.contact import complementarity
 from delam_fem.contact.laws import IMPACTS, MOREAU, NONE
 from delam_fem.contact.rules import CLOSED, candidates, decide, renew_resting
-from delam_fem.engines.compiled import lanes as lk
-from delam_fem.engines.compiled import modes
+from delam_fem.engines.compiled import lanes as lk, modes
 from delam_fem.engines.compiled.algebra import (
     clear,
     require_compliance,

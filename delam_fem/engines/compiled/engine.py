@@ -16,8 +16,7 @@ import numpy as np
 
 from delam_fem.contact import complementarity
 from delam_fem.contact.laws import IMPACTS, LAWS, ContactLaw, Law, LawNumbers, Scheme
-from delam_fem.engines.compiled import lanes as lk
-from delam_fem.engines.compiled import state, steps, system
+from delam_fem.engines.compiled import lanes as lk, state, steps, system
 from delam_fem.engines.compiled.state import (
     CONTACT_DAMPED,
     DISSIPATED,

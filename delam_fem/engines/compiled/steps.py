@@ -9,8 +9,7 @@ import numpy as np
 from numba import carray, types
 
 from delam_fem.contact.laws import MOREAU, NONE
-from delam_fem.engines.compiled import algebra, contact, modes
-from delam_fem.engines.compiled import lanes as lk
+from delam_fem.engines.compiled import algebra, contact, lanes as lk, modes
 from delam_fem.engines.compiled.algebra import both_products, measure, row_product
 from delam_fem.engines.compiled.state import (
     COMPLETED,

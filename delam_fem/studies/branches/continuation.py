@@ -28,7 +28,7 @@ from typing import Literal
 
 import numpy as np
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.newton import Border, Ensemble, Guess, Solved, by_parameter, solved
 from delam_fem.studies.orbits.search import (
     Multipliers,

@@ -29,27 +29,26 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import CaseSource, find_case, save_case
-from delam_fem.case.values import in_si
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GAP_COLOUR,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    label_x,
-    stacked,
+from delam_fem.api import (
+    Case,
+    CaseError,
+    CaseSource,
+    FloatArray,
+    Variable,
+    find_case,
+    in_si,
+    provenance,
+    read_arrays,
+    save_case,
+    stop_signals,
+    style,
+    write_arrays,
+    write_dataset,
+    write_text,
 )
-from delam_fem.results.folder import write_dataset
-from delam_fem.results.schema import Variable, provenance
-from delam_fem.simulation.checkpoint import stop_signals
 from delam_fem.studies.branches.continuation import (
     Event,
+    Path as Way,
     Point,
     doubled_point,
     events_of,
@@ -58,7 +57,6 @@ from delam_fem.studies.branches.continuation import (
     turns,
     why_lost,
 )
-from delam_fem.studies.branches.continuation import Path as Way
 from delam_fem.studies.options import Continue
 from delam_fem.studies.orbits.maps import PeriodMap
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations, is_zero
@@ -74,8 +72,6 @@ from delam_fem.studies.orbits.search import (
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.grid import unit_of
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import read_arrays, write_arrays, write_text
 
 _log = logging.getLogger(__name__)
 
@@ -222,10 +218,14 @@ def of(
     return data
 
 
-COLOURS = {"stable": BLUE, "unstable": VERMILLION, "undecided": ORANGE}
+COLOURS = {"stable": style.BLUE, "unstable": style.VERMILLION, "undecided": style.ORANGE}
 MARKS = {"period doubling": "D", "fold": "s", "Neimark-Sacker": "o", "grazing": "x"}
-EVENT_COLOURS = {"period doubling": GREEN, "fold": BLACK, "Neimark-Sacker": PURPLE,
-                 "grazing": BLACK}  # fmt: skip
+EVENT_COLOURS = {
+    "period doubling": style.GREEN,
+    "fold": style.BLACK,
+    "Neimark-Sacker": style.PURPLE,
+    "grazing": style.BLACK,
+}
 SHOWN_MULTIPLIER = 3.0
 """Largest modulus in the panel of multipliers."""
 
@@ -242,7 +242,7 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     """
     names = [lamina.name for lamina in Case.from_toml(data.attrs["case"]).lamina]
     count = min(len(names), data.sizes["probe"])
-    figure, (*panels, lowest) = stacked(count + 1, 3.1 * count + 2.6, sharex=True)
+    figure, (*panels, lowest) = style.stacked(count + 1, 3.1 * count + 2.6, sharex=True)
     for i, panel in enumerate(panels):
         if swept is not None:
             _swept(panel, swept, i, str(data.attrs["key"]))
@@ -253,7 +253,7 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     _legend(panels[0], data, swept)
     key = str(data.attrs["key"])
     unit = str(data["parameter"].attrs.get("units", "1")).replace("1", "–")
-    label_x([*panels, lowest], f"{key}  [{unit}]")
+    style.label_x([*panels, lowest], f"{key}  [{unit}]")
     low, high = float(data["parameter"].min()), float(data["parameter"].max())
     lowest.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
     figure.suptitle(f"{data.attrs['title']}, stability by 95 % intervals")
@@ -268,7 +268,7 @@ def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
     for number in np.unique(branch):
         own = branch == number
         for cycle in q[own].T:
-            panel.plot(parameter[own], cycle, color=BASE_COLOUR, linewidth=0.8, zorder=2)
+            panel.plot(parameter[own], cycle, color=style.BASE_COLOUR, linewidth=0.8, zorder=2)
     for name, colour in COLOURS.items():
         own = stability == name
         panel.plot(
@@ -302,7 +302,7 @@ def _swept(panel: Axes, swept: xr.Dataset, i: int, key: str) -> None:
 
 def _moduli(panel: Axes, data: xr.Dataset) -> None:
     """Draw the interval of the largest multiplier of each point."""
-    panel.axhspan(0.0, 1.0, color=GAP_COLOUR, zorder=0)
+    panel.axhspan(0.0, 1.0, color=style.GAP_COLOUR, zorder=0)
     stability = data["stability"].to_numpy()
     low, high = data["largest_low"].to_numpy(), data["largest_high"].to_numpy()
     for name, colour in COLOURS.items():
@@ -332,8 +332,8 @@ def _legend(panel: Axes, data: xr.Dataset, swept: xr.Dataset | None) -> None:
     ]  # fmt: skip
     if swept is not None:
         shown.append(("swept", {"color": "#bbbbbb", "marker": ".", "linestyle": ""}))
-    for label, style in shown:
-        panel.plot([], [], label=label, **style)
+    for label, line_style in shown:
+        panel.plot([], [], label=label, **line_style)
     panel.legend(
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, borderaxespad=0.1
     )

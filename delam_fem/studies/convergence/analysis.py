@@ -15,27 +15,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from delam_fem.case.definition import Case
-from delam_fem.numerics import statistics
-from delam_fem.numerics.statistics import Limit, orders_of_errors
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    WIDTH,
-    label_x,
-    lamina_colours,
-    legend_above,
-    legend_outside,
-    side_by_side,
-    stacked,
-)
+from delam_fem.api import Case, CaseError, FloatArray, statistics, style
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, RIGID, Ladder, Method, Rung
 from delam_fem.studies.convergence.rung import (
     WORK,
@@ -49,7 +29,6 @@ from delam_fem.studies.convergence.rung import (
 )
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 from delam_fem.studies.study import Finding, Report, Table, number
-from delam_fem.system.errors import CaseError
 
 NOISE = 2.0
 """Standard errors of the means that the uncertainty of a distance contains."""
@@ -317,7 +296,7 @@ def free_table(found: Convergence, rungs: list[Rung], direction: Direction, wher
     errors = [found.free_errors(rung) for rung in rungs]
     numbers = range(1, found.n_laminae + 1)
     names = [name for i in numbers for name in (f"f1 of {i}", f"amplitude {i}")]
-    orders = [orders_of_errors(sizes, [e[j] for e in errors]) for j in range(len(names))]
+    orders = [statistics.orders_of_errors(sizes, [e[j] for e in errors]) for j in range(len(names))]
     heading: list[str] = [direction]
     for name in names:
         heading += [name, "order"]
@@ -381,7 +360,7 @@ def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, tit
     return Table(f"{title}: what it tends to in {direction}", heading, tuple(rows))
 
 
-def limit_text(told: Limit, q: Statistic) -> str:
+def limit_text(told: statistics.Limit, q: Statistic) -> str:
     """Return a limit with its uncertainty as text."""
     if math.isnan(told.value):
         return NOTHING
@@ -555,8 +534,8 @@ def _side_by_side(
 Value = Callable[[Rung], float]
 
 STYLES = (
-    (BLUE, "o"), (VERMILLION, "s"), (GREEN, "^"), (ORANGE, "v"), (PURPLE, "D"), (SKY, "P"),
-    (BLACK, "X"),
+    (style.BLUE, "o"), (style.VERMILLION, "s"), (style.GREEN, "^"), (style.ORANGE, "v"),
+    (style.PURPLE, "D"), (style.SKY, "P"), (style.BLACK, "X"),
 )  # fmt: skip
 """Colours and markers of the methods, in their order."""
 PANELS = 3
@@ -627,16 +606,18 @@ def limit_over_meshes(found: Convergence) -> Figure:
     rungs = ladder.along_meshes(method, steps)
     n = [rung.points for rung in rungs]
     name = {"elements": "elements per lamina", "points": "contact points per lamina"}
-    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    figure = Figure(figsize=(style.WIDTH, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    colours = lamina_colours(found.n_laminae)
+    colours = style.lamina_colours(found.n_laminae)
     for k, q in enumerate(found.extrema):
-        style = "o-" if q.name.startswith("tip_max") else "s--"
-        _with_bars(left, found, rungs, q, fmt=style, color=colours[k // 2], label=f"|{q.symbol}|")
+        line_style = "o-" if q.name.startswith("tip_max") else "s--"
+        _with_bars(
+            left, found, rungs, q, fmt=line_style, color=colours[k // 2], label=f"|{q.symbol}|"
+        )
     left.set(ylabel="rigid limit of the mesh [mm]")
     left.set_ylim(0.0, None)
-    legend_above(left)
-    _with_bars(right, found, rungs, WORK, fmt="o-", color=BLACK)
+    style.legend_above(left)
+    _with_bars(right, found, rungs, WORK, fmt="o-", color=style.BLACK)
     right.set_yscale("log")
     right.set_ylabel("contact work per period [mJ]")
     _plain_numbers(right.yaxis)
@@ -651,13 +632,13 @@ def limit_over_meshes(found: Convergence) -> Figure:
 
 
 def _with_bars(
-    axes: Axes, found: Convergence, rungs: Sequence[Rung], shown: Statistic, **style: Any
+    axes: Axes, found: Convergence, rungs: Sequence[Rung], shown: Statistic, **line_style: Any
 ) -> None:
     """Draw the size of a statistic over the contact points, with bars of `BARS` standard errors."""
     n = [rung.points for rung in rungs]
     values = [abs(shown.factor * found.value(rung, shown.name)) for rung in rungs]
     errors = [BARS * shown.factor * found.standard_error(rung, shown.name) for rung in rungs]
-    axes.errorbar(n, values, yerr=errors, capsize=4.0, **style)
+    axes.errorbar(n, values, yerr=errors, capsize=4.0, **line_style)
 
 
 def _panels(
@@ -671,7 +652,7 @@ def _panels(
 ) -> Figure:
     """Draw one line for each method, in one panel for each mesh, and maybe the limit, dashed."""
     meshes = found.ladder.meshes
-    figure, grid = side_by_side(len(meshes), 3.5, PANELS, above=1.4, sharex=True, sharey=True)
+    figure, grid = style.side_by_side(len(meshes), 3.5, PANELS, above=1.4, sharex=True, sharey=True)
     for axes, mesh in zip(grid, meshes, strict=True):
         for method, (colour, marker) in zip(found.ladder.methods, cycle(STYLES), strict=False):
             rungs = found.ladder.along_steps(method, mesh)
@@ -679,15 +660,15 @@ def _panels(
             drawn = points[np.isfinite(points).all(axis=1) & (points > 0.0).all(axis=1)]
             axes.loglog(*drawn.T, marker=marker, color=colour, label=method.name, markersize=5)
         if has_limit and (level := ordinate(found.ladder.limit_of(mesh))) > 0.0:
-            axes.axhline(level, color=BASE_COLOUR, linestyle="--", linewidth=1.0)
+            axes.axhline(level, color=style.BASE_COLOUR, linestyle="--", linewidth=1.0)
         axes.set_title(rungs[0].mesh_text, loc="left")
     for axes in grid[::PANELS]:
         axes.set_ylabel(ylabel)
     for axes in figure.axes:
         _plain_numbers(axes.xaxis)
         _plain_numbers(axes.yaxis)
-    label_x(figure.axes, xlabel)
-    legend_outside(figure, grid[0], 4, "outside lower center")
+    style.label_x(figure.axes, xlabel)
+    style.legend_outside(figure, grid[0], 4, "outside lower center")
     figure.suptitle(_title(found))
     return figure
 
@@ -705,23 +686,25 @@ def free_over(found: Convergence, direction: Literal["steps", "elements"]) -> Fi
     else:
         rungs = ladder.along_meshes(FREE, ladder.steps[-1])
         label, slope, other = "elements per lamina", -4.0, "steps"
-    figure, (axes,) = stacked(1, 4.6)
+    figure, (axes,) = style.stacked(1, 4.6)
     n = np.array([getattr(rung, direction) for rung in rungs], dtype=float)
     errors = np.abs([found.free_errors(rung) for rung in rungs])
     errors[~(errors > FREE_FLOOR)] = np.nan
-    colours = lamina_colours(found.n_laminae)
+    colours = style.lamina_colours(found.n_laminae)
     for i, lamina in enumerate(found.ladder.case.lamina):
-        for j, (name, style) in enumerate((("frequency", "o-"), ("amplitude", "s--"))):
+        for j, (name, line_style) in enumerate((("frequency", "o-"), ("amplitude", "s--"))):
             axes.loglog(
                 n,
                 errors[:, 2 * i + j],
-                style,
+                line_style,
                 color=colours[i],
                 label=f"{name}, {lamina.name}",
             )
     if np.isfinite(errors[0]).any():
         start = 0.4 * np.nanmin(errors[0])
-        axes.loglog(n, start * (n / n[0]) ** slope, ":", color=BLACK, label=f"order {-slope:g}")
+        axes.loglog(
+            n, start * (n / n[0]) ** slope, ":", color=style.BLACK, label=f"order {-slope:g}"
+        )
     if np.isfinite(errors).any():
         axes.set_ylim(bottom=max(0.3 * float(np.nanmin(errors)), FREE_FLOOR))
     axes.set(xlabel=label, ylabel="relative error")

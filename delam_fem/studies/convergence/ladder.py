@@ -19,14 +19,21 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
-from delam_fem.case.definition import Case
-from delam_fem.contact.laws import COMBINATIONS, LAWS, Impulse, combined_name
-from delam_fem.engines.session import EngineName
-from delam_fem.model.discretise import require_kind
-from delam_fem.model.mesh import node_coordinates
-from delam_fem.model.solids.meshing import cells_along, solid_mesh
-from delam_fem.numerics.harmonics import overdamped_from
-from delam_fem.system.errors import CaseError, require
+from delam_fem.api import (
+    COMBINATIONS,
+    LAWS,
+    Case,
+    CaseError,
+    EngineName,
+    Impulse,
+    cells_along,
+    combined_name,
+    harmonics,
+    node_coordinates,
+    require,
+    require_kind,
+    solid_mesh,
+)
 
 
 def short_waves(case: Case) -> list[tuple[float, float]]:
@@ -40,7 +47,7 @@ def short_waves(case: Case) -> list[tuple[float, float]]:
     """
     found = []
     for i, lamina in enumerate(case.lamina):
-        omega = overdamped_from(*case.rayleigh(i))
+        omega = harmonics.overdamped_from(*case.rayleigh(i))
         stiffness = lamina.flexural_rigidity / lamina.mass_per_length
         length = 2.0 * math.pi * stiffness**0.25 / math.sqrt(omega) if omega > 0.0 else math.inf
         found.append((length, omega / (2.0 * math.pi)))

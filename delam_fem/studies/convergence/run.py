@@ -23,13 +23,24 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import CaseSource, find_case
-from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
-from delam_fem.engines.session import EngineName
-from delam_fem.results.pages.html import reporting
-from delam_fem.results.schema import provenance
-from delam_fem.simulation.checkpoint import stop_signals
+from delam_fem.api import (
+    FILE_BYTES,
+    STUDY_SECONDS,
+    WORKER_BYTES,
+    Case,
+    CaseError,
+    CaseSource,
+    Cost,
+    EngineName,
+    find_case,
+    html,
+    json_ready,
+    provenance,
+    run_cost,
+    stop_signals,
+    write_json,
+    write_text,
+)
 from delam_fem.studies import executors
 from delam_fem.studies.convergence.analysis import Convergence, page, verdict
 from delam_fem.studies.convergence.ladder import (
@@ -48,8 +59,6 @@ from delam_fem.studies.convergence.ladder import (
 from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
 from delam_fem.studies.options import Converge
 from delam_fem.studies.study import Place, Study
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import json_ready, write_json, write_text
 
 _log = logging.getLogger(__name__)
 
@@ -169,7 +178,7 @@ def converge(
         engine,
         tuple(judged),
     )
-    with reporting(progress, "run") as shown:
+    with html.reporting(progress, "run") as shown:
         return run_ladder(ladder, directory, workers=workers, resume=resume, progress=shown)
 
 

@@ -22,19 +22,28 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.engines.cost import step_hours
-from delam_fem.engines.session import EngineName, session_of
-from delam_fem.model.discretise import assemble
-from delam_fem.model.layout import Structure
-from delam_fem.model.linear import first_shapes, openings
-from delam_fem.numerics import harmonics
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results import diagnostics
-from delam_fem.results.quality import OPEN, is_lost
-from delam_fem.results.schema import MEASURES, SHOWN
-from delam_fem.simulation.loop import State
-from delam_fem.simulation.recorder import LEDGER, N_BASE, N_SIZES, Recorder
+from delam_fem.api import (
+    LEDGER,
+    MEASURES,
+    N_BASE,
+    N_SIZES,
+    OPEN,
+    SHOWN,
+    Case,
+    EngineName,
+    FloatArray,
+    Recorder,
+    State,
+    Structure,
+    assemble,
+    diagnostics,
+    first_shapes,
+    harmonics,
+    is_lost,
+    openings,
+    session_of,
+    step_hours,
+)
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
 from delam_fem.studies.linear import (
     first_frequencies,

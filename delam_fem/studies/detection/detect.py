@@ -22,22 +22,22 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import drive
-from delam_fem.engines.session import by_period, law_of, modes_of, scheme_of, session, span_of
-from delam_fem.model import discretise
-from delam_fem.model.linear import keeping_closed, response
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLUE,
-    GAP_COLOUR,
-    GREEN,
-    VERMILLION,
-    label_x,
-    legend_outside,
-    side_by_side,
-    stacked,
+from delam_fem.api import (
+    Case,
+    CaseError,
+    FloatArray,
+    assemble,
+    by_period,
+    drive,
+    keeping_closed,
+    law_of,
+    modes_of,
+    require_kind,
+    response,
+    scheme_of,
+    session,
+    span_of,
+    style,
 )
 from delam_fem.results.measured import reading
 from delam_fem.results.overlay.comparison import strongest_frequency
@@ -64,7 +64,6 @@ from delam_fem.studies.detection.indices import (
 from delam_fem.studies.linear import settling_periods, steady_motion
 from delam_fem.studies.options import Detect, Measured, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table, number
-from delam_fem.system.errors import CaseError
 
 SAMPLES = 50
 """Samples per period, unless a sampling rate is given."""
@@ -158,7 +157,7 @@ def simulated(
     turns = 1 if pump is None else common_turns(pump.excitation.top_frequency, f)
     samples, x = samples_of(scan, f), scan_positions(case.length, scan.spacing, scan.first)
     N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
-    structure = discretise.assemble(case, needs_dolfinx=False)
+    structure = assemble(case, needs_dolfinx=False)
     periods = math.ceil(settling_periods(case) / turns) + scan.periods
     span = replace(
         span_of(case),
@@ -199,7 +198,7 @@ def drive_responses(
 
     Delaminations are closed, and the drive has a unit amplitude. Each shape (n_points,).
     """
-    structure = discretise.assemble(case, needs_dolfinx=False)
+    structure = assemble(case, needs_dolfinx=False)
     base = np.array([1.0 if case.excitation.acts_on == "base" else 0.0, 0.0])
     found, S = {}, keeping_closed(structure)
     for k in orders:
@@ -260,7 +259,7 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
 
 def intact(case: Case) -> Case:
     """Return the case without its delaminations: one bonded beam on the same supports."""
-    discretise.require_kind(case, "comparison with the intact structure")
+    require_kind(case, "comparison with the intact structure")
     data = tomllib.loads(case.to_toml())
     for key in ("delamination", "gap"):
         data.pop(key, None)
@@ -513,12 +512,14 @@ _TITLES = {
 
 def beside_intact(case: Case, own: Mark, whole: Mark, *, title: str, **look: Any) -> Figure:
     """Draw an index along the beam, that of the intact structure, and the limit of noise."""
-    figure, (axes,) = stacked(1, 4.0)
+    figure, (axes,) = style.stacked(1, 4.0)
     for d in case.delamination:
-        axes.axvspan(d.start, d.end, color=GAP_COLOUR, alpha=0.25, lw=0.0, label="delamination")
-    axes.plot(own.x, own.values, "o-", color=VERMILLION, ms=3, label="with it")
-    axes.plot(whole.x, whole.values, "o-", color=BLUE, ms=3, label="without it")
-    axes.plot(own.x, own.limits, "--", color=GREEN, label="limit of noise")
+        axes.axvspan(
+            d.start, d.end, color=style.GAP_COLOUR, alpha=0.25, lw=0.0, label="delamination"
+        )
+    axes.plot(own.x, own.values, "o-", color=style.VERMILLION, ms=3, label="with it")
+    axes.plot(whole.x, whole.values, "o-", color=style.BLUE, ms=3, label="without it")
+    axes.plot(own.x, own.limits, "--", color=style.GREEN, label="limit of noise")
     axes.set(xlabel="x [m]", **look)
     axes.set_title(title, loc="left")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
@@ -527,7 +528,7 @@ def beside_intact(case: Case, own: Mark, whole: Mark, *, title: str, **look: Any
 
 def detection_figure(found: Detection) -> Figure:
     """Draw the index that calls, with and without the delamination, and the marked interval."""
-    figure, panels = stacked(2, 6.0, sharex=True)
+    figure, panels = style.stacked(2, 6.0, sharex=True)
     for axes, own, text in (
         (panels[0], found.mark, "measured" if found.is_measured else "with the delamination"),
         (panels[1], found.intact_marks[found.index], "the same structure without delamination"),
@@ -538,59 +539,59 @@ def detection_figure(found: Detection) -> Figure:
         axes.set_title(f"{text}: {called}", loc="left")
         axes.set_ylabel(_TITLES[found.index])
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    label_x(panels, "x [m]")
+    style.label_x(panels, "x [m]")
     again = found.repeated
     if np.isfinite(again.start).all():
         for bounds in (again.start, again.end):
-            panels[0].axvspan(*bounds, ymin=0.94, color=VERMILLION, alpha=0.6)
+            panels[0].axvspan(*bounds, ymin=0.94, color=style.VERMILLION, alpha=0.6)
     figure.suptitle(f"{found.case.name}, {found.shapes.frequency:g} Hz", x=0.01, ha="left")
     return figure
 
 
 def indices_figure(found: Detection) -> Figure:
     """Draw all indices with their limits."""
-    figure, panels = side_by_side(len(found.marks), 2.3, above=0.6, sharex=True)
+    figure, panels = style.side_by_side(len(found.marks), 2.3, above=0.6, sharex=True)
     for axes, (name, own) in zip(panels, found.marks.items(), strict=True):
         _spans(axes, found)
         _index(axes, own)
         contrast = found.contrast(name)
         more = f", contrast {contrast:.1f}" if np.isfinite(contrast) else ""
         axes.set_title(_TITLES[name] + more, loc="left")
-    label_x(panels, "x [m]")
-    legend_outside(figure, panels[0], 5, "outside upper right")
+    style.label_x(panels, "x [m]")
+    style.legend_outside(figure, panels[0], 5, "outside upper right")
     return figure
 
 
 def shapes_figure(found: Detection) -> Figure:
     """Draw real and imaginary part of the shapes at f and 2f."""
-    figure, panels = stacked(2, 5.0, sharex=True)
+    figure, panels = style.stacked(2, 5.0, sharex=True)
     unit = "m/s" if found.scan.quantity == "velocity" else "m"
     for axes, order in zip(panels, (1.0, 2.0), strict=True):
         _spans(axes, found)
         V = found.shapes.order(order)
         V = V * np.exp(-1j * np.angle(V[np.abs(V).argmax()]))
-        axes.plot(found.shapes.x, V.real, color=BLUE, marker=".", label="in phase")
-        axes.plot(found.shapes.x, V.imag, color=GREEN, marker=".", label="out of phase")
+        axes.plot(found.shapes.x, V.real, color=style.BLUE, marker=".", label="in phase")
+        axes.plot(found.shapes.x, V.imag, color=style.GREEN, marker=".", label="out of phase")
         axes.set_ylabel(f"V at {order * found.shapes.frequency:g} Hz [{unit}]")
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    label_x(panels, "x [m]")
+    style.label_x(panels, "x [m]")
     return figure
 
 
 def _spans(axes: Axes, found: Detection) -> None:
     """Shade the delaminations of the case."""
     for k, (start, end) in enumerate(found.spans):
-        axes.axvspan(start, end, color=GAP_COLOUR, label=None if k else "delamination")
+        axes.axvspan(start, end, color=style.GAP_COLOUR, label=None if k else "delamination")
 
 
 def _index(axes: Axes, own: Mark) -> None:
     """Draw an index with its limit and its marks."""
     x, values, marked = own.x, own.values, own.is_marked
-    axes.plot(x, values, color=BLUE, marker=".", label="index")
-    axes.plot(x[marked], values[marked], "o", color=VERMILLION, label="marked")
-    axes.plot(x, own.limits, color=BASE_COLOUR, linestyle="--", label="limit of noise")
+    axes.plot(x, values, color=style.BLUE, marker=".", label="index")
+    axes.plot(x[marked], values[marked], "o", color=style.VERMILLION, label="marked")
+    axes.plot(x, own.limits, color=style.BASE_COLOUR, linestyle="--", label="limit of noise")
     axes.axhline(
-        SHARE * values.max(), color=BASE_COLOUR, linestyle=":", label="30 % of the largest"
+        SHARE * values.max(), color=style.BASE_COLOUR, linestyle=":", label="30 % of the largest"
     )
     top = np.median(own.limits)
     if values.max() > 20.0 * top > 0.0 or own.limits.max() > 3.0 * values.max():

@@ -18,18 +18,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from delam_fem.case.definition import Case
-from delam_fem.model import discretise
-from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLUE,
-    GREEN,
-    VERMILLION,
-    edges,
-    label_x,
-    legend_outside,
-    stacked,
+from delam_fem.api import (
+    BoolArray,
+    Case,
+    CaseError,
+    FloatArray,
+    assemble,
+    style,
 )
 from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact, per_shape
@@ -41,7 +36,6 @@ from delam_fem.studies.modes import structure_modes
 from delam_fem.studies.options import Excite
 from delam_fem.studies.study import Finding, Picture, Report, Study
 from delam_fem.studies.sweeps.grid import Axis, ScanRecord
-from delam_fem.system.errors import CaseError
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Values of g₀/A, if there is an opening."""
@@ -285,7 +279,7 @@ def excitation_map(
         ]
     shape = (ratios.size, frequencies.size)
     numbers = np.array([found[1] for found in judged]).reshape(*shape, 4)
-    structure = discretise.assemble(case, needs_dolfinx=False)
+    structure = assemble(case, needs_dolfinx=False)
     free = structure_modes(structure, case, N_MODES, kind="free")
     contrast, visibility, calls, error = np.moveaxis(numbers, -1, 0)
     return ExcitationMap(
@@ -327,15 +321,15 @@ def excitation_figure(found: ExcitationMap) -> Figure:
     """Draw the index over frequency and place, and contrast, visibility and calls below."""
     best = found.recommended
     row = best[0] if best is not None else int(found.visibility.max(axis=1).argmax())
-    figure, panels = stacked(2, 8.0, sharex=True, height_ratios=(3, 2))
+    figure, panels = style.stacked(2, 8.0, sharex=True, height_ratios=(3, 2))
     _map(panels[0], found, found.x, found.index[row].T, "2f-curvature over its limit of noise")
     for own in found.case.delamination:
         for edge in (own.start, own.end):
             panels[0].axhline(edge, color="white", linestyle="--", linewidth=1.0)
     panels[0].set(ylabel="x [m]")
     _lines(panels[1], found, row)
-    legend_outside(figure, panels[1], ncols=5, loc="outside lower center")
-    label_x(panels, "frequency of the excitation [Hz]")
+    style.legend_outside(figure, panels[1], ncols=5, loc="outside lower center")
+    style.label_x(panels, "frequency of the excitation [Hz]")
     ratio = found.ratios[row]
     more = f", g₀/A = {ratio:g}" if np.isfinite(ratio) else ""
     figure.suptitle(f"{found.case.name}, {found.noise_db:g} dB{more}", x=0.01, ha="left")
@@ -344,7 +338,7 @@ def excitation_figure(found: ExcitationMap) -> Figure:
 
 def ratio_figure(found: ExcitationMap) -> Figure:
     """Draw the visibility over frequency and g₀/A."""
-    figure, (axes,) = stacked(1, 4.0)
+    figure, (axes,) = style.stacked(1, 4.0)
     rows = np.arange(float(found.ratios.size))
     _map(axes, found, rows, found.visibility, "largest index over its limit of noise")
     axes.set_yticks(rows, [f"{ratio:g}" for ratio in found.ratios])
@@ -357,7 +351,9 @@ def _map(
 ) -> None:
     """Draw values over frequency and rows, shape (n_rows, n_frequencies)."""
     shown = np.clip(values, 1.0, TOP)
-    picture = axes.pcolormesh(edges(found.frequencies), edges(rows), shown, norm=LogNorm(1.0, TOP))
+    picture = axes.pcolormesh(
+        style.edges(found.frequencies), style.edges(rows), shown, norm=LogNorm(1.0, TOP)
+    )
     axes.grid(visible=False)
     axes.figure.colorbar(picture, ax=axes, label=label)
 
@@ -368,13 +364,13 @@ def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
     half = 0.5 * (f[1] - f[0]) if f.size > 1 else 0.0
     for number, avoided in enumerate(f[found.is_avoided]):
         axes.axvspan(
-            avoided - half, avoided + half, color=BASE_COLOUR, alpha=0.3, linewidth=0.0,
+            avoided - half, avoided + half, color=style.BASE_COLOUR, alpha=0.3, linewidth=0.0,
             label=None if number else "avoid",
         )  # fmt: skip
-    axes.plot(f, found.visibility[row], color=BLUE, marker=".", label="index over limit")
-    axes.plot(f, found.contrast[row], color=GREEN, marker=".", label="contrast")
+    axes.plot(f, found.visibility[row], color=style.BLUE, marker=".", label="index over limit")
+    axes.plot(f, found.contrast[row], color=style.GREEN, marker=".", label="contrast")
     calls = np.maximum(found.calls[row], 1e-2)  # on a logarithmic axis
-    axes.plot(f, calls, color=VERMILLION, marker=".", label="rate of calls")
+    axes.plot(f, calls, color=style.VERMILLION, marker=".", label="rate of calls")
     if found.recommended is not None:
         axes.axvline(f[found.recommended[1]], color="black", linestyle=":", label="recommended")
     axes.set(yscale="log", ylabel="[–]")

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import fdtri
 
-from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.api import BoolArray, FloatArray
 from delam_fem.results.scan import Shapes, amplitudes
 
 FALSE_CALLS = 0.01

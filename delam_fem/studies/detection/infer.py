@@ -17,11 +17,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from matplotlib.figure import Figure
 
-from delam_fem.case.definition import Case
-from delam_fem.numerics.statistics import UNLIKE, Posterior, uniform
-from delam_fem.numerics.statistics import Table as Simulations
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH
+from delam_fem.api import Case, CaseError, FloatArray, statistics, style
 from delam_fem.results.scan import ComplexArray, Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     Measurement,
@@ -41,7 +37,6 @@ from delam_fem.studies.detection.population import (
 from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn
 from delam_fem.studies.options import Infer, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.system.errors import CaseError
 
 COMPONENTS = 3
 """Principal components of the curvature along the beam that serve as statistics, per frequency."""
@@ -108,19 +103,19 @@ class Knowledge:
         sensors: sensor at each frequency.
     """
 
-    table: Simulations
+    table: statistics.Table
     bases: tuple[FloatArray, ...]
     frequencies: tuple[float, ...]
     sensors: tuple[Sensor, ...]
 
-    def posterior(self, scans: tuple[Shapes, ...]) -> Posterior:
+    def posterior(self, scans: tuple[Shapes, ...]) -> statistics.Posterior:
         """Return the posterior of middle, length and depth for noisy scans, one per frequency."""
         return self.table.posterior(self._observed(scans))
 
     def mismatch(self, scans: tuple[Shapes, ...]) -> str | None:
         """Return in words how scans are unlike those of all simulations; None: they are not."""
         share, number = self.table.misfit(self._observed(scans))
-        if share > UNLIKE:
+        if share > statistics.UNLIKE:
             return None
         frequency, statistic = divmod(number, len(STATISTICS))
         return (
@@ -165,7 +160,7 @@ def knowledge(
         bases.append(np.vstack([mean, components[:COMPONENTS]]))
         columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
-    table = Simulations(parameters[whole], np.concatenate(columns, axis=1), prior)
+    table = statistics.Table(parameters[whole], np.concatenate(columns, axis=1), prior)
     return Knowledge(table, tuple(bases), frequencies, sensors)
 
 
@@ -175,9 +170,9 @@ def edges(parameters: FloatArray) -> FloatArray:
     return np.stack([middle - 0.5 * length, middle + 0.5 * length, depth], axis=1)
 
 
-def edge_posterior(posterior: Posterior) -> Posterior:
+def edge_posterior(posterior: statistics.Posterior) -> statistics.Posterior:
     """Return the posterior of start, end and depth."""
-    return Posterior(edges(posterior.samples), posterior.weights)
+    return statistics.Posterior(edges(posterior.samples), posterior.weights)
 
 
 def _profile(shapes: Shapes) -> FloatArray:
@@ -214,7 +209,7 @@ class Inferred(Finding):
     """
 
     case: Case
-    posterior: Posterior
+    posterior: statistics.Posterior
     n_structures: int
     uncertain: tuple[Unknown, ...] = ()
     is_measured: bool = False
@@ -267,23 +262,25 @@ class Inferred(Finding):
 
     def figure(self) -> Figure:
         """Draw the marginal distributions within the prior, and start against end."""
-        figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
+        figure = Figure(figsize=(style.WIDTH, 6.0), layout="constrained")
         panels = figure.subplots(2, 2).ravel()
         samples, weights = 1e3 * self.posterior.samples, self.posterior.weights
-        prior = 1e3 * edges(uniform(prior_of(self.case), 20_000, 1))
+        prior = 1e3 * edges(statistics.uniform(prior_of(self.case), 20_000, 1))
         for k, (axes, name) in enumerate(zip(panels, NAMES, strict=False)):
             bins = np.linspace(prior[:, k].min(), prior[:, k].max(), 60)
             axes.hist(prior[:, k], bins=bins, density=True, color="0.85", label="prior")
             axes.hist(
-                samples[:, k], bins=bins, weights=weights, density=True, color=BLUE,
+                samples[:, k], bins=bins, weights=weights, density=True, color=style.BLUE,
                 label="posterior",
             )  # fmt: skip
             if not self.is_measured:
-                axes.axvline(1e3 * self.truth[k], color=VERMILLION, label="truth")
+                axes.axvline(1e3 * self.truth[k], color=style.VERMILLION, label="truth")
             axes.set(xlabel=f"{name} [mm]", ylabel="density [1/mm]")
         panels[0].legend()
-        panels[3].scatter(samples[:, 0], samples[:, 1], s=2000.0 * weights, color=BLUE, alpha=0.5)
-        panels[3].plot(*(1e3 * self.truth[:2]), "+", color=VERMILLION, markersize=14)
+        panels[3].scatter(
+            samples[:, 0], samples[:, 1], s=2000.0 * weights, color=style.BLUE, alpha=0.5
+        )
+        panels[3].plot(*(1e3 * self.truth[:2]), "+", color=style.VERMILLION, markersize=14)
         panels[3].set(xlabel="start [mm]", ylabel="end [mm]")
         return figure
 
@@ -302,7 +299,7 @@ def _infer(case: Case, options: Infer, place: Place) -> Inferred:
     measured = _scans(case, options)
     doubts = doubts_of(case, options.uncertain)
     prior = prior_of(case)
-    parameters = uniform(prior, number, 7)
+    parameters = statistics.uniform(prior, number, 7)
     drawn_keys = drawn(doubts, case, number, 8)
     also = {key: np.tile(values, len(frequencies)) for key, values in drawn_keys.items()}
     specimens = specimens_of(parameters, case.support.end, frequencies)

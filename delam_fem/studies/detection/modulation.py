@@ -11,8 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import Case, CaseError, FloatArray
 from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection.detect import (
     INTACT_SEED,
@@ -25,7 +24,6 @@ from delam_fem.studies.detection.detect import (
 from delam_fem.studies.detection.indices import FALSE_CALLS, Mark, sideband_ratio
 from delam_fem.studies.options import Modulate, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study
-from delam_fem.system.errors import CaseError
 
 MOST_TURNS = 1000
 """Largest number of periods of the probe in a common period of both frequencies."""

@@ -28,14 +28,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from delam_fem.case.definition import Case
-from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    canvas,
-    label_x,
-    lamina_colours,
-)
+from delam_fem.api import BoolArray, Case, CaseError, FloatArray, style
 from delam_fem.results.scan import Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     drive_responses,
@@ -50,7 +43,6 @@ from delam_fem.studies.options import Pod, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep
 from delam_fem.studies.sweeps.run import completed
-from delam_fem.system.errors import CaseError
 
 PERIODS, SAMPLES = 16, 50
 """Number of periods of a record, and of samples per period."""
@@ -518,14 +510,16 @@ class PodStudy(Finding):
             every, hit = line.trials["length"].to_numpy(), line.trials["hit"].to_numpy()
             lengths = np.unique(every.round(9))
             rates = [hit[np.isclose(every, length)].mean() for length in lengths]
-            axes.plot(lengths / L, rates, "o", color=lamina_colours(1)[0], label="share of hits")
+            axes.plot(
+                lengths / L, rates, "o", color=style.lamina_colours(1)[0], label="share of hits"
+            )
             axes.plot(a / L, line.curve.pod(a), color="black", label="POD")
             axes.plot(
                 a / L, line.curve.pod(a, _BOUND), "--", color="black", label="lower 95 % bound"
             )
-            axes.axhline(0.9, color=BASE_COLOUR, linewidth=0.8)
+            axes.axhline(0.9, color=style.BASE_COLOUR, linewidth=0.8)
             axes.set(ylim=(-0.03, 1.03), ylabel="probability of detection")
-        label_x([axes for axes, _ in panels], "length of the delamination a/L")
+        style.label_x([axes for axes, _ in panels], "length of the delamination a/L")
         panels[0][0].legend(loc="lower right")
         return figure
 
@@ -536,20 +530,20 @@ class PodStudy(Finding):
         classes = ((0.0, 0.075), (0.075, 0.175), (0.175, 0.5))
         for axes, line in panels:
             share = line.trials["length"].to_numpy() / L
-            for (low, high), colour in zip(classes, lamina_colours(3), strict=True):
+            for (low, high), colour in zip(classes, style.lamina_colours(3), strict=True):
                 chosen = (share >= low) & (share < high)
                 false, true = roc(line.trials["score"].to_numpy()[chosen], line.intact)
                 text = f"a/L {share[chosen].min():.2g} to {share[chosen].max():.2g}"
                 axes.step(false, true, where="post", color=colour, label=text)
             axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.03), ylabel="rate of detection")
-        label_x([axes for axes, _ in panels], "rate of false calls")
+        style.label_x([axes for axes, _ in panels], "rate of false calls")
         panels[-1][0].legend(loc="lower right")
         return figure
 
     def _panels(self) -> tuple[Figure, list[tuple[Axes, Line]]]:
         """Return a figure with a panel for the best line of each support and noise."""
         lines = [self.best(*key) for key in self.recommended]
-        figure = canvas(6.5)
+        figure = style.canvas(6.5)
         panels = figure.subplots(-(-len(lines) // 2), 2, sharey=True, squeeze=False).ravel()
         for axes in panels[len(lines) :]:
             axes.remove()

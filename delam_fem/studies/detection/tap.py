@@ -23,16 +23,19 @@ from functools import partial
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.model import discretise
-from delam_fem.numerics.types import FloatArray
-from delam_fem.pipeline import run
+from delam_fem.api import (
+    Case,
+    CaseError,
+    FloatArray,
+    assemble,
+    require,
+    run,
+)
 from delam_fem.results.scan import scan_positions, surface_of
 from delam_fem.studies.detection.detect import beside_intact, intact, read_field
 from delam_fem.studies.detection.indices import FALSE_CALLS, Mark
 from delam_fem.studies.options import Tap
 from delam_fem.studies.study import Finding, Place, Report, Study
-from delam_fem.system.errors import CaseError, require
 
 FALLEN = 0.1
 """Share of the largest force at which the main pulse ends."""
@@ -182,7 +185,7 @@ def taps(case: Case, lamina: str, x: FloatArray) -> tuple[FloatArray, FloatArray
     forces, times = [], np.zeros(0)
     for place in x.tolist():
         tapped = case.with_overrides({**keys, "impactor.1.position": place})
-        structure = discretise.assemble(tapped, needs_dolfinx=False)
+        structure = assemble(tapped, needs_dolfinx=False)
         history = run(tapped, engine="compiled", structure=structure).history
         times = history["time"].to_numpy()
         forces.append(history[f"sensor_{sensor['name']}"].to_numpy())

@@ -23,14 +23,17 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
-from delam_fem.model.beams.network import network
-from delam_fem.numerics.beams import ComplexArray
-from delam_fem.numerics.statistics import FEWEST, UNLIKE, Posterior, uniform
-from delam_fem.numerics.statistics import Table as Simulations
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import BLUE, VERMILLION
+from delam_fem.api import (
+    Case,
+    CaseError,
+    FloatArray,
+    beams,
+    network,
+    require,
+    save_case,
+    statistics,
+    style,
+)
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.results.scan import amplitudes
 from delam_fem.studies import options
@@ -38,7 +41,6 @@ from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import completed
-from delam_fem.system.errors import CaseError, require
 
 EVERY = "lamina.*."
 """Start of a key that stands for the same key of all laminae."""
@@ -156,7 +158,7 @@ PANEL = 2.2
 
 
 def posterior_figure(
-    posterior: Posterior, unknowns: tuple[Unknown, ...], truth: list[float] | None
+    posterior: statistics.Posterior, unknowns: tuple[Unknown, ...], truth: list[float] | None
 ) -> Figure:
     """Draw the histogram of each unknown and the scatter of each pair.
 
@@ -184,18 +186,18 @@ def posterior_figure(
             values = posterior.samples[:, j]
             if i == j:
                 edges = np.linspace(low[j], high[j], BINS + 1)
-                panel.hist(values, edges, weights=posterior.weights, color=BLUE, alpha=0.7)
+                panel.hist(values, edges, weights=posterior.weights, color=style.BLUE, alpha=0.7)
                 for end in posterior.interval(0.9)[j]:
-                    panel.axvline(end, color=BLUE, linestyle=":")
+                    panel.axvline(end, color=style.BLUE, linestyle=":")
                 panel.set_yticks([])
             else:
                 sizes = 12.0 * posterior.weights / posterior.weights.max()
-                panel.scatter(values, posterior.samples[:, i], s=sizes, color=BLUE, alpha=0.5)
+                panel.scatter(values, posterior.samples[:, i], s=sizes, color=style.BLUE, alpha=0.5)
                 panel.set_ylim(low[i], high[i])
                 if truth is not None:
-                    panel.axhline(truth[i], color=VERMILLION, linewidth=0.8)
+                    panel.axhline(truth[i], color=style.VERMILLION, linewidth=0.8)
             if truth is not None:
-                panel.axvline(truth[j], color=VERMILLION, linewidth=0.8)
+                panel.axvline(truth[j], color=style.VERMILLION, linewidth=0.8)
             panel.set_xlabel(_short(column))
             panel.xaxis.set_major_locator(MaxNLocator(3))
             if j == 0 and i > 0:
@@ -235,7 +237,7 @@ SAMPLES = 4
 """Least number of samples of a measurement for each unknown of its harmonics."""
 
 
-def of_points(sweep: xr.Dataset) -> ComplexArray:
+def of_points(sweep: xr.Dataset) -> beams.ComplexArray:
     """Return the harmonics of all points of a sweep, shape (n_points, n_laminae, HARMONICS) [m].
 
     NaN for points that were not completed.
@@ -247,7 +249,9 @@ def of_points(sweep: xr.Dataset) -> ComplexArray:
     return np.asarray(size * np.exp(1j * phase))
 
 
-def of_history(time: FloatArray, tips: FloatArray, frequency: float) -> tuple[ComplexArray, float]:
+def of_history(
+    time: FloatArray, tips: FloatArray, frequency: float
+) -> tuple[beams.ComplexArray, float]:
     """Return the harmonics of a measured motion and the scatter about them.
 
     Args:
@@ -277,7 +281,7 @@ def of_history(time: FloatArray, tips: FloatArray, frequency: float) -> tuple[Co
     return 1j * found[:HARMONICS].T, math.sqrt(float(rest.var(axis=1).mean()) / freedom)
 
 
-def invariant(harmonics: ComplexArray) -> FloatArray:
+def invariant(harmonics: beams.ComplexArray) -> FloatArray:
     """Return harmonics as real numbers without the origin of time.
 
     Args:
@@ -293,7 +297,9 @@ def invariant(harmonics: ComplexArray) -> FloatArray:
     return np.concatenate([turned.real, turned.imag[..., 1:]], axis=-1)
 
 
-def noisy(harmonics: ComplexArray, noise: float, rng: np.random.Generator) -> ComplexArray:
+def noisy(
+    harmonics: beams.ComplexArray, noise: float, rng: np.random.Generator
+) -> beams.ComplexArray:
     """Return harmonics with errors of independent normal parts.
 
     Args:
@@ -373,7 +379,7 @@ class Experiment:
         executor: ExecutorName | None = None,
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
-    ) -> ComplexArray:
+    ) -> beams.ComplexArray:
         """Return the harmonics of the motions with given parameters, without noise.
 
         Each frequency is a sweep in a folder of its own, which goes on where it was interrupted.
@@ -424,9 +430,9 @@ class Experiment:
         return np.stack(found, axis=1)
 
     def table(
-        self, harmonics: ComplexArray, parameters: FloatArray, seed: int,
-        finer: ComplexArray | None = None,
-    ) -> Simulations:  # fmt: skip
+        self, harmonics: beams.ComplexArray, parameters: FloatArray, seed: int,
+        finer: beams.ComplexArray | None = None,
+    ) -> statistics.Table:  # fmt: skip
         """Return the simulations with noise as a table for the inference.
 
         A rig has no steps and elements. So each simulation is changed by what finer ones change in
@@ -448,17 +454,20 @@ class Experiment:
         values = invariant(noisy(harmonics, self.error, rng))
         values = values.reshape(len(values), -1)
         good = np.isfinite(values).all(axis=1)
-        if np.count_nonzero(good) < FEWEST:
+        if np.count_nonzero(good) < statistics.FEWEST:
             raise CaseError(
-                f"identification: expected at least {FEWEST} simulations, {good.sum()} of "
-                f"{good.size} were completed"
+                f"identification: expected at least {statistics.FEWEST} simulations, {good.sum()} "
+                f"of {good.size} were completed"
             )
-        return Simulations(parameters[good], values[good], self.bounds)
+        return statistics.Table(parameters[good], values[good], self.bounds)
 
 
 def _discrepancy(
-    finer: ComplexArray, harmonics: ComplexArray, parameters: FloatArray, rng: np.random.Generator
-) -> ComplexArray:
+    finer: beams.ComplexArray,
+    harmonics: beams.ComplexArray,
+    parameters: FloatArray,
+    rng: np.random.Generator,
+) -> beams.ComplexArray:
     """Return the change of all simulations that finer ones stand for; see `Experiment.table`."""
     change = finer - harmonics[: len(finer)]
     whole = np.flatnonzero(np.isfinite(change).reshape(len(change), -1).all(axis=1))
@@ -492,7 +501,7 @@ class Identification(Finding):
     """
 
     experiment: Experiment
-    posterior: Posterior
+    posterior: statistics.Posterior
     coverage: FloatArray | None
     checks: int
     is_synthetic: bool
@@ -592,7 +601,7 @@ def identify(
     if measured is not None:
         experiment, observed = _read(experiment, measured)
     save_case(experiment.case, directory)
-    parameters = uniform(experiment.bounds, simulations, seed)
+    parameters = statistics.uniform(experiment.bounds, simulations, seed)
     also = drawn(experiment.uncertain, experiment.case, simulations, seed + 3)
     simulate = partial(experiment.simulate, executor=executor, workers=workers, progress=progress)
     harmonics = simulate(parameters, directory / "simulations", also=also)
@@ -616,10 +625,10 @@ def identify(
     )  # fmt: skip
 
 
-def mismatch(experiment: Experiment, table: Simulations, observed: FloatArray) -> str | None:
+def mismatch(experiment: Experiment, table: statistics.Table, observed: FloatArray) -> str | None:
     """Return in words how an observation is unlike all simulations; None: it is not."""
     share, number = table.misfit(observed)
-    if share > UNLIKE:
+    if share > statistics.UNLIKE:
         return None
     names = [lamina.name for lamina in experiment.case.lamina]
     # statistics of a frequency, see `invariant`: real parts, then imaginary parts without the first

@@ -14,21 +14,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.interpolate import RBFInterpolator
 
-from delam_fem.case.definition import Case
-from delam_fem.model.discretise import assemble
-from delam_fem.model.linear import elastic
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BLUE,
-    VERMILLION,
-    label_x,
-    stacked,
-)
+from delam_fem.api import Case, CaseError, FloatArray, assemble, elastic, style
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.studies import options
 from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn, require_values
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.system.errors import CaseError
 
 QUANTILES = (0.05, 0.5, 0.95)
 """Ends of the 90 % interval and the median."""
@@ -88,16 +78,18 @@ class Followed(Finding):
     def figure(self) -> Figure:
         """Draw the frequency over time, and below it median and interval of each unknown."""
         n = 1 + len(self.unknowns)
-        figure, panels = stacked(n, 1.0 + 2.2 * n, sharex=True)
-        panels[0].errorbar(self.time, self.frequency, 2.0 * self.error, fmt=".", color=VERMILLION)
+        figure, panels = style.stacked(n, 1.0 + 2.2 * n, sharex=True)
+        panels[0].errorbar(
+            self.time, self.frequency, 2.0 * self.error, fmt=".", color=style.VERMILLION
+        )
         panels[0].set_ylabel("frequency [Hz]\n± two errors")
         for axes, own, (low, middle, high) in zip(
             panels[1:], self.unknowns, self.quantiles.T, strict=True
         ):
-            axes.fill_between(self.time, low, high, color=BLUE, alpha=0.3, linewidth=0.0)
-            axes.plot(self.time, middle, ".", color=BLUE)
+            axes.fill_between(self.time, low, high, color=style.BLUE, alpha=0.3, linewidth=0.0)
+            axes.plot(self.time, middle, ".", color=style.BLUE)
             axes.set(ylabel=f"{own.key}\nmedian, 90 %", ylim=(own.low, own.high))
-        label_x(panels, "time [s]")
+        style.label_x(panels, "time [s]")
         return figure
 
 

@@ -26,22 +26,27 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import SweepExcitation, SweptMotion, swept_motion
-from delam_fem.case.sections import Lamina
-from delam_fem.engines.session import session_of
-from delam_fem.model import discretise
-from delam_fem.model.linear import first_mode
-from delam_fem.numerics.beams import ComplexArray, cantilever_roots
-from delam_fem.numerics.harmonics import driven, pole
-from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION
+from delam_fem.api import (
+    BoolArray,
+    Case,
+    CaseError,
+    FloatArray,
+    Lamina,
+    SweepExcitation,
+    SweptMotion,
+    assemble,
+    beams,
+    first_mode,
+    harmonics,
+    session_of,
+    style,
+    swept_motion,
+)
 from delam_fem.studies.identification.identify import tips_of
 from delam_fem.studies.linear import first_frequencies
 from delam_fem.studies.options import Resonance as Options
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.point import probe_motion
-from delam_fem.system.errors import CaseError
 
 FIRST_DAMPING, FIRST_SHIFTS = (0.001, 0.003, 0.01, 0.03, 0.1), (0.0, 0.3, 0.6, 0.9)
 """Damping ratios, and distances of the peak from the natural frequency over the root of the sweep
@@ -106,7 +111,7 @@ class Resonance:
 
         EI = ρA (2π f L² / B₁²)²
         """
-        B = float(cantilever_roots(1)[0])
+        B = float(beams.cantilever_roots(1)[0])
         rotation = 2.0 * math.pi * self.frequency * lamina.length**2 / B**2
         EI = lamina.mass_per_length * rotation**2
         return EI, 2.0 * EI * self.frequency_error / self.frequency
@@ -124,7 +129,7 @@ class _Cycles:
     """
 
     edges: npt.NDArray[np.intp]
-    turn: ComplexArray
+    turn: beams.ComplexArray
     time: FloatArray
     frequency: FloatArray
 
@@ -146,7 +151,7 @@ class _Cycles:
         turn = np.exp(-2j * math.pi * turns[: edges[-1]])
         return cls(edges, turn, middle, motion.instantaneous_frequency(middle))
 
-    def amplitudes(self, values: FloatArray) -> ComplexArray:
+    def amplitudes(self, values: FloatArray) -> beams.ComplexArray:
         """Return the complex amplitude of each cycle, shape (k,)."""
         found = np.add.reduceat(values[: self.turn.size] * self.turn, self.edges[:-1])
         return np.asarray(2j * found / np.diff(self.edges))
@@ -177,9 +182,9 @@ class _Band:
 
         These are g, Γ, r, Re c, -Im c and m: (R1) is linear in them.
         """
-        t, root = self.time, pole(2.0 * math.pi * p[0], p[1])
+        t, root = self.time, harmonics.pole(2.0 * math.pi * p[0], p[1])
         base = self.motion.states(self.on_sweep(t, p[2:]))
-        y = driven(t, lambda at: self.motion.states(self.on_sweep(at, p[2:]))[:, 2], root)
+        y = harmonics.driven(t, lambda at: self.motion.states(self.on_sweep(at, p[2:]))[:, 2], root)
         free = np.exp(root * (t - t[0]))
         columns = np.stack(
             [base[:, 0], 2.0 * y.real, base[:, 2], free.real, free.imag, np.ones_like(t)]
@@ -254,16 +259,18 @@ def _even(
 
 
 def _by_amplitudes(
-    time: FloatArray, cycles: _Cycles, a: ComplexArray, near: BoolArray, motion: SweptMotion
-) -> tuple[FloatArray, ComplexArray]:
+    time: FloatArray, cycles: _Cycles, a: beams.ComplexArray, near: BoolArray, motion: SweptMotion
+) -> tuple[FloatArray, beams.ComplexArray]:
     """Return frequency [Hz] and D by the sizes of the cycles, and the amplitudes that follow.
 
     The size of a cycle hardly depends on when the record begins. Only the cycles `near` are fitted.
     """
     measured, size = a[near], motion.amplitude
 
-    def of_mode(p: FloatArray) -> ComplexArray:
-        y = driven(time, lambda at: motion.states(at)[:, 2], pole(2.0 * math.pi * p[0], p[1]))
+    def of_mode(p: FloatArray) -> beams.ComplexArray:
+        y = harmonics.driven(
+            time, lambda at: motion.states(at)[:, 2], harmonics.pole(2.0 * math.pi * p[0], p[1])
+        )
         return cycles.amplitudes(2.0 * y.real)[near]
 
     def away(p: FloatArray) -> FloatArray:
@@ -372,10 +379,12 @@ def resonance_figure(found: Resonance) -> Figure:
     figure = Figure(figsize=(7.0, 4.0))
     panel = figure.subplots()
     frequency, amplitude, fitted = found.cycles
-    panel.plot(frequency, amplitude, ".", color=BLUE, ms=2.5, label="measured")
-    panel.plot(frequency, fitted, color=VERMILLION, label="fit")
-    panel.axvline(found.peak, color=BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
-    panel.axvline(found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz")
+    panel.plot(frequency, amplitude, ".", color=style.BLUE, ms=2.5, label="measured")
+    panel.plot(frequency, fitted, color=style.VERMILLION, label="fit")
+    panel.axvline(found.peak, color=style.BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
+    panel.axvline(
+        found.frequency, color=style.GREEN, label=f"natural frequency {found.frequency:.4f} Hz"
+    )
     panel.set_xlabel("frequency of the base  [Hz]")
     panel.set_ylabel("amplitude over that of the base  [–]")
     panel.legend()
@@ -484,7 +493,7 @@ def _exact(found: Resonance, step: float, ratio: float) -> Resonance:
         step: Δt [s].
         ratio: frequency of the elements over the exact one.
     """
-    seen = pole(2.0 * np.pi * found.frequency, found.damping_ratio)
+    seen = harmonics.pole(2.0 * np.pi * found.frequency, found.damping_ratio)
     exact = 2.0 / step * np.tanh(0.5 * step * seen) / ratio
     frequency, damping = abs(exact) / (2.0 * np.pi), -exact.real / abs(exact)
     error = math.hypot(found.damping_error, damping * (ratio - 1.0))
@@ -502,7 +511,7 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
             "output.fields_per_period": 0,
         }
     )
-    structure = discretise.assemble(free, needs_dolfinx=False)
+    structure = assemble(free, needs_dolfinx=False)
     with session_of(free, structure.operators, engine="compiled") as opened:
         opened.run_kept(kept, free)
         tips = probe_motion(opened.recorder, structure).displacement

@@ -30,24 +30,43 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import drive
-from delam_fem.contact.laws import LAWS, Law, Scheme
-from delam_fem.engines.modal import Drive, Period, Periods
-from delam_fem.engines.session import Prescribed, engine_of, law_of, motion_of, scheme_of, span_of
-from delam_fem.model import discretise
-from delam_fem.model.layout import Structure
-from delam_fem.model.linear import lowest
-from delam_fem.model.operators import Operators
-from delam_fem.model.reduced import Reduced, reduce
-from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.checkpoint import CHECKPOINT_SECONDS
-from delam_fem.simulation.loop import Engine, State, one_period, set_initial
-from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
-from delam_fem.simulation.refinement import Span
+from delam_fem.api import (
+    CHECKPOINT_SECONDS,
+    LAWS,
+    N_BASE,
+    Case,
+    CaseError,
+    Drive,
+    Engine,
+    FloatArray,
+    Law,
+    Operators,
+    Period,
+    PeriodRecord,
+    Periods,
+    Prescribed,
+    Recorder,
+    Reduced,
+    Scheme,
+    Span,
+    State,
+    Structure,
+    assemble,
+    drive,
+    engine_of,
+    law_of,
+    lowest,
+    motion_of,
+    one_period,
+    read_arrays,
+    reduce,
+    require_held,
+    scheme_of,
+    set_initial,
+    span_of,
+    write_arrays,
+)
 from delam_fem.studies.sweeps.point import assembly_key
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import read_arrays, write_arrays
 
 
 @dataclass(frozen=True)
@@ -403,7 +422,7 @@ class CaseFamily:
                 "excitation.kind: expected a drive that repeats after each period, given "
                 f"{case.excitation.kind!r}"
             )
-        discretise.require_held(case, "orbit")
+        require_held(case, "orbit")
         self.case, self.key = case, key
         self._structures: dict[str, Structure] = {}
 
@@ -428,7 +447,7 @@ class CaseFamily:
         """Return the discretised case; it is assembled again only if the key changes it."""
         key = assembly_key(case)
         if key not in self._structures:
-            self._structures = {key: discretise.assemble(case, needs_dolfinx=False)}
+            self._structures = {key: assemble(case, needs_dolfinx=False)}
         return self._structures[key]
 
     def modal_problem(self, case: Case, phase: float) -> ModalProblem:

@@ -42,7 +42,7 @@ from typing import Any
 
 import numpy as np
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.maps import PeriodMap
 
 

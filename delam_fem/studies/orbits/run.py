@@ -17,18 +17,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import CaseSource, find_case
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    BLUE,
-    GAP_COLOUR,
-    WIDTH,
-    lamina_colours,
+from delam_fem.api import (
+    Case,
+    CaseError,
+    CaseSource,
+    FloatArray,
+    atomic_file,
+    find_case,
+    require,
+    style,
+    versions,
 )
-from delam_fem.results.schema import versions
 from delam_fem.studies import options
 from delam_fem.studies.orbits.maps import FREQUENCY, KeptMap, Nature, Passage, PeriodMap
 from delam_fem.studies.orbits.newton import EXACT, Perturbations
@@ -50,8 +49,6 @@ from delam_fem.studies.orbits.search import (
     usual,
 )
 from delam_fem.studies.study import Finding, Report, Study, Table
-from delam_fem.system.errors import CaseError, require
-from delam_fem.system.files import atomic_file
 
 LEAST_REACH = 1.15
 """Half the width of the plane of multipliers that is always shown."""
@@ -61,31 +58,31 @@ SHOWN = 60
 
 def orbit_figure(found: Orbit) -> Figure:
     """Return a figure with the tips over the orbit's periods, and the multipliers."""
-    figure = Figure(figsize=(WIDTH, 4.3), layout="constrained")
+    figure = Figure(figsize=(style.WIDTH, 4.3), layout="constrained")
     motion, plane = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     u = found.passage.history
     names = [lamina.name for lamina in found.case.lamina]
     t = found.periods * np.arange(1, len(u) + 1) / len(u)
-    for i, (name, colour) in enumerate(zip(names, lamina_colours(len(names)), strict=True)):
+    for i, (name, colour) in enumerate(zip(names, style.lamina_colours(len(names)), strict=True)):
         motion.plot(t, 1e3 * u[:, i], color=colour, label=name)
         motion.plot(t[-1], 1e3 * u[-1, i], "o", color=colour, markersize=4.0)
     motion.set(xlabel="time / period of the drive  t/T  [–]", ylabel="tip displacement  q  [mm]")
     motion.legend(loc="best")
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    plane.fill(np.cos(angle), np.sin(angle), color=GAP_COLOUR, zorder=0)
-    plane.plot(np.cos(angle), np.sin(angle), color=BASE_COLOUR, linewidth=1.0)
+    plane.fill(np.cos(angle), np.sin(angle), color=style.GAP_COLOUR, zorder=0)
+    plane.plot(np.cos(angle), np.sin(angle), color=style.BASE_COLOUR, linewidth=1.0)
     reach = LEAST_REACH
     m = found.coarse.multipliers
     cloud = m.samples[:: max(len(m.samples) // SHOWN, 1)].ravel()
-    plane.plot(cloud.real, cloud.imag, ".", color=BLUE, markersize=1.5, alpha=0.35)
+    plane.plot(cloud.real, cloud.imag, ".", color=style.BLUE, markersize=1.5, alpha=0.35)
     plane.plot(
-        m.values.real, m.values.imag, "o", color=BLUE, markersize=5.0, markerfacecolor="none",
+        m.values.real, m.values.imag, "o", color=style.BLUE, markersize=5.0, markerfacecolor="none",
         label=f"kicks of {100.0 * found.coarse.kick:.3g} %",
     )  # fmt: skip
     reach = max(reach, 1.1 * float(np.abs(m.values).max()))
     if found.exact is not None:
         mu = found.exact.values
-        plane.plot(mu.real, mu.imag, "x", color=BLACK, markersize=5.0, label="derivative")
+        plane.plot(mu.real, mu.imag, "x", color=style.BLACK, markersize=5.0, label="derivative")
         reach = max(reach, 1.1 * float(np.abs(mu).max()))
     plane.set(
         xlim=(-reach, reach),

@@ -24,12 +24,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import drive
-from delam_fem.engines import session
-from delam_fem.model import discretise
-from delam_fem.numerics.settling import LEAVES, LONGEST
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import (
+    Case,
+    FloatArray,
+    assemble,
+    drive,
+    settling,
+    start_of as start_of_motion,
+)
 from delam_fem.studies.options import OfOrbits
 from delam_fem.studies.orbits.maps import CaseFamily, ModalMap, PeriodMap
 from delam_fem.studies.orbits.newton import (
@@ -214,8 +216,8 @@ def start_of(case: Case) -> FloatArray | None:
     """Return the state with which a run of a case begins; None: rest, or massless points."""
     if case.is_massless or not (case.initial or case.impactor):
         return None
-    operators = discretise.assemble(case, needs_dolfinx=False).operators
-    found = session.start_of(operators, drive(case.excitation).states(np.zeros(1))[0])
+    operators = assemble(case, needs_dolfinx=False).operators
+    found = start_of_motion(operators, drive(case.excitation).states(np.zeros(1))[0])
     return None if found is None else found.motion[:2].ravel()
 
 
@@ -238,7 +240,7 @@ SAMPLE = 48
 """Periods, or multiples of P, whose mean state the coarse search starts from."""
 LONG = 1000
 """The same where it is asked how long a motion alternates; even."""
-MULTIPLES = range(2, LONGEST + 1)
+MULTIPLES = range(2, settling.LONGEST + 1)
 """Multiples of P after which a motion may repeat that has left an orbit of P periods."""
 LEAST_DISTANCE = 5e-3
 """Distance, relative to the state, below which two states are one: the map jumps by as much."""
@@ -375,7 +377,9 @@ def sampled(
     size = float(np.linalg.norm(y.mean(axis=0)))
     # the multiple is the first after which states repeat better by `LEAVES` than after P
     apart = {k: rms_distance(y[k:], y[:-k]) / size for k in (1, *MULTIPLES)}
-    times = next((k for k in MULTIPLES if apart[1] > max(LEAVES * apart[k], LEAST_DISTANCE)), None)
+    times = next(
+        (k for k in MULTIPLES if apart[1] > max(settling.LEAVES * apart[k], LEAST_DISTANCE)), None
+    )
     return states, None if times is None else Multiple(times, apart[1])
 
 

@@ -20,18 +20,25 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
-from delam_fem.model.layout import Layout
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.api import (
+    SENSOR,
+    Case,
+    CaseError,
+    FloatArray,
+    IntArray,
+    Layout,
+    atomic_file,
+    occasion,
+    origin,
+    save_case,
+    write_json,
+    write_text,
+)
 from delam_fem.results.scan import ORDERS, scan_positions
-from delam_fem.results.schema import SENSOR, occasion, origin
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
 from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
 from delam_fem.studies.sweeps.point import VARIABLES, PointRunner, Quantity, quantities
 from delam_fem.studies.sweeps.schedule import owners
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic_file, write_json, write_text
 
 if TYPE_CHECKING:
     import xarray as xr

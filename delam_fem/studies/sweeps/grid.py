@@ -22,23 +22,31 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import PRESETS, CaseSource, find_case, load_case, preset
-from delam_fem.case.keys import tables
-from delam_fem.case.toml import Data, apply_overrides, message, read_toml, toml_text
-from delam_fem.case.values import (
+from delam_fem.api import (
+    PRESETS,
+    Case,
+    CaseError,
+    CaseSource,
     CountOrNone,
+    Data,
     Expected,
+    IntArray,
     Label,
     NotNegative,
     Positive,
     Section,
+    apply_overrides,
+    find_case,
     in_si,
     inconsistent,
+    load_case,
+    message,
+    preset,
+    read_toml,
+    tables,
+    toml_text,
 )
-from delam_fem.numerics.types import IntArray
 from delam_fem.results.scan import LEAST_PERIODS, scan_positions
-from delam_fem.system.errors import CaseError
 
 Value: TypeAlias = int | float | str
 """A value of an axis."""

@@ -36,14 +36,19 @@ from typing import Any
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
-from delam_fem.results.schema import processor, versions
-from delam_fem.simulation.loop import State
+from delam_fem.api import (
+    BoolArray,
+    Case,
+    CaseError,
+    FloatArray,
+    IntArray,
+    State,
+    processor,
+    versions,
+)
 from delam_fem.studies.sweeps.grid import BASE
 from delam_fem.studies.sweeps.point import Done
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, named
-from delam_fem.system.errors import CaseError
 
 MARK = b"\x89points\n"
 _FRAME = struct.Struct("<8sQII")

@@ -41,31 +41,54 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, stdtrit
 
-from delam_fem.case.definition import Case
-from delam_fem.case.sections import Contact
-from delam_fem.engines.session import Session, initialise_petsc_alone, session_of
-from delam_fem.model import discretise
-from delam_fem.model.layout import Layout, SensorRows, Structure, nodal
-from delam_fem.model.linear import first_mode
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.harmonics import (
-    distortion_factor,
-    harmonic_amplitudes,
-    harmonic_phases,
-    total_harmonic_distortion,
+from delam_fem.api import (
+    LEDGER,
+    MEASURES,
+    OPEN,
+    SENSOR,
+    Case,
+    CaseError,
+    Contact,
+    Engine,
+    FloatArray,
+    IntArray,
+    Layout,
+    Operators,
+    Recorder,
+    SensorRows,
+    Session,
+    Signal,
+    State,
+    Structure,
+    Variable,
+    assemble,
+    decay_of,
+    diagnostics,
+    first_mode,
+    frames_of,
+    harmonics,
+    initial_state,
+    initialise_petsc_alone,
+    is_lost,
+    nodal,
+    one_period,
+    session_of,
+    set_initial,
+    settling_summary,
+    signals,
+    steps_of,
+    stop_when_settled,
 )
-from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results import diagnostics, quality
-from delam_fem.results.quality import OPEN, decay_of, enough_of, is_lost
-from delam_fem.results.scan import ORDERS, scan_field, scan_positions, shapes_of, surface_of
-from delam_fem.results.scan import amplitudes as complex_amplitudes
-from delam_fem.results.schema import MEASURES, SENSOR, Variable
-from delam_fem.simulation.loop import Engine, State, initial_state, one_period, set_initial
-from delam_fem.simulation.recorder import LEDGER, Recorder
-from delam_fem.simulation.signals import Signal, frames_of, signals, steps_of
+from delam_fem.results.scan import (
+    ORDERS,
+    amplitudes as complex_amplitudes,
+    scan_field,
+    scan_positions,
+    shapes_of,
+    surface_of,
+)
 from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.sweeps.grid import Record, ScanRecord, Sweep, Value, is_initial
-from delam_fem.system.errors import CaseError
 
 ENERGIES = tuple(name for name in LEDGER if name != "residual")
 """Columns of the ledger that a sweep keeps."""
@@ -270,7 +293,7 @@ def row_of(
         motion = probe_motion(recorder, structure)
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
-        found = quality.numbers(recorder, n_laminae, case, decay)
+        found = settling_summary(recorder, n_laminae, case, decay)
         if found["settled"] is not None:
             values |= {name: value for name, value in found.items() if name != "settling"}
             values["settled"] = SETTLED[found["settled"]]
@@ -284,8 +307,8 @@ def row_of(
     N = case.steps_per_period
     if "harmonic_amplitude" in names:
         whole = motion.whole_periods(N)
-        values["harmonic_amplitude"] = harmonic_amplitudes(whole, whole.shape[1] // N)
-        values["harmonic_phase"] = harmonic_phases(whole, whole.shape[1] // N)
+        values["harmonic_amplitude"] = harmonics.harmonic_amplitudes(whole, whole.shape[1] // N)
+        values["harmonic_phase"] = harmonics.harmonic_phases(whole, whole.shape[1] // N)
     if "node_thd" in names:
         values |= _node_distortion(recorder, structure.layout)
     for signal in signals(recorder, structure, case):
@@ -308,7 +331,7 @@ def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
     N, n = case.steps_per_period, case.n_window_periods
     if signal.sensor.sampling_rate is None and value.size >= N:
         whole = value[value.size % N :]
-        amplitudes = harmonic_amplitudes(whole, whole.size // N)
+        amplitudes = harmonics.harmonic_amplitudes(whole, whole.size // N)
     else:
         most = max(int(0.4 * value.size / max(n, 1)), 1)  # below the filter's stop band
         frequencies = (np.arange(1, most + 1) / case.period).tolist()
@@ -359,10 +382,10 @@ def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayL
     """Return d and THD at every node from the frames of the window."""
     frames = frames_of(recorder)
     u, _ = nodal(layout, np.array(frames.states)[:, 0], frames.base[:, 0])
-    amplitudes = harmonic_amplitudes(u.swapaxes(1, 2), len(recorder.window))
+    amplitudes = harmonics.harmonic_amplitudes(u.swapaxes(1, 2), len(recorder.window))
     return {
-        "node_distortion_factor": distortion_factor(amplitudes),
-        "node_thd": total_harmonic_distortion(amplitudes),
+        "node_distortion_factor": harmonics.distortion_factor(amplitudes),
+        "node_thd": harmonics.total_harmonic_distortion(amplitudes),
     }
 
 
@@ -646,7 +669,7 @@ class PointRunner:
             needs_dolfinx = self.sweep.file.operators != "closed-form"
             if needs_dolfinx or case.model.is_continuum:
                 initialise_petsc_alone()
-            structure = discretise.assemble(case, needs_dolfinx=needs_dolfinx)
+            structure = assemble(case, needs_dolfinx=needs_dolfinx)
             self._known[key] = Discretised(structure, decay_of(case, structure))
         return self._known[key]
 
@@ -677,7 +700,7 @@ class PointRunner:
         engine = self.sweep.file.engine
         with session_of(case, operators, initial=carried, engine=engine) as opened:
             recorder = opened.recorder
-            outcome = opened.run(enough=enough_of(case, recorder, len(layout.parts), decay))
+            outcome = opened.run(enough=stop_when_settled(case, recorder, len(layout.parts), decay))
             if outcome != "completed":
                 last = recorder.window[-1].n_steps
                 step = (recorder.n_closed - 1) * recorder.steps_per_period + last

@@ -31,19 +31,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.engines.cost import (
+from delam_fem.api import (
     FILE_BYTES,
     POINT_SECONDS,
     STUDY_SECONDS,
     WORKER_BYTES,
+    CaseError,
     Cost,
+    Layout,
+    html,
     require_affordable,
     run_cost,
     step_hours,
+    stop_signals,
 )
-from delam_fem.model.layout import Layout
-from delam_fem.results.pages.html import reporting
-from delam_fem.simulation.checkpoint import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.sweeps.dataset import (
@@ -65,7 +66,6 @@ from delam_fem.studies.sweeps.schedule import (
     Shard,
     Track,
 )
-from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -403,7 +403,7 @@ def _computing(
         packed = pickle.dumps(Sweep(sweep.base, sweep.file))  # without what it has cached
         with (
             executors.pool(executor or executors.default_name(), workers) as opened,
-            reporting(progress, "point") as show,
+            html.reporting(progress, "point") as show,
         ):
             ready = deque(left)
             schedule = Schedule(packed, opened.n_workers, ready, opened.executor, opened.renew)

@@ -21,10 +21,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.numerics.types import IntArray
-from delam_fem.simulation.loop import State
+from delam_fem.api import CaseError, IntArray, State
 from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
-from delam_fem.system.errors import CaseError
 
 MOST_SHARDS = 100_000
 _NAME = re.compile(r"(\d+)-of-(\d+)")

@@ -15,8 +15,14 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.contact import complementarity
 from delam_fem.contact.laws import IMPACTS, MOREAU, PENALTY, LawNumbers
-from delam_fem.engines.compiled import algebra, contact, lanes, steps, system
-from delam_fem.engines.compiled import engine as engine_module
+from delam_fem.engines.compiled import (
+    algebra,
+    contact,
+    engine as engine_module,
+    lanes,
+    steps,
+    system,
+)
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
 from delam_fem.engines.compiled.state import Log, packed, view_at
 from delam_fem.engines.compiled.system import Problem, StepNumbers, build

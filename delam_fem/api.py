@@ -1,0 +1,316 @@
+"""The seam: what studies, scripts and tests outside the simulator may use of it.
+
+A study is written with the names below and those of its own folder, so that everything behind them
+is free to change. A name keeps its meaning for one minor release after a warning of its end. Users
+of cases and results need `delam_fem` alone.
+
+    Cases:      what to compute: reading, writing, checking and changing it
+    Laws:       contact laws and time schemes
+    Structures: operators, layouts and linear motions of a case
+    Motions:    sessions, states, records and what they cost
+    Results:    results of a run, their files and verdicts
+    House:      errors, files, types and processes
+    Namespaces: modules that are used as a whole: mathematics, numbers of a result, figures, pages
+
+A name is loaded from its module at its first use, so that importing this module costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from delam_fem.case.definition import Case as Case
+    from delam_fem.case.excitation import (
+        Excitation as Excitation,
+        ForceExcitation as ForceExcitation,
+        HarmonicExcitation as HarmonicExcitation,
+        SweepExcitation as SweepExcitation,
+        SweptMotion as SweptMotion,
+        base_motion as base_motion,
+        drive as drive,
+        swept_motion as swept_motion,
+    )
+    from delam_fem.case.files import (
+        PRESETS as PRESETS,
+        CaseSource as CaseSource,
+        find_case as find_case,
+        load_case as load_case,
+        preset as preset,
+        save_case as save_case,
+    )
+    from delam_fem.case.gap import initial_gap as initial_gap
+    from delam_fem.case.keys import tables as tables
+    from delam_fem.case.sections import Contact as Contact, Gap as Gap, Lamina as Lamina
+    from delam_fem.case.toml import (
+        Data as Data,
+        apply_overrides as apply_overrides,
+        message as message,
+        read_toml as read_toml,
+        toml_text as toml_text,
+    )
+    from delam_fem.case.values import (
+        CountOrNone as CountOrNone,
+        Expected as Expected,
+        Label as Label,
+        NotNegative as NotNegative,
+        Positive as Positive,
+        Section as Section,
+        in_si as in_si,
+        inconsistent as inconsistent,
+    )
+    from delam_fem.contact.laws import (
+        COMBINATIONS as COMBINATIONS,
+        LAWS as LAWS,
+        SCHEMES as SCHEMES,
+        Impulse as Impulse,
+        Kinematics as Kinematics,
+        Law as Law,
+        Scheme as Scheme,
+        Setting as Setting,
+        combined_name as combined_name,
+    )
+    from delam_fem.engines.cost import (
+        FILE_BYTES as FILE_BYTES,
+        POINT_SECONDS as POINT_SECONDS,
+        STUDY_SECONDS as STUDY_SECONDS,
+        WORKER_BYTES as WORKER_BYTES,
+        Cost as Cost,
+        require_affordable as require_affordable,
+        run_cost as run_cost,
+        step_hours as step_hours,
+    )
+    from delam_fem.engines.modal import Drive as Drive, Period as Period, Periods as Periods
+    from delam_fem.engines.session import (
+        EngineName as EngineName,
+        ImpactTable as ImpactTable,
+        Prescribed as Prescribed,
+        Session as Session,
+        Solution as Solution,
+        by_period as by_period,
+        engine_of as engine_of,
+        initialise_petsc_alone as initialise_petsc_alone,
+        law_of as law_of,
+        modes_of as modes_of,
+        motion_of as motion_of,
+        scheme_of as scheme_of,
+        session as session,
+        session_of as session_of,
+        solve as solve,
+        span_of as span_of,
+        start_of as start_of,
+    )
+    from delam_fem.model.attached import struck as struck
+    from delam_fem.model.beams.closed_form import beam as beam
+    from delam_fem.model.beams.network import network as network
+    from delam_fem.model.discretise import (
+        assemble as assemble,
+        require_held as require_held,
+        require_kind as require_kind,
+    )
+    from delam_fem.model.layout import (
+        CURVATURE as CURVATURE,
+        Layout as Layout,
+        Part as Part,
+        SensorRows as SensorRows,
+        Structure as Structure,
+        columns_of as columns_of,
+        nodal as nodal,
+        place_of as place_of,
+        selection as selection,
+    )
+    from delam_fem.model.linear import (
+        at_start as at_start,
+        elastic as elastic,
+        first_mode as first_mode,
+        first_shapes as first_shapes,
+        keeping_closed as keeping_closed,
+        largest_stable_time_step as largest_stable_time_step,
+        lowest as lowest,
+        openings as openings,
+        response as response,
+    )
+    from delam_fem.model.mesh import node_coordinates as node_coordinates
+    from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
+    from delam_fem.model.reduced import Reduced as Reduced, reduce as reduce
+    from delam_fem.model.reduction import reduced_case as reduced_case
+    from delam_fem.model.solids.meshing import cells_along as cells_along, solid_mesh as solid_mesh
+    from delam_fem.numerics import (
+        beams as beams,
+        harmonics as harmonics,
+        settling as settling,
+        statistics as statistics,
+    )
+    from delam_fem.numerics.types import (
+        BoolArray as BoolArray,
+        FloatArray as FloatArray,
+        IntArray as IntArray,
+    )
+    from delam_fem.pipeline import run as run
+    from delam_fem.results import diagnostics as diagnostics
+    from delam_fem.results.figures import style as style
+    from delam_fem.results.folder import Result as Result, write_dataset as write_dataset
+    from delam_fem.results.pages import html as html
+    from delam_fem.results.quality import (
+        OPEN as OPEN,
+        decay_of as decay_of,
+        is_lost as is_lost,
+        settling_summary as settling_summary,
+        stop_when_settled as stop_when_settled,
+        verdict_of as verdict_of,
+    )
+    from delam_fem.results.schema import (
+        MEASURES as MEASURES,
+        SENSOR as SENSOR,
+        SHOWN as SHOWN,
+        Variable as Variable,
+        occasion as occasion,
+        origin as origin,
+        processor as processor,
+        provenance as provenance,
+        versions as versions,
+    )
+    from delam_fem.simulation.checkpoint import (
+        CHECKPOINT_SECONDS as CHECKPOINT_SECONDS,
+        STOPPING as STOPPING,
+        of_study as of_study,
+        stop_signals as stop_signals,
+    )
+    from delam_fem.simulation.loop import (
+        Engine as Engine,
+        State as State,
+        initial_state as initial_state,
+        one_period as one_period,
+        set_initial as set_initial,
+    )
+    from delam_fem.simulation.recorder import (
+        LEDGER as LEDGER,
+        N_BASE as N_BASE,
+        N_SIZES as N_SIZES,
+        PeriodRecord as PeriodRecord,
+        Recorder as Recorder,
+    )
+    from delam_fem.simulation.refinement import Span as Span
+    from delam_fem.simulation.signals import (
+        Signal as Signal,
+        frames_of as frames_of,
+        signals as signals,
+        steps_of as steps_of,
+    )
+    from delam_fem.system.docstrings import summary as summary
+    from delam_fem.system.errors import CaseError as CaseError, require as require
+    from delam_fem.system.files import (
+        atomic as atomic,
+        atomic_file as atomic_file,
+        claimed as claimed,
+        json_ready as json_ready,
+        read_arrays as read_arrays,
+        write_arrays as write_arrays,
+        write_json as write_json,
+        write_text as write_text,
+    )
+    from delam_fem.system.imports import (
+        ONE_THREAD as ONE_THREAD,
+        added as added,
+        keep_garbage as keep_garbage,
+    )
+    from delam_fem.system.mpi import MPI as MPI
+
+_HOMES = {
+    # Cases
+    "case.definition": "Case",
+    "case.excitation": (
+        "Excitation ForceExcitation HarmonicExcitation SweepExcitation SweptMotion base_motion "
+        "drive swept_motion"
+    ),
+    "case.files": "PRESETS CaseSource find_case load_case preset save_case",
+    "case.gap": "initial_gap",
+    "case.keys": "tables",
+    "case.sections": "Contact Gap Lamina",
+    "case.toml": "Data apply_overrides message read_toml toml_text",
+    "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
+    # Laws
+    "contact.laws": (
+        "COMBINATIONS LAWS SCHEMES Impulse Kinematics Law Scheme Setting combined_name"
+    ),
+    # Structures
+    "model.attached": "struck",
+    "model.discretise": "assemble require_held require_kind",
+    "model.layout": (
+        "CURVATURE Layout Part SensorRows Structure columns_of nodal place_of selection"
+    ),
+    "model.linear": (
+        "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
+        "lowest openings response"
+    ),
+    "model.mesh": "node_coordinates",
+    "model.beams.closed_form": "beam",
+    "model.beams.network": "network",
+    "model.operators": "BaseCoupling Operators",
+    "model.reduced": "Reduced reduce",
+    "model.reduction": "reduced_case",
+    "model.solids.meshing": "cells_along solid_mesh",
+    # Motions
+    "engines.cost": (
+        "FILE_BYTES POINT_SECONDS STUDY_SECONDS WORKER_BYTES Cost require_affordable run_cost "
+        "step_hours"
+    ),
+    "engines.modal": "Drive Period Periods",
+    "engines.session": (
+        "EngineName ImpactTable Prescribed Session Solution by_period engine_of "
+        "initialise_petsc_alone law_of modes_of motion_of scheme_of session session_of solve "
+        "span_of start_of"
+    ),
+    "pipeline": "run",
+    "simulation.checkpoint": "CHECKPOINT_SECONDS STOPPING of_study stop_signals",
+    "simulation.loop": "Engine State initial_state one_period set_initial",
+    "simulation.recorder": "LEDGER N_BASE N_SIZES PeriodRecord Recorder",
+    "simulation.refinement": "Span",
+    "simulation.signals": "Signal frames_of signals steps_of",
+    # Results
+    "results.folder": "Result write_dataset",
+    "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
+    "results.schema": (
+        "MEASURES SENSOR SHOWN Variable occasion origin processor provenance versions"
+    ),
+    # House
+    "system.docstrings": "summary",
+    "system.errors": "CaseError require",
+    "system.files": (
+        "atomic atomic_file claimed json_ready read_arrays write_arrays write_json write_text"
+    ),
+    "system.imports": "ONE_THREAD added keep_garbage",
+    "system.mpi": "MPI",
+    "numerics.types": "BoolArray FloatArray IntArray",
+    # Namespaces
+    "numerics": "beams harmonics settling statistics",
+    "results": "diagnostics",
+    "results.figures": "style",
+    "results.pages": "html",
+}
+"""Names by the module or folder that defines them, relative to the package."""
+_MODULES = {name: home for home, names in _HOMES.items() for name in names.split()}
+
+
+def home_of(name: str) -> str:
+    """Return the module or folder that defines a name, relative to the package."""
+    return _MODULES[name]
+
+
+def __getattr__(name: str) -> object:
+    """Import the module of a name at its first use, and return the object."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = f"delam_fem.{home_of(name)}"
+    module = import_module(home)
+    value: object = getattr(module, name, None)
+    if value is None:  # a module of the folder
+        value = import_module(f"{home}.{name}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the names of the seam."""
+    return sorted(_MODULES)
