@@ -325,7 +325,8 @@ PLANES = Piece(
     f"{settling.LINES} spectral lines; irregular: neither; undecided: the class changes "
     f"with the threshold times or over {diagnostics.PERIODIC_MARGIN:g}. Right: that scatter "
     "for P = 1 (line: the threshold). Below: the share of points with a scatter below a "
-    "threshold. Ring: the paper's parameters. The axes of the paper's plane are not known; compared is what its text "
+    "threshold. Ring: the paper's parameters. The axes of the paper's plane are not known; "
+    "compared is what its text "
     "says of it.",
     measure_planes,
     draw_planes,
