@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from project import ROOT
 
 from delam_fem.results.measured.units import QUANTITIES, UNITS, of_quantity, ratio_of, unit_of
