@@ -160,8 +160,10 @@ def test_lines_and_headings_are_counted_from_one(tmp_path: Path) -> None:
     other = read_columns(written(tmp_path, "x;y;z\n1;2\n3;4\n"), "t")
     assert (other.headings, other.heading_line) == ((), 0)
     assert other.unit(1) is None
-    empty = read_columns(written(tmp_path, "# nothing\n"), "t")
-    assert empty.values.shape == (0, 0)
+    empty = read_columns(written(tmp_path, "# nothing\n"), "t", ("x", "y"))
+    assert empty.values.shape == (2, 0)
+    with pytest.raises(CaseError, match="t: expected a table with at least two rows of numbers"):
+        read_columns(written(tmp_path, "# nothing\n"), "t")
     for text in ("1 2 3\n", "1,2,3\n", "1\t2\t3\n", "1;2;3\n", "1 , 2 ,3\n"):
         assert read_columns(written(tmp_path, text), "t").values.tolist() == [[1.0], [2.0], [3.0]]
     one = read_columns(written(tmp_path, "1,5\n2,5\n"), "t")

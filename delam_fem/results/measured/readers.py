@@ -1,4 +1,4 @@
-"""Read columns from tables of text, NetCDF, MATLAB and universal files.
+"""Read columns from tables of text, LabVIEW, NetCDF, MATLAB and universal files.
 
 Of universal files (UFF) the sets 58 and 58b are read, with units and positions. pyuff parses the
 sets; what it stumbles over in real files is put right before, byte by byte. Real files have tags
@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections import Counter
+import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,21 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.tables import Columns, read_columns
-from delam_fem.results.measured.channels import Column, Sheet, axis_of, heading, matrix_columns
+from delam_fem.case.tables import DAY, Columns, read_columns
+from delam_fem.results.measured.channels import (
+    AXES,
+    Column,
+    Sheet,
+    Values,
+    axis_of,
+    heading,
+    matrix_columns,
+)
+from delam_fem.results.measured.units import unit_of
 from delam_fem.system.errors import CaseError, reason_of
+
+MOST_BYTES_OF_TEXT = 100_000_000
+"""Size of the largest table; it takes ten times as much memory."""
 
 
 def read_text(path: Path) -> list[Sheet]:
@@ -30,6 +42,7 @@ def read_text(path: Path) -> list[Sheet]:
 
     The lines above the first row of numbers are headings. The last of them with as many cells as
     the table has columns names these, with units as in `thick [mm]`; a line of units may follow.
+    Dates and clocks become one time in seconds from the first row.
 
     Args:
         path: the file.
@@ -40,11 +53,39 @@ def read_text(path: Path) -> list[Sheet]:
     Raises:
         CaseError: see `read_columns`; or there are fewer than two rows of numbers.
     """
-    table = read_columns(path, str(path))
+    table = read_columns(path, str(path), most_bytes=MOST_BYTES_OF_TEXT)
     if len(table.lines) < 2:
-        raise CaseError(f"{path}: expected a table with at least two rows of numbers")
+        raise CaseError(f"{path}: expected a table with at least two rows of numbers, found one")
     names = zip(_names_of_columns(table), table.values, strict=True)
-    return [Sheet(str(path), tuple(Column(name, own, unit) for (name, unit), own in names))]
+    columns = [Column(name, values, unit) for (name, unit), values in names]
+    if not table.instants:
+        return [Sheet(str(path), tuple(columns), notes=table.notes)]
+    clock = _clock(table, path)
+    others = [column for k, column in enumerate(columns) if k not in table.instants]
+    what = " and ".join(f"{columns[k].name!r} ({kind})" for k, kind in table.instants.items())
+    notes = (*table.notes, f"time from {what}, in seconds from the first row")
+    return [Sheet(str(path), (clock, *others), notes=notes, axis="time")]
+
+
+def _clock(table: Columns, path: Path) -> Column:
+    """Return the time that columns of dates and clocks say, from the first row on [s].
+
+    Raises:
+        CaseError: there is no clock, or there are several.
+    """
+    clocks = [k for k, kind in table.instants.items() if "clock" in kind]
+    dates = [k for k, kind in table.instants.items() if kind == "date"]
+    if len(clocks) != 1 or len(dates) > 1:
+        raise CaseError(
+            f"{path}, line {table.lines[0]}: expected one column with a clock hh:mm:ss, and at "
+            f"most one with dates, given {len(clocks)} and {len(dates)}; write the time in seconds"
+        )
+    time = table.values[clocks[0]].copy()
+    if dates:
+        time += table.values[dates[0]]
+    elif table.instants[clocks[0]] == "clock":  # it begins anew at midnight
+        time += DAY * np.cumsum(np.r_[0, np.diff(time) < -0.5 * DAY])
+    return Column("time", time - time[0], "s")
 
 
 def _names_of_columns(table: Columns) -> list[tuple[str, str | None]]:
@@ -63,6 +104,73 @@ def _is_unit_cell(cell: str) -> bool:
     return bare.startswith(("[", "(")) or len(bare) <= 5 or "/" in bare
 
 
+MOST_BYTES_OF_LABVIEW = 50_000_000
+"""Size of the largest text of LabVIEW; it is read slowly."""
+
+
+def read_labview(path: Path) -> list[Sheet]:
+    """Read the segments of a text file of LabVIEW (.lvm).
+
+    Args:
+        path: the file.
+
+    Returns:
+        A sheet for each segment, and for each column of times in it.
+
+    Raises:
+        CaseError: the file is too large, or holds no segment.
+    """
+    import lvm_read
+
+    if path.stat().st_size > MOST_BYTES_OF_LABVIEW:
+        raise CaseError(f"{path}: expected at most {MOST_BYTES_OF_LABVIEW} bytes; export it as CSV")
+    text = path.read_bytes().decode("utf-8-sig", "replace")
+    try:
+        content = lvm_read.read_str(text)
+        segments = [content[k] for k in range(content["Segments"])]
+        return [sheet for segment in segments for sheet in _segment(segment, content, path)]
+    except CaseError:
+        raise
+    except Exception as error:  # the library raises whatever Python does
+        reason = _reason(error, path)
+        raise CaseError(
+            f"{path}: damaged, or no text file of LabVIEW ({reason}); export it as CSV"
+        ) from None
+
+
+def _segment(segment: dict[str, Any], content: dict[Any, Any], path: Path) -> Iterator[Sheet]:
+    """Yield the sheets of a segment: signals behind each column X_Value, or at a rate."""
+    table = np.asarray(segment["data"], dtype=float)
+    names = [name for name in segment["Channel names"] if name != "Comment"]
+    units = [text or None for text in segment.get("Y_Unit_Label", [])]
+    if content.get("X_Columns") == "No":
+        rate = 1.0 / float(segment["Delta_X"][0])
+        yield Sheet(str(path), tuple(_signals(names, table.T, units)), rate=rate)
+        return
+    if "X_Value" not in names:
+        raise CaseError(f"{path}: expected a column X_Value, found {', '.join(names)[:200]}")
+    starts = [k for k, name in enumerate(names) if name == "X_Value"]
+    for start, end in zip(starts, [*starts[1:], len(names)], strict=True):
+        rows = np.isfinite(table[:, start])
+        signals = _signals(names[start + 1 : end], table[rows, start + 1 : end].T, units)
+        units = units[len(signals) :]
+        kind = str(segment.get("X_Dimension", ["Time"])[0])
+        if kind != "Time":
+            raise CaseError(f"{path}: expected X_Value to be a time, given {kind[:40]!r}")
+        axis = Column("time", table[rows, start], "s")
+        yield Sheet(str(path), (axis, *signals), axis="time")
+
+
+def _signals(names: list[str], rows: Values, units: list[str | None]) -> list[Column]:
+    """Return signals with their names and units."""
+    labels = [*units, *[None] * len(names)]
+    columns = []
+    for name, row, unit in zip(names, rows, labels, strict=False):
+        bare, said = heading(name)
+        columns.append(Column(bare, row, unit or said))
+    return columns
+
+
 def load_netcdf(path: Path) -> xr.Dataset:
     """Return the dataset of a NetCDF file as it is.
 
@@ -72,9 +180,24 @@ def load_netcdf(path: Path) -> xr.Dataset:
     with path.open("rb") as file:
         engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
     try:
-        return xr.load_dataset(path, engine=engine, decode_times=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is wrong is in the error
+            return xr.load_dataset(path, engine=engine, decode_times=False)
     except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
-        raise CaseError(f"{path}: damaged, or no NetCDF file ({reason_of(error)})") from None
+        reason = _reason(error, path)
+        raise CaseError(
+            f"{path}: damaged, or no NetCDF file ({reason}); store it anew, or as CSV"
+        ) from None
+
+
+def _reason(error: Exception, path: Path) -> str:
+    """Return why a library failed, without the address of the file or of one beside it."""
+    text = str(error).replace(str(path.resolve()), "the file").replace(str(path), "the file")
+    return reason_of(OSError(PATHS.sub("a file", text))) if text else reason_of(error)
+
+
+PATHS = re.compile(r"(?<![\w/])/[\w.+-]+(?:/[\w.+-]+)+")
+"""Addresses of files."""
 
 
 def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
@@ -97,12 +220,12 @@ def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
         for name in map(str, data.data_vars):
             columns += _columns(data[name], dim)
         if len(columns) > 1:
-            found.append(Sheet(f"{path}", tuple(columns)))
+            found.append(Sheet(f"{path}", tuple(columns), axis=kind))
     if "gap0" in data and "x" in data["gap0"].coords and "x" not in data.dims:
         x = data["x"]
         if columns := _columns(data["gap0"], str(x.dims[0])):  # a single lamina has none
             own = Column("x", x.to_numpy(), x.attrs.get("units"))
-            found.append(Sheet(f"{path}", (own, *columns)))
+            found.append(Sheet(f"{path}", (own, *columns), axis="x"))
     if not found:
         raise CaseError(
             f"{path}: expected variables over a dimension time, frequency or x with its "
@@ -119,11 +242,13 @@ def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
     name, rows, labels = str(variable.name), variable.transpose(*others, dim), None
     if others and others[0] in rows.coords:
         labels = [f"{name} {label}" for label in rows[others[0]].to_numpy()]
-    return matrix_columns(name, rows.to_numpy(), labels, variable.attrs.get("units"))
+    units, quantity = variable.attrs.get("units"), str(variable.attrs.get("quantity", ""))
+    columns = matrix_columns(name, rows.to_numpy(), labels, units)
+    return [replace(column, quantity=quantity) for column in columns]
 
 
 RATES = {"fs", "rate", "sample_rate", "sampling_rate", "samplerate", "sampling_frequency"}
-STEPS = {"dt", "time_step", "sample_time"}
+STEPS = {"dt", "time_step", "sample_time", "ts", "delta_t", "deltat"}
 """Names of numbers that give the rate [Hz] or the time step [s], in lower case."""
 UNITS = "units"
 """Name of the structure with the units of the variables beside it."""
@@ -155,46 +280,77 @@ def read_matlab(path: Path) -> list[Sheet]:
             is_hdf5 = HDF5 in file.read(516)
         tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
     except Exception as error:  # both libraries raise whatever they please
-        raise CaseError(f"{path}: damaged, or no MATLAB file ({reason_of(error)})") from None
-    found = list(_sheets(tree, str(path), {}))
-    if not found:
+        reason = _reason(error, path)
         raise CaseError(
-            f"{path}: expected vectors beside a vector t or time, or a number fs; found "
+            f"{path}: damaged, or no MATLAB file ({reason}); store it anew, or as CSV"
+        ) from None
+    sheets = list(_sheets(tree, str(path), {}))
+    if not sheets:
+        raise CaseError(
+            f"{path}: expected vectors beside a vector t or time, or a number fs or dt; found "
             f"{', '.join(sorted(tree))[:200] or 'nothing'}"
         )
-    return found
+    return sheets
 
 
 def _sheets(tree: Tree, label: str, outer: Tree) -> Iterator[Sheet]:
     """Yield the sheets of a structure and of those in it."""
     unit_names = tree.get(UNITS)
     units: Mapping[str, Any] = unit_names if isinstance(unit_names, dict) else {}
-    axes, rate = _axes(tree, units), _rate(tree) or _rate(outer)
-    if not axes:
+    axes = _axes(tree, units)
+    own_rate = _rate(tree)
+    rate = _rate(outer) if own_rate is None else own_rate
+    names = {axis.name for axis in axes}
+    if not axes and own_rate is None:
         axes = _axes(outer, outer.get(UNITS) or {})
-    taken: set[str] = set()
+    sheets = []
     for axis in axes:
-        columns = _columns_of_tree(tree, units, len(axis.values), taken)
+        columns = _columns_of_tree(tree, units, len(axis.values), names)
+        names |= {name for name, _ in columns}
         if columns:
-            yield Sheet(label, (axis, *columns))
+            every = [column for _, group in columns for column in group]
+            sheets.append(Sheet(label, (axis, *every), axis=axis_of(axis.name, None)))
     if not axes and rate is not None:
-        lengths = [len(v) for v in tree.values() if isinstance(v, np.ndarray) and v.ndim == 1]
-        columns = _columns_of_tree(tree, units, max(lengths, default=0), taken)
+        columns = _columns_of_tree(tree, units, _longest(tree), names)
+        names |= {name for name, _ in columns}
         if columns:
-            yield Sheet(label, tuple(columns), rate=rate)
+            every = [column for _, group in columns for column in group]
+            sheets.append(Sheet(label, tuple(every), rate=rate))
+    if sheets:
+        left = [
+            name for name, values in tree.items()
+            if isinstance(values, np.ndarray) and values.size > 1 and name not in names
+        ]  # fmt: skip
+        notes = (f"left out, as long as no axis: {', '.join(left)[:200]}",) if left else ()
+        yield replace(sheets[0], notes=notes)
+        yield from sheets[1:]
     for name, branch in tree.items():
         if isinstance(branch, dict) and name != UNITS:
             yield from _sheets(branch, f"{label}: {name}", {**outer, **tree})
 
 
+def _longest(tree: Tree) -> int:
+    """Return the number of samples where a rate is given: that of the longest array."""
+    sizes = [max(v.shape) for v in tree.values() if isinstance(v, np.ndarray) and v.ndim in (1, 2)]
+    return max(sizes, default=0)
+
+
 def _axes(tree: Tree, units: Mapping[str, Any]) -> list[Column]:
-    """Return the vectors of a structure that are axes."""
-    vectors = {k: v for k, v in tree.items() if isinstance(v, np.ndarray) and v.ndim == 1}
-    return [
-        Column(name, values, units.get(name))
-        for name, values in vectors.items()
-        if axis_of(name, None) and values.size > 1 and np.all(np.diff(values.real) > 0.0)
-    ]
+    """Return the vectors of a structure that are axes, one of each length.
+
+    Beside a time a vector called x or f is a signal, whether it increases or not.
+    """
+    vectors = [
+        (name, values) for name, values in tree.items()
+        if isinstance(values, np.ndarray) and values.ndim == 1 and axis_of(name, None)
+        and values.size > 1 and bool(np.all(np.diff(values.real) > 0.0))
+    ]  # fmt: skip
+    order = list(AXES)
+    vectors.sort(key=lambda pair: order.index(axis_of(pair[0], None)))
+    axes: dict[int, Column] = {}
+    for name, values in vectors:
+        axes.setdefault(values.size, Column(name, values, units.get(name)))
+    return list(axes.values())
 
 
 def _rate(tree: Tree) -> float | None:
@@ -208,22 +364,24 @@ def _rate(tree: Tree) -> float | None:
     return None
 
 
-def _columns_of_tree(tree: Tree, units: Mapping[str, Any], n: int, taken: set[str]) -> list[Column]:
-    """Return vectors and matrices of n samples; their names go into `taken`."""
-    columns = []
+def _columns_of_tree(
+    tree: Tree, units: Mapping[str, Any], n: int, taken: set[str]
+) -> list[tuple[str, list[Column]]]:
+    """Return the names of vectors and matrices of n samples, with their columns."""
+    groups = []
     for name, values in tree.items():
-        if name in taken or not isinstance(values, np.ndarray) or axis_of(name, None):
+        if name in taken or not isinstance(values, np.ndarray):
             continue
         if n < 2 or values.ndim not in (1, 2) or n not in values.shape:
             continue
-        taken.add(name)
         rows = values if values.shape[-1] == n else values.T
         unit = units.get(name)
         n_rows = len(np.atleast_2d(rows))  # a list of that many texts beside it names them
         lists = [v for v in tree.values() if isinstance(v, list) and len(v) == n_rows]
         names = [f"{name} {text}" for text in lists[0]] if lists and n_rows > 1 else None
-        columns += matrix_columns(name, rows, names, unit if isinstance(unit, str) else None)
-    return columns
+        columns = matrix_columns(name, rows, names, unit if isinstance(unit, str) else None)
+        groups.append((name, columns))
+    return groups
 
 
 def _of_scipy(path: Path) -> Tree:
@@ -400,9 +558,10 @@ def _line_end(content: bytes, place: int) -> int:
 
 def cleaned(block: Block) -> bytes:
     """Return the bytes of a set for pyuff: plain tags and line ends, no trailing blanks, no D."""
+    header = _in_utf8(block.header)
     if block.kind == "58b":
-        return block.header + block.data + b"\n" + TAG + b"\n"
-    lines = [line.rstrip() for line in block.header.splitlines()]
+        return header + block.data + b"\n" + TAG + b"\n"
+    lines = [line.rstrip() for line in header.splitlines()]
     lines[0] = TAG
     head, body = lines[:HEADER_LINES], lines[HEADER_LINES:]
     if block.kind == "58":
@@ -410,8 +569,27 @@ def cleaned(block: Block) -> bytes:
     return b"\n".join(lines) + b"\n" + TAG + b"\n"
 
 
+def _in_utf8(header: bytes) -> bytes:
+    """Return the text of a set in UTF-8; what is none is Windows-1252 (Latin-1)."""
+    try:
+        header.decode("utf-8")
+    except UnicodeDecodeError:
+        return header.decode("cp1252", "replace").encode("utf-8")
+    return header
+
+
 FUNCTIONS = {0: "signal", 1: "signal", 4: "response", 6: "coherence"}
 """Functions of a set 58 that are read: general or time response, frequency response, coherence."""
+FUNCTION_NAMES = (
+    "general", "time response", "auto spectrum", "cross spectrum", "frequency response",
+    "transmissibility", "coherence", "auto correlation", "cross correlation",
+    "power spectral density", "energy spectral density", "probability density", "spectrum",
+    "cumulative frequency distribution", "peaks and valleys", "stress over cycles",
+    "strain over cycles", "orbit", "mode indicator function", "force pattern", "partial power",
+    "partial coherence", "eigenvalue", "eigenvector", "shock response spectrum", "filter",
+    "multiple coherence", "order function",
+)  # fmt: skip
+"""Names of all functions of a set 58, by their number."""
 UNKNOWN, TIME, FREQUENCY = 0, 17, 18
 """Types of an abscissa."""
 QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force", 9: "force",
@@ -449,24 +627,40 @@ def read_universal(path: Path) -> list[Sheet]:
             numbers = own.get("node_nums", own.get("grid_global", []))
             length = factors["length"] or 1.0
             places |= {int(n): float(x) / length for n, x in zip(numbers, own["x"], strict=False)}
-    functions = [
-        (block, own)
-        for block, own in zip(blocks, sets, strict=True)
-        if own["type"] == 58
-        and own["func_type"] in FUNCTIONS
-        and own["abscissa_spec_data_type"] in (UNKNOWN, TIME, FREQUENCY)
-    ]
+    functions, others = list[tuple[Block, dict[str, Any]]](), list[str]()
+    for block, own in zip(blocks, sets, strict=True):
+        if own["type"] != 58:
+            continue
+        is_read = own["func_type"] in FUNCTIONS
+        if is_read and own["abscissa_spec_data_type"] in (UNKNOWN, TIME, FREQUENCY):
+            functions.append((block, own))
+        else:
+            others.append(f"set {block.number} ({_described(own)})")
     if not functions:
-        held = ", ".join(block.kind for block in blocks_of(path)) or "none"
+        kinds = ", ".join(block.kind for block in blocks_of(path)) or "none"
         raise CaseError(
-            f"{path}: expected a universal file with sets 58 that hold histories or frequency "
-            f"responses, found the sets {held[:80]}"
+            f"{path}: expected a universal file with sets 58 that hold histories, frequency "
+            f"responses or coherences, found {', '.join(others)[:300] or f'the sets {kinds[:80]}'};"
+            " export histories or frequency responses"
         )
-    names = _names([own for _, own in functions])
-    return [
+    names = _names([own for _, own in functions], [block.number for block, _ in functions])
+    sheets = [
         _sheet(path, block, own, (name, factors, places))
         for (block, own), name in zip(functions, names, strict=True)
     ]
+    if others:
+        note = f"left out: {', '.join(others)[:300]}"
+        sheets[0] = replace(sheets[0], notes=(*sheets[0].notes, note))
+    return sheets
+
+
+def _described(own: dict[str, Any]) -> str:
+    """Return the kind of function of a set 58 in words, or its abscissa if that is the reason."""
+    number = own["func_type"]
+    if number in FUNCTIONS:
+        return f"abscissa of type {own['abscissa_spec_data_type']}, no time and no frequency"
+    is_known = 0 <= number < len(FUNCTION_NAMES)
+    return FUNCTION_NAMES[number] if is_known else f"function of type {number}"
 
 
 def _parsed(block: Block, path: Path) -> dict[str, Any]:
@@ -488,26 +682,46 @@ def _parsed(block: Block, path: Path) -> dict[str, Any]:
     return found
 
 
-def _names(functions: list[dict[str, Any]]) -> list[str]:
-    """Return the name of each set: the first of id1, entity, node that tells all sets apart."""
+def _names(functions: list[dict[str, Any]], numbers: list[int]) -> list[str]:
+    """Return the name of each set: what tells all sets apart.
 
-    def unique(key: str) -> list[str] | None:
-        texts = [f"{own['func_type']}|{str(own.get(key, '')).strip()}" for own in functions]
-        bare = [text.partition("|")[2] for text in texts]
-        is_told = max(Counter(texts).values()) == 1 and not set(bare) & set(NOTHING)
-        return bare if is_told else None
+    That is the first of id1, entity, node with direction, these with those of the reference, and
+    these with the number of the set.
+    """
 
-    along = {1: " +x", 2: " +y", 3: " +z", -1: " -x", -2: " -y", -3: " -z"}
-    by_node = [f"node{own['rsp_node']}{along.get(own['rsp_dir'], '')}" for own in functions]
-    return unique("id1") or unique("rsp_ent_name") or by_node
+    def are_told(names: list[str]) -> bool:
+        kinds = [own["func_type"] for own in functions]
+        return len(set(zip(kinds, names, strict=True))) == len(names) and not set(names) & set(
+            NOTHING
+        )
+
+    def places(side: str) -> list[str]:
+        along = {1: " +x", 2: " +y", 3: " +z", -1: " -x", -2: " -y", -3: " -z"}
+        return [
+            f"node{own[f'{side}_node']}{along.get(own[f'{side}_dir'], '')}" for own in functions
+        ]
+
+    labels = [
+        [str(own.get(key, "")).strip() for own in functions] for key in ("id1", "rsp_ent_name")
+    ]
+    nodes = places("rsp")
+    pairs = [f"{response} to {ref}" for response, ref in zip(nodes, places("ref"), strict=True)]
+    counted = [f"{pair}, set {number}" for pair, number in zip(pairs, numbers, strict=True)]
+    return next((names for names in (*labels, nodes, pairs) if are_told(names)), counted)
 
 
 def _sheet(path: Path, block: Block, own: dict[str, Any], about: tuple[Any, ...]) -> Sheet:
     """Return the sheet of a set: its abscissa and its values."""
     name, factors, places = about
     kind = FUNCTIONS[own["func_type"]]
-    abscissa = own["abscissa_spec_data_type"]
-    is_time = abscissa == TIME or (kind == "signal" and abscissa != FREQUENCY)
+    unit_of_axis = str(own.get("abscissa_axis_units_lab", "")).strip()
+    is_named = unit_of_axis.upper() not in NOTHING
+    is_time = own["abscissa_spec_data_type"] == TIME
+    if own["abscissa_spec_data_type"] == UNKNOWN:
+        is_time = kind == "signal"
+        if is_named:
+            label = f"{path}, set {block.number}, abscissa"
+            is_time = unit_of(unit_of_axis, label).quantity != "frequency"
     n = min(own["num_pts"], own["data"].size, own["x"].size)
     if n < own["num_pts"] or n < 2:
         raise CaseError(
@@ -518,12 +732,16 @@ def _sheet(path: Path, block: Block, own: dict[str, Any], about: tuple[Any, ...]
     axis = Column(
         "time" if is_time else "frequency",
         x if own["abscissa_spacing"] else own["x"][:n],
-        "s" if is_time else "Hz",
+        unit_of_axis if is_named else None,
     )
     place = places.get(int(own["rsp_node"]))
     column = Column(name, own["data"][:n] * scale, unit, quantity, place, kind=kind)
     return Sheet(
-        f"{path}, set {block.number}", (axis, column), notes=block.notes, alias=f"set{block.number}"
+        f"{path}, set {block.number}",
+        (axis, column),
+        notes=block.notes,
+        alias=f"set{block.number}",
+        axis=axis.name,
     )
 
 

@@ -273,6 +273,7 @@ READERS: dict[str, Callable[[Path], list[Sheet]]] = {
     ".dat": readers.read_text,
     ".tsv": readers.read_text,
     ".asc": readers.read_text,
+    ".lvm": readers.read_labview,
     ".mat": readers.read_matlab,
     ".uff": readers.read_universal,
     ".unv": readers.read_universal,
@@ -311,8 +312,8 @@ def read_measured(
     """Read measurements into one dataset in SI.
 
     Args:
-        paths: CSV (.csv, .txt, .dat, .tsv), universal (.uff, .unv), MATLAB (.mat) or NetCDF (.nc)
-            files, also the result.nc of a run.
+        paths: CSV (.csv, .txt, .dat, .tsv), universal (.uff, .unv), MATLAB (.mat), LabVIEW (.lvm)
+            or NetCDF (.nc) files, also the result.nc of a run.
         channels: what columns are, as `{"tip thick": "col2:mm", "mid": "Laser 3:mm/s@0.2/upper"}`:
             source, then after a colon the unit, after an @ the position [m] and the lamina.
             `tip LAMINA`, `base`, `force` and `gap` have their own variables; others are sensors.

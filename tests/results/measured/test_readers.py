@@ -124,7 +124,7 @@ def test_messages_of_tables_are_exact(tmp_path: Path, text: str, message: str) -
     path.write_text(text, encoding="utf-8")
     with pytest.raises(CaseError) as error:
         read_text(path)
-    assert str(error.value) in (f"{path}: {message}", f"{path}, {message}")
+    assert str(error.value).startswith((f"{path}: {message}", f"{path}, {message}"))
 
 
 # ---- NetCDF
@@ -202,7 +202,8 @@ def test_of_the_reasons_of_libraries_a_line_is_told(
         for read, kind in ((load_netcdf, "NetCDF"), (read_matlab, "MATLAB")):
             with pytest.raises(CaseError) as error:
                 read(path)  # type: ignore[operator]
-            assert str(error.value) == f"{path}: damaged, or no {kind} file ({reason[:80]})"
+            assert f"{path}: damaged, or no {kind} file ({reason[:80]})" in str(error.value)
+            assert "and more" not in str(error.value)
 
 
 # ---- MATLAB
@@ -289,7 +290,7 @@ def test_matlab_files_of_version_7_3_are_read(tmp_path: Path) -> None:
 
 def test_a_matlab_file_that_holds_nothing_says_what_it_has(tmp_path: Path) -> None:
     path = tmp_path / "m.mat"
-    start = "expected vectors beside a vector t or time, or a number fs; found "
+    start = "expected vectors beside a vector t or time, or a number fs or dt; found "
     for content, found in (
         ({"y": ONE, "t": TIME[:1], "a": 1.0}, "a, t, y"),
         ({f"name_{k:02d}": 1.0 for k in range(40)}, None),
@@ -302,7 +303,7 @@ def test_a_matlab_file_that_holds_nothing_says_what_it_has(tmp_path: Path) -> No
         wanted = found or ", ".join(f"name_{k:02d}" for k in range(40))[:200]
         assert str(error.value) == f"{path}: {start}{wanted}"
     path.write_bytes(b"MATLAB 5.0 MAT-file, but no more of it")
-    with pytest.raises(CaseError, match=r"m\.mat: damaged, or no MATLAB file \(.{1,80}\)$"):
+    with pytest.raises(CaseError, match=r"m\.mat: damaged, or no MATLAB file \(.{1,80}\);"):
         read_matlab(path)
 
 
@@ -420,8 +421,8 @@ def test_blocks_and_their_bytes(tmp_path: Path) -> None:
         (b"    -1\n    58b\n", "set 1 (type 58b): its header cannot be read"),
         (
             b"    -1\n   151\n m\n    -1\n    -1\n  9999\n    -1\n",
-            "expected a universal file with "
-            "sets 58 that hold histories or frequency responses, found the sets 151, 9999",
+            "expected a universal file with sets 58 that hold histories, frequency responses or "
+            "coherences, found the sets 151, 9999",
         ),
     ],
 )
@@ -432,7 +433,7 @@ def test_messages_of_universal_files_are_exact(
     path.write_bytes(content)
     with pytest.raises(CaseError) as error:
         read_universal(path)
-    assert str(error.value) == f"{path}: {message}"
+    assert str(error.value).startswith(f"{path}: {message}")
 
 
 @pytest.mark.parametrize("kind", [2, 4, 5, 6])
