@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import nullcontext
 from dataclasses import replace
 from inspect import signature
@@ -228,6 +228,9 @@ def _run_case(
     mpi.hold(comm)
     mpi.end_with_any(comm)
     structure = discretise.assemble(case, comm=comm) if structure is None else structure
+    told = quality.unresolved_blows(case, structure)
+    for text in told:
+        _log.warning(text)
     writes = comm.rank == 0 and directory is not None
     claim = claimed(Path(directory or ""), may_hold_results=True) if writes else nullcontext()
     session = session_of(
@@ -264,7 +267,7 @@ def _run_case(
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     remark = None if other is None else f"{REPLACED} {other.name!r}; case.toml does not say so"
-    result = _result(case, structure, recorder, state, summary, decay, remark)
+    result = _result(case, structure, recorder, state, summary, decay, remark, told=told)
     final = arrays if outcome == "completed" and other is None else None
     return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
 
@@ -436,8 +439,13 @@ def _result(
     summary: dict[str, Any],
     decay: float,
     remark: str | None,
+    *,
+    told: Collection[str],
 ) -> Result:
-    """Return the result: the dataset of a run with its summary and warnings."""
+    """Return the result: the dataset of a run with its summary and warnings.
+
+    Warnings that were `told` before the run are not logged again.
+    """
     residual = recorder.energy_residual()
     is_lost = summary["outcome"] == "completed" and quality.is_lost(residual)
     summary["outcome"] = "diverged" if is_lost else summary["outcome"]
@@ -459,12 +467,14 @@ def _result(
         never_opens(case),
         quality.limit_warning(case, summary),
         quality.alternating_warning(case, history),
+        quality.released_warning(recorder),
         *quality.quality_warnings(case, structure, residual),
     ]
     warnings = [text for text in texts if text is not None]
     summary["warnings"] = [*plausible.warnings(case), *warnings]  # those of the case are told
     for text in warnings:
-        _log.warning(text)
+        if text not in told:
+            _log.warning(text)
     if summary["outcome"] == "diverged":
         summary["message"] = (
             f"{quality.OPEN}; the warnings say why" if is_lost else _divergence(case, history)

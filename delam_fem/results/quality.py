@@ -30,10 +30,10 @@ from delam_fem.numerics.harmonics import (
 )
 from delam_fem.numerics.settling import Settling, judge
 from delam_fem.numerics.statistics import BLOCKS, block_means, interval
-from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.results import diagnostics
 from delam_fem.results.schema import SENSOR
-from delam_fem.simulation.recorder import LEDGER, Recorder
+from delam_fem.simulation.recorder import EXCHANGED, LEDGER, Recorder
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -274,8 +274,10 @@ ALTERNATING = 0.05
 LOST = 1e-2
 """Residual at which the motion is not that of the equations any more."""
 OPEN = "diverged: the energy balance does not close, so that this is not the motion of the case"
-STIFF = 1e3
-"""Largest product of the angular frequency of a contact spring and the time step."""
+BLOW_STEPS = 10
+"""Fewest steps n in a blow on a contact spring; the rebound has its energy within (π/n)², 10 %."""
+RELEASED = 0.02
+"""Share of the energy that switching springs may change before a warning says so."""
 GRADED = 1e4
 """Largest ratio of element lengths; stiffnesses differ by its cube, of the 16 digits there are."""
 
@@ -288,7 +290,7 @@ def quality_warnings(case: Case, structure: Structure, residual: float) -> list[
         structure: its discretisation.
         residual: residual of the energy ledger, relative to the energy exchanged [-].
     """
-    reasons = [*_stiff_springs(case, structure), *_graded_mesh(structure)]
+    reasons = [*unresolved_blows(case, structure), *_graded_mesh(structure)]
     if residual <= CLOSED:
         return reasons
     if not np.isfinite(residual):
@@ -351,28 +353,76 @@ def _known(case: Case, structure: Structure) -> str:
     )
 
 
-def _stiff_springs(case: Case, structure: Structure) -> list[str]:
-    """Return a text if contact springs are far stiffer than the time step can resolve."""
-    contact, dt = case.contact, case.time_step
-    if not LAWS[contact.law].spring:
+def unresolved_blows(case: Case, structure: Structure) -> list[str]:
+    """Return a text for each kind of contact springs whose blows have too few steps; [] if none.
+
+    A mass m that meets a spring k leaves it after π √(m/k). m is what the pair meets at its place,
+    1/W of the diagonal of M: a node, an impactor, a point. Springs at one place add up, as those of
+    Hertz's contact do. With n steps in a blow the spring begins up to v Δt too deep, where it has
+    (π/n)² of the energy m v²/2 already.
+    """
+    o, contact = structure.operators, case.contact
+    if not LAWS[contact.law].spring or isinstance(o, DistributedOperators) or not o.n_pairs:
         return []
-    springs = {f"stop.{k}.stiffness": stop.stiffness or 0.0 for k, stop in enumerate(case.stop, 1)}
-    if case.spring == (contact.penalty_stiffness, contact.penalty_damping):
-        springs["contact.penalty_stiffness"] = contact.penalty_stiffness
-    key = max(springs, key=lambda name: springs[name], default="")
-    if not key:
-        return []
-    lengths = _lengths(structure)
-    mass = min(lamina.mass_per_length for lamina in case.lamina) * float(lengths.mean())
-    turn = dt * np.sqrt(springs[key] / mass)
-    if turn <= STIFF:
-        return []
-    best = mass * (STIFF / dt) ** 2
-    return [
-        f"{key} = {springs[key]:g} N/m turns a node "
-        f"{turn / (2.0 * np.pi):.2g} times within a step, so that the motion in contact is "
-        f"arbitrary; try below {best:.1g} N/m, or a rigid law"
-    ]
+    H, weights = o.gap_matrix, np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
+    mobility = np.asarray(H.multiply(H) @ (1.0 / o.mass.diagonal()))
+    stiffness = case.spring[0] * weights
+    for stop in structure.layout.stops:
+        places = np.unique(stop.places, return_inverse=True)[1]
+        stiffness[stop.pairs] = np.bincount(places, stiffness[stop.pairs])[places]
+    with np.errstate(divide="ignore"):  # a mass-less or a rigid side
+        blows = np.pi / np.sqrt(stiffness * mobility)
+    step = case.time_step / case.time.refine
+    texts = []
+    for key, pairs in _spring_keys(case, structure).items():
+        blow = float(blows[pairs].min(initial=np.inf))
+        if blow >= BLOW_STEPS * step:
+            continue
+        error = (np.pi * step / blow) ** 2
+        texts.append(
+            f"{key}: a blow on this spring lasts {blow:.2g} s at the shortest, {blow / step:.2g} "
+            f"steps of {step:.3g} s, so that its energy may be wrong by {error:.2g} of it; "
+            f"try steps of {blow / BLOW_STEPS:.2g} s, {step * BLOW_STEPS / blow:.2g} times as "
+            "many, or a softer spring"
+        )
+    return texts
+
+
+def _spring_keys(case: Case, structure: Structure) -> dict[str, IntArray]:
+    """Return the pairs with springs by the key that gives their stiffness."""
+    key_of = np.full(structure.operators.n_pairs, "contact.penalty_stiffness", dtype=object)
+    for stop in structure.layout.stops:
+        number = stop.number - len(case.stop)
+        if number < 0:
+            elastic_by = case.stop[stop.number].stiffness and "stiffness"
+            section = f"stop.{stop.number + 1}"
+        else:
+            elastic_by = case.impactor[number].elastic_by
+            section = f"impactor.{number + 1}"
+        if elastic_by:
+            key_of[stop.pairs] = f"{section}.{elastic_by}"
+    return {key: np.flatnonzero(key_of == key) for key in dict.fromkeys(key_of.tolist())}
+
+
+def released_warning(recorder: Recorder) -> str | None:
+    """Return a warning if springs that close and open between steps change the energy; else None.
+
+    They begin and end within a step, which takes or adds energy. Its share is of all energy that is
+    exchanged, or of the largest that is stored.
+    """
+    rows = np.abs(recorder.ledger[: recorder.n_closed])
+    column = LEDGER.index("spring_released")
+    released = float(rows[:, column].sum())
+    exchanged = float(rows[:, EXCHANGED].sum()) - released
+    stored = float(rows[:, : EXCHANGED.start].sum(axis=1).max(initial=0.0))
+    size = max(exchanged, stored)
+    if not released > RELEASED * size:  # NaN is told elsewhere
+        return None
+    return (
+        f"contact springs that close and open within steps changed the energy by {released:.3g} J, "
+        f"{100.0 * released / size:.2g} % of what is exchanged or stored; try more steps per "
+        "period, time.refine or softer springs"
+    )
 
 
 def _graded_mesh(structure: Structure) -> list[str]:
