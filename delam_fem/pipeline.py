@@ -42,7 +42,7 @@ from delam_fem.model import discretise
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.results import dataset, diagnostics, quality
+from delam_fem.results import contacts, dataset, diagnostics, quality
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, Problem, Result
 from delam_fem.results.pages.html import reporting
@@ -453,6 +453,7 @@ def _result(
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
     summary |= quality.settling_summary(recorder, len(structure.layout.parts), case, decay)
+    summary["contacts"] = contacts.of_run(recorder, structure, case, history)
     summary |= {
         "intervals": quality.confidence_intervals(history, case, summary),
         "periods": recorder.n_closed,

@@ -165,7 +165,7 @@ def run_command(
                 _log.info("%s has the complete result: nothing is left to do", folder)
             else:
                 from delam_fem.pipeline import run
-                from delam_fem.results.schema import rows
+                from delam_fem.results.schema import contact_heading, contact_rows, rows
 
                 wished = {"extend": extend, "checkpoint_seconds": seconds}
                 options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
@@ -175,8 +175,10 @@ def run_command(
                     result = run(case, directory=folder, progress=report, comm=comm, **options)
                 paths = _saved(result, folder, figures) if is_first else []
                 numbers = rows(result.summary, [own.name for own in case.lamina])
-                said = f"case {case.name}", ("", "value"), [row[:2] for row in numbers]
-                say(is_silent, paths, tables=[said])
+                tables = [(f"case {case.name}", ("", "value"), [row[:2] for row in numbers])]
+                if touched := contact_rows(result.summary):
+                    tables.append(("contacts", contact_heading(), touched))
+                say(is_silent, paths, tables=tables)
                 outcome = str(result.history.attrs["outcome"])
             if comm.size > 1:  # wait for all processes without keeping a core busy
                 request = comm.Ibarrier()

@@ -411,7 +411,10 @@ the surface as a row in free dofs and base, shape (1, n + 1)."""
 
 
 def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
-    """Return the structure with the sensors of its case.
+    """Return the structure with the sensors of its case, and the gaps that are recorded.
+
+    Gaps of all pairs are recorded where a sensor reads contact forces, otherwise those of stops and
+    impactors.
 
     Args:
         structure: the structure of the case, with its drive.
@@ -420,7 +423,7 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
             at the top, at a point between two cells the mean of both.
     """
     o, layout = structure.operators, structure.layout
-    if not (case.sensor or layout.n_impactors):
+    if not (case.sensor or layout.stops):
         return structure
     if strain is None:
         strain = _of_single_laminae(case, layout, o.n_dofs)
@@ -430,13 +433,13 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
         for own in case.sensor
     )
     blocks = [sp.csr_matrix(np.array(rows).reshape(len(rows), o.gap_matrix.shape[1]))]
-    needs_gaps = any(sensor.of_forces is not None for sensor in sensors)
-    if needs_gaps:
-        blocks.append(o.gap_matrix)
+    needs_all = any(sensor.of_forces is not None for sensor in sensors)
+    first = 0 if needs_all else layout.stops[0].first_pair if layout.stops else o.n_pairs
+    gap_row = len(rows) if first < o.n_pairs else None
     return replace(
         structure,
-        operators=replace(o, sensors=sp.vstack(blocks, format="csr")),
-        layout=replace(layout, sensors=sensors, gap_row=len(rows) if needs_gaps else None),
+        operators=replace(o, sensors=sp.vstack([*blocks, o.gap_matrix[first:]], format="csr")),
+        layout=replace(layout, sensors=sensors, gap_row=gap_row, first_gap=first),
     )
 
 

@@ -226,8 +226,8 @@ class Layout:
         probes: the probes, in the order of the rows of `Operators.probes`.
         stops: the pairs with stops and then with impactors, after those of the interfaces.
         sensors: the sensors.
-        gap_row: row of `Operators.sensors` at which the rows of all gaps begin; None: there are
-            none, because no sensor reads contact forces.
+        gap_row: row of `Operators.sensors` at which the rows of gaps begin; None: there are none.
+        first_gap: the first pair whose gap has such a row; those of all later pairs follow.
         reading: what the points of the parts read from the dofs of a solid; None: `Part.dofs` are
             dofs.
         n_impactors: number of impactors, whose displacements are the last dofs and the first rows
@@ -239,6 +239,7 @@ class Layout:
     probes: tuple[Probe, ...] = ()
     sensors: tuple[SensorRows, ...] = ()
     gap_row: int | None = None
+    first_gap: int = 0
     reading: Reading | None = None
     stops: tuple[StopPairs, ...] = ()
     n_impactors: int = 0

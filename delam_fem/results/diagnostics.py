@@ -409,11 +409,17 @@ def count_contacts(is_closed: BoolArray, apart: float) -> int:
     Returns:
         Number of groups.
     """
+    return max(int(is_closed.any()), group_begins(is_closed, apart).size)
+
+
+def group_begins(is_closed: BoolArray, apart: float) -> IntArray:
+    """Return the steps at which groups of closed steps begin, in the turn of `count_contacts`.
+
+    A group that fills the turn has no beginning.
+    """
     closed = np.flatnonzero(is_closed)
-    if not closed.size:
-        return 0
-    until_next = np.diff(closed, append=closed[0] + is_closed.size)
-    return max(1, int(np.count_nonzero(until_next >= apart)))
+    since_last = np.diff(closed, prepend=closed[-1:] - is_closed.size)
+    return np.asarray(closed[since_last >= apart], dtype=np.int64)
 
 
 def tip_gap(history: xr.Dataset) -> FloatArray:
@@ -518,10 +524,11 @@ def _periodicity_of(motion: ProbeMotion, N: int) -> dict[str, Any]:
     found = scatters(strobe, np.ptp(q, axis=1) / 2.0)
     if not found.size:
         return _NO_PERIODICITY
-    P, scatter = _first_below(found, PERIODIC_SCATTER)
+    is_sure = is_decided(found)
+    P, scatter = _first_below(found, PERIODIC_SCATTER) if is_sure else (None, None)
     return {
         "periodicity": P,
         "strobe_scatter": scatter,
-        "periodicity_class": class_name(P, is_decided=is_decided(found)),
+        "periodicity_class": class_name(P, is_decided=is_sure),
         "strobe_scatters": found.tolist(),
     }

@@ -60,6 +60,19 @@ def verdict_of(
         n_periods: number of first periods that are judged; None: all that are finished.
     """
     n = finished(recorder) if n_periods is None else n_periods
+    strobes = _strobes(recorder, n_parts, n)
+    P = diagnostics.periodicity(strobes[0], np.ones(n_parts))[0]
+    is_linear = not touches(recorder)[n // 2 : n].any()
+    return judge(strobes, P, decay, is_linear=is_linear)
+
+
+def _strobes(recorder: Recorder, n_parts: int, n: int) -> FloatArray:
+    """Return the strobes of the first n periods over half the peak-to-peak amplitudes.
+
+    Returns:
+        Displacements and velocities of the reference probes, 0 of a probe at rest, shape (2,
+        n_parts, n) [-].
+    """
     given = recorder.strobe[:n, :, :n_parts].transpose(1, 2, 0)
     last = slice(max(0, n - len(recorder.window)), n)
     low, high = recorder.envelope[last, 0, :n_parts], recorder.envelope[last, 1, :n_parts]
@@ -69,10 +82,7 @@ def verdict_of(
         half_ranges = np.array([moved, np.ptp(speeds, axis=0)]) / 2.0
         least = LEAST_RANGE * half_ranges.max(axis=1, keepdims=True)
         seen = np.where(half_ranges <= least, np.inf, half_ranges)  # NaN stays NaN: not settled
-        strobes = given / seen[..., None]
-        P = diagnostics.periodicity(strobes[0], np.ones(n_parts))[0]
-    is_linear = not touches(recorder)[n // 2 : n].any()
-    return judge(strobes, P, decay, is_linear=is_linear)
+        return np.asarray(given / seen[..., None])
 
 
 def decay_of(case: Case, structure: Structure) -> float:
@@ -166,8 +176,14 @@ def settling_summary(recorder: Recorder, n_parts: int, case: Case, decay: float)
     }  # fmt: skip
     if found.periodicity is None:
         word = found.word if found.word == "not settled" else "not periodic"
-        entries |= {"strobe_scatter": None, "periodicity_class": word}
-    return entries
+        return entries | {"strobe_scatter": None, "periodicity_class": word}
+    # a settled motion repeats with a margin, by all judged strobes; the last ones alone may not
+    strobes = _strobes(recorder, n_parts, finished(recorder))
+    scatters = diagnostics.scatters(strobes[0], np.ones(n_parts))
+    return entries | {
+        "strobe_scatter": float(scatters[found.periodicity - 1]),
+        "periodicity_class": diagnostics.class_name(found.periodicity, is_decided=True),
+    }
 
 
 def limit_warning(case: Case, summary: Mapping[str, Any]) -> str | None:

@@ -351,6 +351,8 @@ _MEASURES = (
         "how often the tips meet; closures within 0.05 periods count once"),
     Measure("impacts_per_period", (), "1",
         "impulses on single pairs; depends on the time step, does not converge"),
+    Measure("contacts", ("contact",), "",
+        "what each interface, stop and impactor did: strikes, speed, impulse, force"),
     Measure("distortion_factor", _LAMINA, "1",
         "d = √(ΣAᵢ²)/A₁ − 1 over all harmonics: how far each tip is from a sine", True),
     Measure("thd", _LAMINA, "1",
@@ -390,7 +392,7 @@ def rows(summary: Mapping[str, Any], laminae: Sequence[str]) -> list[tuple[str, 
     for key, value in summary.items():
         if isinstance(value, Mapping):
             values |= value if key == "settling" else {}
-        elif key not in (*ELSEWHERE, "settling", "intervals"):
+        elif key not in (*ELSEWHERE, "settling", "intervals", "contacts"):
             values[key] = value
     return [
         _row(key, values[key], intervals.get(key), laminae)
@@ -421,6 +423,35 @@ def _row(
     )
     with_unit = f"{text or 'none'}\u00a0{unit}" if unit and value is not None else text or "none"
     return key.replace("_", " "), with_unit, meaning
+
+
+CONTACTS = (
+    Measure("strikes_per_period", (), "1", "closures within 0.05 periods count once"),
+    Measure("approach_velocity", (), "m/s", "mean speed of approach of the strikes"),
+    Measure("impulse", (), "N s", "mean impulse of a strike, by impacts and by springs"),
+    Measure("peak_force", (), "N", "largest force at the end of a step; impacts have none"),
+    Measure("closed_share", (), "1", "share of the steps at which it is closed", True),
+)
+"""Numbers of a contact, the entries of `contacts` in a summary besides name and kind."""
+
+
+def contact_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return table rows of the contacts of a summary: name, then the numbers `CONTACTS`."""
+    return [
+        (str(contact["name"]), *(
+            shown(contact[number.name], number.shown[1]) for number in CONTACTS
+        ))
+        for contact in summary.get("contacts") or ()
+    ]  # fmt: skip
+
+
+def contact_heading() -> tuple[str, ...]:
+    """Return the heading of `contact_rows`: names with units."""
+    columns = (
+        f"{number.name.replace('_', ' ')}{f' [{number.shown[0]}]' if number.shown[0] else ''}"
+        for number in CONTACTS
+    )
+    return ("contact", *columns)
 
 
 def shown(value: Any, factor: float = 1.0) -> str:

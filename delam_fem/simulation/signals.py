@@ -114,7 +114,7 @@ def signals(recorder: Recorder, structure: Structure, case: Case) -> tuple[Signa
     if not layout.sensors:
         return ()
     forces = None
-    if layout.gap_row is not None:
+    if any(rows.of_forces is not None for rows in layout.sensors):
         periods = [contact_forces_of(record, structure, case) for record in recorder.window]
         forces = np.concatenate(periods)
     motion = steps_of(recorder)
@@ -165,6 +165,8 @@ def read(
 def contact_forces_of(record: PeriodRecord, structure: Structure, case: Case) -> FloatArray:
     """Return springs' forces and impulses over Δt at each step [N], shape (steps, n_pairs).
 
+    All gaps are recorded, as they are where a sensor reads forces.
+
     A signal has one value per step: an impulse counts with its mean force over that step.
     """
     forces, jumps = spring_forces(record, structure, case), record.jumps.columns()
@@ -175,23 +177,43 @@ def contact_forces_of(record: PeriodRecord, structure: Structure, case: Case) ->
     return forces
 
 
+def recorded_gaps(recorder: Recorder, structure: Structure) -> tuple[FloatArray, FloatArray]:
+    """Return recorded gaps [m] and gap rates [m/s] of the window, at its start and after each step.
+
+    Returns:
+        Both of shape (k + 1, n_recorded): pairs from `Layout.first_gap` on; without columns where
+        none are recorded.
+    """
+    o, layout = structure.operators, structure.layout
+    u, v, _ = steps_of(recorder)
+    if layout.gap_row is None:
+        return np.zeros((len(u), 0)), np.zeros((len(u), 0))
+    row = o.n_probes + layout.gap_row
+    columns = slice(row, row + o.n_pairs - layout.first_gap)
+    return o.gap0[layout.first_gap :] + u[:, columns], v[:, columns]
+
+
 def spring_forces(record: PeriodRecord, structure: Structure, case: Case) -> FloatArray:
     """Return the contact-spring forces [N] at each step, positive in compression, (steps, pairs).
 
-    The forces follow from the recorded gaps: with the law "penalty" a closed pair carries its
-    spring and damper, with "newton-penalty" a pair that rests (`resting_pairs`) its spring.
+    The pairs are those whose gaps are recorded, from `Layout.first_gap` on. The forces follow from
+    these gaps: with the law "penalty" a closed pair carries its spring and damper, with
+    "newton-penalty" a pair that rests (`resting_pairs`) its spring.
     """
-    o, own, reads = structure.operators, structure.layout.gap_row, LAWS[case.contact.law].spring
-    assert own is not None  # forces are asked for only where gaps are recorded
+    o, layout, reads = structure.operators, structure.layout, LAWS[case.contact.law].spring
+    first = layout.first_gap
+    if layout.gap_row is None:
+        return np.zeros((record.n_steps, 0))
     if not reads:
-        return np.zeros((record.n_steps, o.n_pairs))
-    first, rows = o.n_probes + own, slice(1, record.n_steps + 1)
-    gap = o.gap0 + record.u[rows, N_BASE + first : N_BASE + first + o.n_pairs]
+        return np.zeros((record.n_steps, o.n_pairs - first))
+    row, steps = o.n_probes + layout.gap_row, slice(1, record.n_steps + 1)
+    last = row + o.n_pairs - first
+    gap = o.gap0[first:] + record.u[steps, N_BASE + row : N_BASE + last]
     carries = gap <= 0.0
     if "penalty_damping" not in reads:
-        carries = resting_pairs(record, gap, case.contact.threshold_velocity)
-    rate = record.v[rows, first : first + o.n_pairs]
-    return contact_forces(case, gap, rate, carries, o.pair_weights)
+        carries = resting_pairs(record, gap, case.contact.threshold_velocity, first)
+    weights = None if o.pair_weights is None else o.pair_weights[first:]
+    return contact_forces(case, gap, record.v[steps, row:last], carries, weights)
 
 
 def contact_forces(
@@ -220,7 +242,9 @@ def contact_forces(
     return np.where(carries, -(1.0 if weights is None else weights) * force, 0.0)
 
 
-def resting_pairs(record: PeriodRecord, gap: FloatArray, threshold: float) -> BoolArray:
+def resting_pairs(
+    record: PeriodRecord, gap: FloatArray, threshold: float, first: int = 0
+) -> BoolArray:
     """Return which pairs rest on springs after each step of a period, shape (steps, pairs).
 
     A pair begins to rest where an impact leaves it slower than the threshold; it ceases where the
@@ -230,13 +254,16 @@ def resting_pairs(record: PeriodRecord, gap: FloatArray, threshold: float) -> Bo
         record: the record of the period.
         gap: gaps at the end of each step, shape (steps, pairs) [m].
         threshold: the threshold velocity [m/s].
+        first: number of the pair of the first column.
     """
     n_steps, n_pairs = gap.shape
     change = np.zeros((n_steps + 1, n_pairs), dtype=np.int8)
-    change[0] = np.where(record.resting, 1, -1)
+    change[0] = np.where(record.resting[first:], 1, -1)
     jumps = record.jumps.columns()
-    steps = np.repeat(_steps_of(record), jumps.sizes)
-    change[steps, jumps.hit] = np.where(jumps.rate_post < threshold, 1, -1)
+    is_known = jumps.hit >= first
+    steps = np.repeat(_steps_of(record), jumps.sizes)[is_known]
+    slow = jumps.rate_post[is_known] < threshold
+    change[steps, jumps.hit[is_known] - first] = np.where(slow, 1, -1)
     change[1:][gap > 0.0] = -1
     # each step has the state of the latest step with a change: 1 rests, -1 does not
     last = np.where(change != 0, np.arange(n_steps + 1)[:, None], 0)

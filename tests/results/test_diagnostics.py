@@ -294,7 +294,7 @@ def test_the_gap_of_two_laminae_is_evaluated_in_one_order() -> None:
     assert diagnostics.tip_gap(history).tobytes() == gap.tobytes()
 
 
-@pytest.mark.parametrize(("scatter", "expected"), [(0.099, 1), (0.101, None)])
+@pytest.mark.parametrize(("scatter", "expected"), [(0.083, 1), (0.121, None)])
 def test_periodicity_is_relative_to_half_the_range_of_the_window(
     scatter: float, expected: int | None
 ) -> None:

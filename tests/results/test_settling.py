@@ -6,17 +6,20 @@ import logging
 import os
 import signal
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
 from hypothesis import example, given, settings, strategies as st
+from synthetic import STEPS, small_case
 
 import delam_fem as df
 from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.settling import TOLERANCE, Settling
-from delam_fem.results import quality
+from delam_fem.results import diagnostics, quality
 from delam_fem.results.diagnostics import periodicity
 
 SMALL = {
@@ -268,3 +271,45 @@ def test_a_settled_motion_has_no_intervals(tmp_path: Path) -> None:
     result.save_numbers(tmp_path)
     with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as read:
         assert read.sizes["period"] == 20
+
+
+def strobed(strobe: np.ndarray) -> dict[str, Any]:
+    """Return the words of a summary on a motion with these strobes, and half a range of 1."""
+    case, n = small_case(), strobe.size
+    swing = np.sin(2.0 * np.pi * np.arange(4 * STEPS) / STEPS)
+    of_probe = np.stack([strobe, np.zeros(n)], axis=1)
+    record = SimpleNamespace(n_steps=STEPS, v=np.stack([swing[: STEPS + 1]] * 2, axis=1))
+    recorder: Any = SimpleNamespace(
+        strobe=np.stack([of_probe] * 2, axis=2),
+        envelope=np.stack([-np.ones((n, 2)), np.ones((n, 2))], axis=1),
+        window=[record] * 4, n_closed=n, steps_per_period=STEPS,
+        impulse=np.ones((n, 3)), ledger=np.zeros((n, 10)),
+    )  # fmt: skip
+    motion = diagnostics.ProbeMotion(
+        np.stack([swing, swing]), np.stack([strobe, strobe]), np.array([1.0]),
+        np.zeros((1, swing.size), dtype=bool), 0,
+    )  # fmt: skip
+    return diagnostics.summary_of(motion, case) | quality.settling_summary(recorder, 2, case, 0.3)
+
+
+def test_a_settled_motion_of_period_three_is_not_undecided() -> None:
+    """Its cycles differ by 11 %, which alone does not tell whether it repeats after one or three."""
+    phases = 1.15 * np.array([0.0, 0.09, -0.045])
+    summary = strobed(np.tile(phases, 40))
+    assert summary["settled"] == "settled"
+    assert (summary["periodicity"], summary["periodicity_class"]) == (3, "period 3")
+    assert summary["strobe_scatter"] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("P", [1, 2, 3, 4])
+@pytest.mark.parametrize("noise", [0.0, 0.03, 0.055, 0.065, 0.08, 0.2])
+def test_the_period_and_its_class_say_the_same(P: int, noise: float) -> None:
+    rng = np.random.default_rng(P)
+    for size in (0.0, 0.05, 0.1, 0.15):
+        cycle = size * rng.normal(size=P)
+        strobe = np.tile(cycle, 120 // P) + noise * rng.normal(size=120 // P * P)
+        summary = strobed(strobe)
+        period, word = summary["periodicity"], summary["periodicity_class"]
+        assert word == (f"period {period}" if period else word)
+        assert period is not None or not word.startswith("period")
+        assert (summary["strobe_scatter"] is None) == (period is None)

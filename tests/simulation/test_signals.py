@@ -178,7 +178,7 @@ def structure(weights: Any = None) -> Any:
     o = SimpleNamespace(
         n_probes=PROBES, n_pairs=PAIRS, pair_weights=weights, gap0=np.array([0.1, -0.2, 0.3, 0.0])
     )
-    return SimpleNamespace(operators=o, layout=SimpleNamespace(gap_row=1))
+    return SimpleNamespace(operators=o, layout=SimpleNamespace(gap_row=1, first_gap=0))
 
 
 def case_of(law: str, impulse: str = "consistent", **more: float) -> df.Case:

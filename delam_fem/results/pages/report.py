@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from delam_fem.results.pages.html import (
     Table,
     embedded,
 )
-from delam_fem.results.schema import SENSOR, rows, sensors_of
+from delam_fem.results.schema import SENSOR, contact_heading, contact_rows, rows, sensors_of
 from delam_fem.system.files import write_text
 
 WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
@@ -104,6 +105,31 @@ def _periodicity(run: Run) -> str:
 
 
 def _contacts(run: Run) -> str:
+    """Say how often the probes meet and stops and impactors are struck, and how fast."""
+    texts = (_tips(run), *map(_struck, run.summary.get("contacts") or (), repeat(run)))
+    return ", ".join(text for text in texts if text)
+
+
+def _struck(contact: Mapping[str, Any], run: Run) -> str:
+    """Say how often a stop or an impactor is struck, and how fast; nothing of an interface."""
+    rate, velocity = contact["strikes_per_period"], contact["approach_velocity"]
+    if contact["kind"] == "interface" or rate is None:
+        return ""
+    if not rate:
+        return f"{contact['name']} is never struck"
+    speed = f" at {velocity:.3g} m/s" if velocity is not None else ""
+    return f"{_strikes(run, rate, contact['name'])}{speed}"
+
+
+def _strikes(run: Run, rate: float, where: str) -> str:
+    """Say a number of strikes: per period, or in all where the excitation has none."""
+    if run.case.is_periodic:
+        return _often(rate, where)
+    times = rate * run.history.sizes["time"] / run.case.steps_per_period
+    return f"{times:.0f} {where} strike{'s' * (round(times) != 1)}"
+
+
+def _tips(run: Run) -> str:
     """Say how often the probes meet, and how fast."""
     rate, gap = run.summary.get("tip_contacts_per_period"), run.summary.get("minimum_tip_gap")
     if rate is None and run.history.sizes["lamina"] > 1 and "gap0" in run.history:
@@ -115,10 +141,7 @@ def _contacts(run: Run) -> str:
         return f"the {run.end}s never meet{near}"
     found = _strongest(run)
     speed = f" at {found[1].approach:.3g} m/s" if found else ""
-    if not run.case.is_periodic:
-        times = rate * run.history.sizes["time"] / run.case.steps_per_period
-        return f"{times:.0f} {run.end} strike{'s' * (round(times) != 1)}{speed}"
-    return f"{_often(rate, run.end)}{speed}"
+    return f"{_strikes(run, rate, run.end)}{speed}"
 
 
 def _beats(run: Run) -> str:
@@ -341,6 +364,7 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
         ("sensor", "what it measures", "smallest", "largest", "rms"),
         sensor_rows(history),
     )
+    touched = contact_rows(summary)
     sections = [
         Section("", [Paragraph(sentence(history, summary, case), "verdict"), *warnings]),
         *(
@@ -349,6 +373,7 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
             else []
         ),
         Section("Numbers", [Paragraph(about, "about"), table]),
+        *([Section("Contacts", [Table(contact_heading(), touched)])] if touched else []),
         Section("Figures", [Gallery([embedded(p)], text, text) for p, text in figures]),
         *([Section("Sensors", [Table(heading, signals)])] if signals else []),
         Section("Energy", [Paragraph(flows, "about"), energy]),

@@ -1,0 +1,300 @@
+"""What each contact of a run does: strikes, speeds of approach, impulses, forces.
+
+A contact is an interface, a stop or an impactor. It is closed where one of its pairs is closed: its
+gap is not positive, or it is hit within the step. Closures less than
+`diagnostics.GROUP_PERIODS` apart are one strike. An interface is judged at the reference probes,
+because near a clamp some of its pairs touch all the time; its impulses and forces are those of all
+its pairs.
+
+The gaps of stops and impactors are recorded at each step; see `attached.with_sensors`. Those of
+interfaces are, if a sensor reads contact forces. Otherwise the springs of interfaces are known at
+the frames alone, because to record all gaps takes as long as the steps themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from delam_fem.case.definition import Case
+from delam_fem.contact.laws import LAWS
+from delam_fem.model.layout import Layout, Structure
+from delam_fem.model.operators import DistributedOperators
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
+from delam_fem.results.diagnostics import (
+    GROUP_PERIODS,
+    ProbeMotion,
+    count_contacts,
+    group_begins,
+    of_interface,
+)
+from delam_fem.simulation.recorder import RESTING, Recorder
+from delam_fem.simulation.signals import (
+    contact_forces,
+    frames_of,
+    recorded_gaps,
+    spring_forces,
+)
+
+Kind = Literal["interface", "stop", "impactor"]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What a contact did in the window of a run; an entry of `contacts` in summary.json.
+
+    Attributes:
+        name: name of the interface, or "stop 1", "impactor 1", as the case counts them.
+        kind: "interface", "stop" or "impactor".
+        strikes_per_period: strikes per period of the window; None: not known.
+        approach_velocity: mean speed of approach of the strikes [m/s]; None: there are none.
+        impulse: mean impulse of a strike, by impacts and by springs [N s]; None: no strikes, or
+            forces are not known.
+        peak_force: largest force at the end of a step, or at a frame, positive in compression [N];
+            None: impacts are impulses and have no force, or it is not known.
+        closed_share: share of the steps at which the contact is closed [-]; None: not known.
+    """
+
+    name: str
+    kind: Kind
+    strikes_per_period: float | None
+    approach_velocity: float | None
+    impulse: float | None
+    peak_force: float | None
+    closed_share: float | None
+
+
+@dataclass(frozen=True)
+class _Histories:
+    """Gaps, spring forces and impacts of a window of k steps.
+
+    Attributes:
+        first: number of the first pair whose gaps are known; those of all later ones are.
+        gap: gaps at the start of the window and after each step, shape (k + 1, n_known) [m].
+        rate: gap rates, likewise [m/s].
+        force: forces of contact springs after each step, shape (k, n_known) [N].
+        hit: pair of each impulse, shape (n,).
+        step: step of each impulse, from 0, shape (n,).
+        impulse: the impulses, shape (n,) [N s].
+        approach: speeds of approach before them, shape (n,) [m/s].
+    """
+
+    first: int
+    gap: FloatArray
+    rate: FloatArray
+    force: FloatArray
+    hit: IntArray
+    step: IntArray
+    impulse: FloatArray
+    approach: FloatArray
+
+    @property
+    def n_steps(self) -> int:
+        """Number of steps."""
+        return len(self.force)
+
+    def knows(self, pairs: IntArray) -> bool:
+        """Return whether the gaps of some pairs are known at each step."""
+        return bool(pairs.size and pairs[0] >= self.first)
+
+    def is_closed(self, pairs: IntArray) -> BoolArray:
+        """Return after which steps one of some pairs is closed, shape (k,)."""
+        closed = (self.gap[1:, pairs - self.first] <= 0.0).any(axis=1)
+        closed[self.step[np.isin(self.hit, pairs)]] = True
+        return np.asarray(closed)
+
+    def approach_at(self, step: int, pairs: IntArray) -> float | None:
+        """Return the speed at which the first of some pairs closes within a step [m/s].
+
+        It is that before the impact; of a spring that of the instant at which the gap is 0, by
+        linear interpolation. It is None if all of them were closed before.
+        """
+        is_impact = (self.step == step) & np.isin(self.hit, pairs)
+        if is_impact.any():
+            return float(self.approach[is_impact].max())
+        columns = pairs - self.first
+        before, after = self.gap[step, columns], self.gap[step + 1, columns]
+        closes = (after <= 0.0) & (before > 0.0)
+        if not closes.any():
+            return None
+        share = before[closes] / (before - after)[closes]
+        start, end = self.rate[step, columns][closes], self.rate[step + 1, columns][closes]
+        return float(-(start + share * (end - start)).min())
+
+    def impulses(self, pairs: IntArray) -> FloatArray:
+        """Return the sum of the impulses on some pairs within each step, shape (k,) [N s]."""
+        is_here = np.isin(self.hit, pairs)
+        return np.bincount(
+            self.step[is_here], weights=self.impulse[is_here], minlength=self.n_steps
+        ).astype(np.float64)
+
+
+def of_run(
+    recorder: Recorder, structure: Structure, case: Case, history: xr.Dataset
+) -> list[dict[str, Any]]:
+    """Return the entry `contacts` of a summary: what each contact did, from `Contact`.
+
+    Args:
+        recorder: recorder of the run, after at least one period.
+        structure: structure that moved.
+        case: its case.
+        history: dataset of the run.
+
+    Returns:
+        Interfaces, stops and impactors in this order; empty with the law "none".
+    """
+    layout, N = structure.layout, case.steps_per_period
+    if case.contact.law == "none" or not layout.touching:
+        return []
+    known, motion = _histories(recorder, structure, case), ProbeMotion.of(history)
+    at_frames: FloatArray | None = None
+    if layout.interfaces and LAWS[case.contact.law].spring:
+        at_frames = _forces_at_frames(recorder, structure, case)
+    entries = []
+    for number, interface in enumerate(layout.interfaces):
+        pairs = np.arange(interface.pairs.start, interface.pairs.stop)
+        if _is_at_probes(layout, number):
+            closed = motion.is_closed[number]
+            strikes = of_interface(history, N, number)
+            speeds = [strikes.approach] if strikes.step.size else []
+            about = _strikes(closed, speeds, N)
+        else:
+            about = {}
+        contact = _contact(interface.name, "interface", known, pairs, case, about, at_frames)
+        entries.append(contact)
+    for number in dict.fromkeys(stop.number for stop in layout.stops):
+        kind, name = named(number, case)
+        sides = [stop.pairs for stop in layout.stops if stop.number == number]
+        pairs = np.concatenate([np.arange(rows.start, rows.stop) for rows in sides])
+        closed = known.is_closed(pairs)
+        begins = group_begins(closed, GROUP_PERIODS * N).tolist()
+        speeds = [speed for step in begins if (speed := known.approach_at(step, pairs)) is not None]
+        about = _strikes(closed, speeds, N)
+        entries.append(_contact(name, kind, known, pairs, case, about))
+    return [asdict(contact) for contact in entries]
+
+
+def named(number: int, case: Case) -> tuple[Kind, str]:
+    """Return the kind and the name of a stop; impactors count on behind all stops, from 0."""
+    if number < len(case.stop):
+        return "stop", f"stop {number + 1}"
+    return "impactor", f"impactor {number - len(case.stop) + 1}"
+
+
+def _is_at_probes(layout: Layout, number: int) -> bool:
+    """Return whether an interface has a pair at the reference probes."""
+    interface = layout.interfaces[number]
+    return bool((interface.places == layout.probes[interface.parts[0]].point).any())
+
+
+def _histories(recorder: Recorder, structure: Structure, case: Case) -> _Histories:
+    """Return gaps, forces and impacts of the window."""
+    o, impacts = structure.operators, recorder.impacts()
+    gap, rate = recorded_gaps(recorder, structure)
+    ends = -(-impacts.ticks // recorder.refine)  # the step in which an impact happened
+    forces = [spring_forces(record, structure, case) for record in recorder.window]
+    return _Histories(
+        first=o.n_pairs - gap.shape[1],
+        gap=gap,
+        rate=rate,
+        force=np.concatenate(forces),
+        hit=impacts.hit,
+        step=np.repeat(ends, impacts.sizes) - 1,
+        impulse=impacts.impulses,
+        approach=-impacts.rate_pre,
+    )
+
+
+def _strikes(closed: BoolArray, speeds: list[float], N: int) -> dict[str, float | None]:
+    """Return the entries that follow from when a contact is closed.
+
+    Args:
+        closed: whether it is closed after each step, shape (k,).
+        speeds: speeds of approach of its strikes [m/s].
+        N: steps per period.
+    """
+    count = count_contacts(closed, GROUP_PERIODS * N)
+    return {
+        "strikes_per_period": count * N / closed.size,
+        "approach_velocity": float(np.mean(speeds)) if speeds else None,
+        "closed_share": float(closed.mean()),
+    }
+
+
+def _contact(
+    name: str,
+    kind: Kind,
+    known: _Histories,
+    pairs: IntArray,
+    case: Case,
+    about: Mapping[str, float | None],
+    at_frames: FloatArray | None = None,
+) -> Contact:
+    """Return what a contact did, with its forces.
+
+    Args:
+        name: its name.
+        kind: its kind.
+        known: histories of the window.
+        pairs: its pairs.
+        case: case of the run.
+        about: what `_strikes` returns; empty: not known.
+        at_frames: see `_spring_force`.
+    """
+    duration = known.n_steps * case.time_step
+    impulses, force = known.impulses(pairs), _spring_force(known, pairs, case, at_frames)
+    if force is None:
+        total, peak = None, None
+    else:  # the impulses of massless contact points are contact forces times the step
+        total = float(impulses.sum() + force.mean() * duration)
+        force = force + impulses / case.time_step if case.is_massless else force
+        has_force = case.is_massless or case.contact.law == "penalty"
+        peak = float(force.max()) if has_force else None
+    strikes = about.get("strikes_per_period")
+    count = (strikes or 0.0) * known.n_steps / case.steps_per_period
+    return Contact(
+        name,
+        kind,
+        strikes,
+        about.get("approach_velocity"),
+        None if total is None or not count else total / count,
+        peak,
+        about.get("closed_share"),
+    )
+
+
+def _spring_force(
+    known: _Histories, pairs: IntArray, case: Case, at_frames: FloatArray | None
+) -> FloatArray | None:
+    """Return the force of springs on some pairs at even instants of the window; None: not known.
+
+    Args:
+        known: histories of the window.
+        pairs: the pairs.
+        case: case of the run.
+        at_frames: forces of the springs of all pairs at the frames, shape (n_frames, n_pairs) [N];
+            None: there are no frames.
+    """
+    if not LAWS[case.contact.law].spring:
+        return np.zeros(known.n_steps)
+    if known.knows(pairs):
+        return np.asarray(known.force[:, pairs - known.first].sum(axis=1))
+    return None if at_frames is None else np.asarray(at_frames[:, pairs].sum(axis=1))
+
+
+def _forces_at_frames(recorder: Recorder, structure: Structure, case: Case) -> FloatArray | None:
+    """Return the forces of the springs of all pairs at the frames, shape (n_frames, n_pairs) [N].
+
+    They are None without frames, and where the dofs are shared by ranks.
+    """
+    o, frames = structure.operators, frames_of(recorder)
+    if not frames.states or isinstance(o, DistributedOperators):
+        return None
+    u, v = np.array(frames.states).swapaxes(0, 1)
+    gap, rate = o.gap0 + u @ o.gap_matrix.T, v @ o.gap_matrix.T
+    carries = frames.contact == RESTING if case.contact.law != "penalty" else gap <= 0.0
+    return contact_forces(case, gap, rate, carries, o.pair_weights)
