@@ -293,7 +293,7 @@ def strobed(strobe: np.ndarray) -> dict[str, Any]:
 
 
 def test_a_settled_motion_of_period_three_is_not_undecided() -> None:
-    """Its cycles differ by 11 %, which alone does not tell whether it repeats after one or three."""
+    """Its cycles differ by 11 %, which alone does not tell one period from three."""
     phases = 1.15 * np.array([0.0, 0.09, -0.045])
     summary = strobed(np.tile(phases, 40))
     assert summary["settled"] == "settled"
