@@ -175,7 +175,9 @@ def run_command(
                     result = run(case, directory=folder, progress=report, comm=comm, **options)
                 paths = _saved(result, folder, figures) if is_first else []
                 numbers = rows(result.summary, [own.name for own in case.lamina])
-                tables = [(f"case {case.name}", ("", "value"), [row[:2] for row in numbers])]
+                tables: list[Any] = [
+                    (f"case {case.name}", ("", "value"), [row[:2] for row in numbers])
+                ]
                 if touched := contact_rows(result.summary):
                     tables.append(("contacts", contact_heading(), touched))
                 say(is_silent, paths, tables=tables)
