@@ -41,6 +41,12 @@ if TYPE_CHECKING:
         save_case as save_case,
     )
     from delam_fem.case.gap import initial_gap as initial_gap
+    from delam_fem.case.identity import (
+        belong as belong,
+        content_of as content_of,
+        identity as identity,
+        require_same as require_same,
+    )
     from delam_fem.case.keys import tables as tables
     from delam_fem.case.sections import Contact as Contact, Gap as Gap, Lamina as Lamina
     from delam_fem.case.toml import (
@@ -206,6 +212,7 @@ if TYPE_CHECKING:
         claimed as claimed,
         json_ready as json_ready,
         read_arrays as read_arrays,
+        rewritten as rewritten,
         write_arrays as write_arrays,
         write_json as write_json,
         write_text as write_text,
@@ -226,6 +233,7 @@ _HOMES = {
     ),
     "case.files": "PRESETS CaseSource find_case load_case preset save_case",
     "case.gap": "initial_gap",
+    "case.identity": "belong content_of identity require_same",
     "case.keys": "tables",
     "case.sections": "Contact Gap Lamina",
     "case.toml": "Data apply_overrides message read_toml toml_text",
@@ -278,7 +286,8 @@ _HOMES = {
     "system.docstrings": "summary",
     "system.errors": "CaseError require",
     "system.files": (
-        "atomic atomic_file claimed json_ready read_arrays write_arrays write_json write_text"
+        "atomic atomic_file claimed json_ready read_arrays rewritten write_arrays write_json "
+        "write_text"
     ),
     "system.imports": "ONE_THREAD added keep_garbage",
     "system.mpi": "MPI",

@@ -20,7 +20,7 @@ import xarray as xr
 from delam_fem.case import plausible
 from delam_fem.case.definition import ROUND_OFF, Case
 from delam_fem.case.excitation import HarmonicMotion
-from delam_fem.case.files import CaseSource, find_case, save_case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.contact.laws import (
     COMBINATIONS,
     ContactLaw,
@@ -224,9 +224,10 @@ def _run_case(
             "with --overwrite"
         )
     if extend:
-        case, source = _extended(case, directory, extend, comm, resume=resume)
+        case, source = _extended(case, directory, extend, resume=resume)
     mpi.hold(comm)
     mpi.end_with_any(comm)
+    beyond = _beyond_case(structure, initial, other)
     structure = discretise.assemble(case, comm=comm) if structure is None else structure
     told = quality.unresolved_blows(case, structure)
     for text in told:
@@ -238,17 +239,19 @@ def _run_case(
     )
     with claim, session as opened:
         recorder = opened.recorder
+        identity = checkpoint.identity_of(case, engine, opened.engine, **beyond)
+        of_run = identity, opened.engine, recorder
         before: checkpoint.Progress = "running"
         if resume or extend:
-            into = engine, opened.engine, recorder, opened.motion
-            before = checkpoint.load(source, case, *into, of_shorter=bool(extend))
+            before = checkpoint.load(source, *of_run, opened.motion, of_shorter=bool(extend))
             before = "running" if extend else before
         begin, first = time.perf_counter(), recorder.n_closed
         decay = quality.decay_of(case, structure) * case.period
         enough = quality.stop_when_settled(case, recorder, len(structure.layout.parts), decay)
         with stop_signals() as is_stopped, reporting(progress, "period") as shown:
-            of_run = case, engine, opened.engine, recorder
             stop = Watch(kept, of_run, is_stopped, comm, report=shown, seconds=checkpoint_seconds)
+            if extend:
+                stop.save("running")  # from now on the folder says that it is not finished
             outcome = opened.run(stop, enough) if before == "running" else before
             if recorder.n_closed == 1 and not recorder.window[-1].n_steps:
                 raise CaseError(
@@ -267,7 +270,7 @@ def _run_case(
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     remark = None if other is None else f"{REPLACED} {other.name!r}; case.toml does not say so"
-    result = _result(case, structure, recorder, state, summary, decay, remark, told=told)
+    result = _result(case, structure, recorder, state, summary, decay, remark, identity, told=told)
     final = arrays if outcome == "completed" and other is None else None
     return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
 
@@ -395,12 +398,9 @@ def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[s
 
 
 def _extended(
-    case: Case, directory: str | Path | None, periods: int, comm: MPI.Intracomm, *, resume: bool
+    case: Case, directory: str | Path | None, periods: int, *, resume: bool
 ) -> tuple[Case, Path]:
-    """Return the case of a longer run, and the file with the final state of the shorter one.
-
-    The folder gets the new case, from which --resume goes on.
-    """
+    """Return the case of a longer run, and the file with the final state of the shorter one."""
     if periods < 1 or resume or directory is None or not case.is_periodic:
         raise CaseError(
             "extend: expected a positive number of periods, the directory of a completed run, no "
@@ -408,10 +408,22 @@ def _extended(
             f"{directory}, resume {resume}, an excitation of the kind {case.excitation.kind}"
         )
     path = checkpoint.final_in(Path(directory))
-    longer = case.with_overrides({"time.periods": checkpoint.periods_in(path) + periods})
-    if comm.rank == 0:
-        save_case(longer, path.parent)
-    return longer, path
+    return case.with_overrides({"time.periods": checkpoint.periods_in(path) + periods}), path
+
+
+def _beyond_case(
+    structure: Structure | None, initial: State | None, law: ContactLaw | None
+) -> dict[str, object]:
+    """Return what the identity of a run has beside its case: what is given in place of it."""
+    given: dict[str, object] = {} if law is None else {"law": law.name}
+    if initial is not None:
+        given["initial"] = initial
+    if structure is not None and isinstance(structure.operators, Operators):
+        o = structure.operators
+        matrices = (o.mass, o.damping, o.stiffness, o.gap_matrix)
+        arrays = [part for matrix in matrices for part in (matrix.data, matrix.indices)]
+        given["structure"] = [*arrays, o.gap0]
+    return given
 
 
 def _summary(
@@ -439,17 +451,23 @@ def _result(
     summary: dict[str, Any],
     decay: float,
     remark: str | None,
+    identity: str,
     *,
     told: Collection[str],
 ) -> Result:
-    """Return the result: the dataset of a run with its summary and warnings.
+    """Return the result: the dataset of a run with its identity, summary and warnings.
 
     Warnings that were `told` before the run are not logged again.
     """
     residual = recorder.energy_residual()
     is_lost = summary["outcome"] == "completed" and quality.is_lost(residual)
     summary["outcome"] = "diverged" if is_lost else summary["outcome"]
-    attributes = {"outcome": summary["outcome"], "engine": summary["engine"], **solvers()}
+    attributes = {
+        "outcome": summary["outcome"],
+        "engine": summary["engine"],
+        "identity": identity,
+        **solvers(),
+    }
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
     summary |= quality.settling_summary(recorder, len(structure.layout.parts), case, decay)

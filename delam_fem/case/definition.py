@@ -741,16 +741,6 @@ class Case(Section):
             raise CaseError(f"case: not valid TOML: {error}") from None
         return cls.checked(data, "case")
 
-    def is_in(self, text: str) -> bool:
-        """Return whether a text that `to_toml` has written describes this case.
-
-        A key that the text lacks has come with a later version; its default counts.
-        """
-        try:
-            return text == self.to_toml() or self.from_toml(text).to_toml() == self.to_toml()
-        except CaseError:
-            return False
-
     def with_overrides(
         self, overrides: Mapping[str, object] | None = None, **by_word: object
     ) -> Self:

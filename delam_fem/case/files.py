@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from delam_fem.case.definition import Case
+from delam_fem.case.identity import companions
 from delam_fem.case.toml import Data, apply_overrides, read_toml, set_key, shown, toml_text
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import OUTPUTS, atomic, write_text
@@ -130,9 +131,8 @@ def save_case(case: Case, directory: str | Path) -> Path:
         taken.add(name)
         _copy(file, directory / name)
         set_key(data, key, name)
-        heavy = file.with_suffix(".h5")
-        if file.suffix == ".xdmf" and heavy.is_file():  # XDMF keeps its numbers in this file
-            _copy(heavy, directory / heavy.name)
+        for beside in companions(file):
+            _copy(beside, directory / beside.name)
     return write_text(directory / "case.toml", toml_text(data))
 
 

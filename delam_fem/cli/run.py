@@ -160,7 +160,7 @@ def run_command(
         with claim if is_first else nullcontext():
             if dry_run:
                 return
-            if resume and not path_in(folder).exists() and is_complete(folder, case):
+            if resume and not path_in(folder).exists() and is_complete(folder, case, engine):
                 outcome = "completed"
                 _log.info("%s has the complete result: nothing is left to do", folder)
             else:

@@ -389,7 +389,7 @@ def export_command(
     from delam_fem.results.export import FORMATS
     from delam_fem.results.folder import load_result
 
-    result = load_result(run)
+    result = load_result(run, is_strict=True)
     written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
     say(quiet, written, lines=[FORMATS[to]])
 

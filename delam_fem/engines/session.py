@@ -10,7 +10,6 @@ that the workers of a sweep start fast.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import math
 from collections.abc import Callable, Iterator
@@ -25,6 +24,7 @@ import numpy as np
 
 from delam_fem.case.definition import PARTS, ROUND_OFF, Case
 from delam_fem.case.excitation import HarmonicMotion, drive
+from delam_fem.case.identity import digest
 from delam_fem.contact.laws import (
     SCHEMES,
     ContactLaw,
@@ -338,13 +338,13 @@ class Session:
             *(self.engine, self.recorder, self.motion), stop=stop, enough=enough, every=every
         )
 
-    def run_kept(self, folder: Path | None, case: Case, name: str = "compiled") -> Outcome:
+    def run_kept(self, folder: Path | None, case: Case, **question: object) -> Outcome:
         """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.
 
         Args:
             folder: folder of the checkpoints of a study; None: none are kept.
             case: the case; a checkpoint of another case is left alone.
-            name: name of the engine, with what else tells this run from others.
+            **question: what tells this run from others of the case; see `identity`.
 
         Raises:
             CaseError: the checkpoint is damaged, or of another version.
@@ -354,14 +354,14 @@ class Session:
             return self.run()
         from delam_fem.system.mpi import MPI
 
-        what = hashlib.sha256(f"{name} {case.to_toml()}".encode()).hexdigest()[:16]
-        path, parts = folder / f"{what}.npz", (case, name, self.engine, self.recorder)
+        run = checkpoint.identity_of(case, "compiled", self.engine, **question)
+        path = folder / f"{digest(run)}.npz"
         if path.is_file():
-            before = checkpoint.load(path, *parts, self.motion)
+            before = checkpoint.load(path, run, self.engine, self.recorder, self.motion)
             if before != "running":
                 return before
         with stop_signals() as is_stopped:
-            stop = Watch(path, parts, is_stopped, MPI.COMM_SELF)
+            stop = Watch(path, (run, self.engine, self.recorder), is_stopped, MPI.COMM_SELF)
             outcome = self.run(stop)
             stop.leave(outcome)
         if outcome == "interrupted":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,18 +14,27 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, save_case
+from delam_fem.case.identity import differences, identity, located, require_same
 from delam_fem.model.discretise import has_dolfinx
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
 from delam_fem.system.errors import CaseError, reason_of
-from delam_fem.system.files import atomic_file, write_arrays, write_json
+from delam_fem.system.files import (
+    UNFINISHED,
+    atomic_file,
+    require_finished,
+    rewritten,
+    write_arrays,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from delam_fem.results.fields.derived import Frames
     from delam_fem.results.figures.run import Plots
 
-RESULT, SUMMARY = "result.nc", "summary.json"
-"""Names of the files of a run with all its numbers and with a few."""
+CASE, RESULT, SUMMARY = "case.toml", "result.nc", "summary.json"
+"""Names of the files of a run with its case, with all its numbers and with a few."""
+_log = logging.getLogger(__name__)
 SOLID = "solid.vtkhdf"
 """Name of the file with the fields of a solid, in the folder of the fields."""
 
@@ -82,7 +92,8 @@ class Result:
         """Write numbers, figures, fields and report to a folder.
 
         The fields of a solid are numbers: no other file has them. Everything is written under a
-        temporary name and renamed when complete. The checkpoint of the run is removed last.
+        temporary name and renamed when complete. Until all files are there the folder says that it
+        is unfinished. The checkpoint of the run is removed last.
 
         Args:
             directory: folder, which is made where it does not exist.
@@ -94,15 +105,17 @@ class Result:
         Raises:
             OSError: the folder cannot be written or the disk is full.
         """
-        written, directory = self.save_numbers(directory), Path(directory)
-        if self.solid is not None:
-            from delam_fem.results.fields.derived import write_solid
+        directory = Path(directory)
+        with rewritten(directory):
+            written = self.save_numbers(directory)
+            if self.solid is not None:
+                from delam_fem.results.fields.derived import write_solid
 
-            written.append(write_solid(self.solid, directory / "fields"))
-        elif isinstance(self.case, Case) and not self.case.model.is_continuum:
-            (directory / "fields" / SOLID).unlink(missing_ok=True)
-        if figures:
-            written += save_views(self._drawn, self.summary, self.case, directory)
+                written.append(write_solid(self.solid, directory / "fields"))
+            elif isinstance(self.case, Case) and not self.case.model.is_continuum:
+                (directory / "fields" / SOLID).unlink(missing_ok=True)
+            if figures:
+                written += save_views(self._drawn, self.summary, self.case, directory)
         if self.checkpoint is not None:
             self.checkpoint.unlink(missing_ok=True)
         return written
@@ -270,17 +283,27 @@ def save_views(
     return [*written, write_report(history, summary, case, directory)]
 
 
-def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any]]:
+def load_numbers(
+    directory: str | Path, *, is_strict: bool = False
+) -> tuple[Case, xr.Dataset, dict[str, Any]]:
     """Read the case, the history and the summary of a run from its folder.
+
+    Args:
+        directory: the folder.
+        is_strict: whether to refuse a folder whose case.toml is not the case of the result;
+            otherwise that is a warning, also in the summary.
 
     Returns:
         All three, as `Result.save_numbers` has written them; without its file the summary is empty.
+        The case is that of the result.
 
     Raises:
-        CaseError: the folder has no result, or a damaged one.
+        CaseError: the folder has no result, an unfinished or a damaged one, or a file of its case
+            is not there any more.
     """
     directory = Path(directory)
     path = directory / RESULT
+    require_finished(directory)
     if not path.is_file():
         raise CaseError(f"{directory}: expected the folder of a run, found no {RESULT} there")
     try:
@@ -293,24 +316,71 @@ def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any
         ) from None
     if "outcome" not in history.attrs or "tip_displacement" not in history:
         raise CaseError(f"{path}: expected the result of a run, found another dataset")
-    return load_case(directory / "case.toml"), history, summary
+    case, found = _case_of(history, directory)
+    if found:
+        said = f"{directory / 'case.toml'} is not the case of {RESULT}: {'; '.join(found)}"
+        if is_strict:
+            raise CaseError(f"{said}. Put the case back, or run it into another folder with -o DIR")
+        _log.warning("%s; the result counts", said)
+        summary["warnings"] = [f"{said}; the result counts", *summary.get("warnings", ())]
+    return case, history, summary
 
 
-def load_result(directory: str | Path) -> Result:
+def _case_of(history: xr.Dataset, directory: Path) -> tuple[Case, list[str]]:
+    """Return the case of a result, and in what the case.toml beside it differs.
+
+    Files of the case are looked for beside the result, and where they were when it was computed.
+    """
+    origin = history.attrs.get("identity")
+    if origin is None:  # of an earlier version, or made by hand
+        return load_case(directory / CASE), []
+    try:
+        beside = load_case(directory / CASE)
+        found = differences(origin, identity(beside), of_case=True)
+    except CaseError as error:
+        return located(origin, Case.from_toml(history.attrs["case"])), [str(error)]
+    if not found:
+        return beside, []
+    return located(origin, beside, Case.from_toml(history.attrs["case"])), found
+
+
+def load_result(directory: str | Path, *, is_strict: bool = False) -> Result:
     """Read the result of a run from its folder; the state at the end is not kept there.
 
+    Args:
+        directory: the folder.
+        is_strict: see `load_numbers`.
+
     Raises:
-        CaseError: the folder has no result, or a damaged one.
+        CaseError: see `load_numbers`.
     """
-    case, history, summary = load_numbers(directory)
+    case, history, summary = load_numbers(directory, is_strict=is_strict)
     return Result(case, history, summary, None)
 
 
-def is_complete(directory: str | Path, case: Case) -> bool:
-    """Return whether a folder has the complete result of a case."""
+def is_complete(directory: str | Path, case: Case, engine: str | None = None) -> bool:
+    """Return whether a folder has the complete result of a case.
+
+    Args:
+        directory: the folder.
+        case: the case.
+        engine: the engine that must have computed it; None: any.
+
+    Raises:
+        CaseError: it has the complete result of another case, or by another engine.
+    """
+    path = Path(directory) / RESULT
+    if (path.parent / UNFINISHED).exists():
+        return False
     try:
-        with xr.open_dataset(Path(directory) / RESULT, engine="h5netcdf") as history:
+        with xr.open_dataset(path, engine="h5netcdf") as history:
             about = history.attrs
-            return (about.get("outcome"), about.get("case")) == ("completed", case.to_toml())
     except Exception:  # a damaged file; see `load_numbers`
         return False
+    if about.get("outcome") != "completed":
+        return False
+    open_parts = ("version", "ranks", "engine") if engine is None else ("version", "ranks")
+    require_same(
+        str(about.get("identity")), identity(case, engine=engine), path, without=open_parts
+    )
+    return True

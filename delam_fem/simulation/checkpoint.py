@@ -14,13 +14,14 @@ and frames of a run on several ranks are gathered; the first rank writes them.
 
 from __future__ import annotations
 
+import json
 import logging
 import shutil
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -29,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import TimeStepping
+from delam_fem.case.identity import belong, identity, require_same
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import Engine, Outcome, State
 from delam_fem.simulation.recorder import Columns, Jumps, PeriodRecord, Recorder
@@ -44,6 +45,9 @@ CHECKPOINT_SECONDS = 30.0
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a run: Ctrl-C, a polite kill, a closed terminal."""
+
+LENGTH = ("time.periods", "time.most_periods")
+"""Keys of the length of a run, which an extension changes."""
 
 _Handler = Callable[[int, FrameType | None], None]
 _log = logging.getLogger(__name__)
@@ -103,7 +107,7 @@ class Watch:
     def __init__(
         self,
         path: Path | None,
-        of_run: tuple[Case, str, Engine, Recorder],
+        of_run: tuple[str, Engine, Recorder],
         is_stopped: Callable[[], bool],
         comm: MPI.Intracomm,
         *,
@@ -114,7 +118,7 @@ class Watch:
 
         Args:
             path: file of the checkpoints; None: there are none.
-            of_run: case, name of the engine, engine with the state, recorder; see `arrays_of`.
+            of_run: identity of the run, engine with the state, recorder; see `arrays_of`.
             is_stopped: function that says whether this process was asked to stop.
             comm: communicator whose ranks must decide the same; the first one writes.
             report: function that takes the numbers of finished and of all periods; None: nobody
@@ -139,15 +143,15 @@ class Watch:
 
             wishes = self._comm.allreduce(wishes, MPI.BOR)
         if wishes & 2:
-            self._save("running")
+            self.save("running")
             self._last = time.monotonic()
         return bool(wishes & 1)
 
     def leave(self, outcome: Outcome) -> None:
         """Save the checkpoint of a run that has ended; it stays until the result is on the disk."""
-        self._save("running" if outcome == "interrupted" else outcome)
+        self.save("running" if outcome == "interrupted" else outcome)
 
-    def _save(self, progress: Progress) -> None:
+    def save(self, progress: Progress) -> None:
         """Save a checkpoint (collective); if that fails, warn, because the run itself can go on.
 
         The old file is replaced only when the new one is complete and on the disk.
@@ -176,41 +180,43 @@ def final_in(directory: Path) -> Path:
 
 
 @contextmanager
-def of_study(directory: Path, *, resume: bool) -> Iterator[Path]:
+def of_study(directory: Path, study: str, *, resume: bool) -> Iterator[Path]:
     """Yield the folder for the checkpoints of a study; it is removed when the study is complete.
 
     Args:
         directory: folder of the study.
+        study: identity of the study, to which the checkpoints belong.
         resume: whether to go on with the checkpoints that are there.
+
+    Raises:
+        CaseError: the checkpoints there belong to another study.
     """
     folder = directory / "checkpoints"
     if not resume:
         shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(exist_ok=True)
+    belong(folder, study)
     try:
         yield folder
     except BaseException:
-        with suppress(OSError):
-            folder.rmdir()  # if it is empty
+        if not any(folder.rglob("*.npz")):  # nothing to go on with
+            shutil.rmtree(folder, ignore_errors=True)
         raise
     shutil.rmtree(folder)
 
 
-def arrays_of(
-    case: Case, name: str, engine: Engine, recorder: Recorder, outcome: Progress
-) -> dict[str, Any]:
+def arrays_of(run: str, engine: Engine, recorder: Recorder, outcome: Progress) -> dict[str, Any]:
     """Return the arrays of a checkpoint after a closed period by name.
 
     Args:
-        case: the case that is computed; `load` compares it.
-        name: name of the engine; `load` compares it.
+        run: identity of the run, see `identity_of`; `load` compares it.
         engine: engine with the state; every rank must call, because the state is gathered.
         recorder: recorder with everything recorded so far.
         outcome: "running", or how the run has ended.
     """
     k, state = recorder.n_closed, engine.state()
     arrays: dict[str, Any] = {
-        **{key: np.array(text) for key, text in _origin(case, name, engine).items()},
+        "identity": np.array(run),
         "outcome": np.array(outcome),
         "n_closed": k,
         "motion": state.motion,
@@ -238,21 +244,23 @@ def arrays_of(
     return arrays
 
 
-def _origin(case: Case, name: str, engine: Engine) -> dict[str, str]:
-    """Return the texts that must be equal for a run to continue bit for bit."""
-    return {
-        "version": version("delam_fem"),
-        "engine": name,
-        "scheme": case.time.scheme,
-        "ranks": str(engine.n_shares),
-        "case": case.to_toml(),
-    }
+def identity_of(case: Case, name: str, engine: Engine, **question: object) -> str:
+    """Return the identity of a run, which must be the same for it to continue bit for bit.
+
+    Args:
+        case: the case that is computed.
+        name: name of the engine.
+        engine: the engine.
+        **question: what else the run depends on; see `identity`.
+    """
+    return identity(
+        case, version=version("delam_fem"), engine=name, ranks=engine.n_shares, **question
+    )
 
 
 def load(
     path: Path | None,
-    case: Case,
-    name: str,
+    run: str,
     engine: Engine,
     recorder: Recorder,
     motion: Callable[[int], FloatArray],
@@ -263,8 +271,7 @@ def load(
 
     Args:
         path: the file; None if the run has no folder.
-        case: the case that is computed.
-        name: name of the engine.
+        run: identity of the run that is computed, see `identity_of`.
         engine: engine that receives the state.
         recorder: recorder that receives the rows and the window.
         motion: states of the base in a period; see `simulate`.
@@ -274,8 +281,7 @@ def load(
         How the run has ended, or "running".
 
     Raises:
-        CaseError: there is no checkpoint, it is damaged, or it belongs to another case, engine,
-            scheme, number of ranks or version.
+        CaseError: there is no checkpoint, it is damaged, or it belongs to another run.
     """
     if path is None:
         raise CaseError("resume: expected the directory of the interrupted run, given none")
@@ -283,24 +289,10 @@ def load(
         raise CaseError(f"resume: expected a checkpoint of an interrupted run, no file {path}")
     try:
         data = read_arrays(path)
-        expected = _origin(case, name, engine)
-        found = {key: str(data[key]) for key in expected}
-        if of_shorter and _of_any_length(Case.from_toml(found["case"])) == _of_any_length(case):
-            found["case"] = case.to_toml()
-    except (ValueError, KeyError) as error:  # a CaseError is a ValueError
+        kept = str(data["identity"])
+    except (ValueError, KeyError) as error:
         raise _damaged(path, error) from None
-    for key, wanted in expected.items():  # version, engine, scheme, number of ranks, case
-        if found[key] == wanted:
-            continue
-        if key == "case":
-            raise CaseError(
-                f"resume: {path} belongs to another case; run with the settings of the "
-                "interrupted run, or without --resume"
-            )
-        raise CaseError(
-            f"resume: {path} is of {key} {found[key][:40]!r}, expected {wanted!r}; run with the "
-            f"{key} of the interrupted run, or without --resume"
-        )
+    require_same(kept, run, path, without=LENGTH if of_shorter else ())
     try:
         return _restored(data, engine, recorder, motion)
     except (ValueError, KeyError, IndexError, TypeError) as error:
@@ -311,7 +303,7 @@ def engine_in(path: Path) -> str | None:
     """Return the name of the engine of a checkpoint; None if it cannot be read."""
     try:
         with path.open("rb") as file, np.load(file) as archive:
-            return str(archive["engine"])
+            return str(json.loads(str(archive["identity"]))["question"]["engine"])
     except Exception:  # `load` says what is wrong
         return None
 
@@ -331,14 +323,6 @@ def periods_in(path: Path) -> int:
         return int(read_arrays(path)["n_closed"])
     except (ValueError, KeyError) as error:
         raise _damaged(path, error) from None
-
-
-def _of_any_length(case: Case) -> str:
-    """Return a text that is the same for two cases that differ in their numbers of periods only."""
-    time = TimeStepping.model_validate(
-        case.time.model_dump(exclude={"periods", "most_periods"}, exclude_unset=True)
-    )
-    return case.model_copy(update={"time": time}).to_toml()
 
 
 def _damaged(path: Path, error: Exception) -> CaseError:

@@ -395,7 +395,7 @@ class Identify(Options):
         seed: seed of the noise and of the prior.
     """
 
-    common = ("workers", "resume", "overwrite")
+    common = ("workers", "resume", "overwrite", "dry_run", "yes")
     unknown: Annotated[tuple[str, ...], RIG]
     frequency: tuple[float, ...]
     measured: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE")] = None

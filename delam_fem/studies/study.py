@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from inspect import signature
 from pathlib import Path
@@ -21,7 +21,9 @@ from delam_fem.api import (
     claimed,
     find_case,
     html,
+    identity,
     of_study,
+    rewritten,
     save_case,
     style,
     summary,
@@ -156,7 +158,8 @@ class Place:
 
     Attributes:
         folder: folder of the results, which exists.
-        kept: folder for checkpoints, which is removed when the study is complete.
+        kept: folder for checkpoints, which is removed when the study is complete; without
+            checkpoints `folder`.
         resume: whether to go on with what is in the folder.
         workers: number of processes; None: one per core.
         progress: called with the numbers of finished and of all runs; None: nobody is told.
@@ -185,6 +188,7 @@ class Study(Generic[Chosen, Found]):
             workers; None: it is cheap.
         remove: function that removes the results in a folder, so that they are computed anew.
         takes_impactors: whether a case may have impactors.
+        has_checkpoints: whether runs of the study keep checkpoints in `Place.kept`.
     """
 
     options: type[Chosen]
@@ -192,6 +196,7 @@ class Study(Generic[Chosen, Found]):
     cost: Callable[[Case, Chosen, int | None], tuple[str, Cost]] | None = None
     remove: Callable[[Path], None] = remove_results
     takes_impactors: bool = False
+    has_checkpoints: bool = False
 
     @property
     def __doc__(self) -> str:  # type: ignore[override]
@@ -262,12 +267,17 @@ class Study(Generic[Chosen, Found]):
         with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
             if overwrite:
                 self.remove(directory)
-            is_kept = "resume" in options.common  # checkpoints of others are not touched
-            with of_study(directory, resume=resume) if is_kept else nullcontext(directory) as kept:
+            checkpoints: AbstractContextManager[Path] = nullcontext(directory)
+            if self.has_checkpoints:
+                study = identity(case, study=self.name, options=options)
+                checkpoints = of_study(directory, study, resume=resume)
+            with checkpoints as kept:
                 found = self.compute(
                     case, options, Place(directory, kept, resume, workers, progress)
                 )
-                return found, found.save(directory)
+                with rewritten(directory):
+                    written = found.save(directory)
+                return found, written
 
     def require_no_blows(self, case: Case) -> None:
         """Raise a CaseError if the case has impactors, and the study takes none."""

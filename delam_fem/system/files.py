@@ -224,13 +224,50 @@ OUTPUTS = frozenset({
     "case.toml", "checkpoint.npz", "state.npz", "result.nc", "summary.json", "report.html",
     "figures", "fields", "sweep.toml", "sweep.nc", "sweep.json", "sweep.journal",
     "convergence.json", "tables.md", "detection.json",
-    "orbit.json", "orbit.npz", "branch.nc", "points", "checkpoints",
+    "orbit.json", "orbit.npz", "branch.nc", "points", "checkpoints", "unfinished.txt",
 })  # fmt: skip
 """Names that runs, sweeps, ladders, orbits and branches give to what they write."""
 
+UNFINISHED = "unfinished.txt"
+"""Name of the file that is in a folder while its files belong to two results."""
 _log = logging.getLogger(__name__)
 _held: ContextVar[frozenset[Path]] = ContextVar("_held", default=frozenset())
 """The folders that this thread has locked."""
+
+
+@contextmanager
+def rewritten(directory: Path) -> Iterator[None]:
+    """Let a folder say that it is unfinished until all of its files are replaced.
+
+    A reader may meet the folder at any instant, also after a kill: it has the files of the old
+    result, those of the new one, or this note.
+
+    Args:
+        directory: the folder; it is made where it does not exist.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    note = write_text(
+        directory / UNFINISHED,
+        "The files in this folder are of two results: they are being replaced, or a process that "
+        "did so was ended. The same command with --resume or --overwrite replaces the others.\n",
+    )
+    yield
+    note.unlink(missing_ok=True)
+
+
+def require_finished(directory: Path) -> None:
+    """Refuse to read a folder whose files belong to two results; see `rewritten`.
+
+    Raises:
+        CaseError: the folder says that it is unfinished.
+    """
+    if (directory / UNFINISHED).exists():
+        raise CaseError(
+            f"{directory}: is not finished: a process was ended while it wrote the results there "
+            f"({UNFINISHED}); the same command with --resume or --overwrite writes them"
+        )
 
 
 @contextmanager

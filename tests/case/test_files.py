@@ -209,23 +209,6 @@ def test_presets_round_trip(name: str) -> None:
     assert Case.from_toml(case.to_toml()) == case
 
 
-@pytest.mark.parametrize(
-    ("key", "is_same"),
-    [('motion = "lateral"\n', True), ("refine = 64\n", False), ("length = 0.685\n", False)],
-)
-def test_a_text_that_lacks_a_default_is_the_case(key: str, is_same: bool) -> None:
-    case = preset("default")
-    assert key in case.to_toml() and case.is_in(case.to_toml())
-    assert case.is_in(case.to_toml().replace(key, "")) == is_same
-
-
-def test_a_text_with_another_value_is_not_the_case() -> None:
-    case = preset("default")
-    assert not case.is_in(case.to_toml().replace('"lateral"', '"axial"'))
-    assert not case.is_in(case.to_toml().replace("periods = 300", "periods = 301"))
-    assert not case.is_in("")
-
-
 numbers = st.floats(min_value=1e-30, max_value=1e30)
 names = st.from_regex(r"[A-Za-z][A-Za-z0-9_-]{0,10}", fullmatch=True)
 laminae = st.builds(

@@ -435,7 +435,7 @@ def overlay(
     if isinstance(run, Result):
         case, history, summary = run.case, run.history, run.summary
     else:
-        case, history, summary = load_numbers(run)
+        case, history, summary = load_numbers(run, is_strict=True)
     first = measurements[0] if measurements else None
     data = first if isinstance(first, xr.Dataset) else read_measured(*measurements, **options)  # type: ignore[arg-type]
     pairs = matched(history, data)

@@ -13,7 +13,6 @@ In Python:
 from __future__ import annotations
 
 import dataclasses
-import json
 import logging
 import shutil
 import time
@@ -35,16 +34,18 @@ from delam_fem.api import (
     CaseSource,
     FloatArray,
     Variable,
+    belong,
     find_case,
+    identity,
     in_si,
     provenance,
     read_arrays,
+    rewritten,
     save_case,
     stop_signals,
     style,
     write_arrays,
     write_dataset,
-    write_text,
 )
 from delam_fem.studies.branches.continuation import (
     Event,
@@ -343,7 +344,6 @@ FOLDER = "points"
 """Name of the folder of the points in the folder of a continuation."""
 EVERY = 10
 """Points between two lines of progress."""
-_ABOUT = "about.txt"
 _NUMBERS = (
     "parameter", "residual", "residual_error", "parameter_error", "step", "doubled", "alternation",
 )  # fmt: skip
@@ -374,17 +374,7 @@ class PointJournal:
         if not resume and self.folder.exists():
             shutil.rmtree(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        about, expected = self.folder / _ABOUT, {**plan, "case": case.to_toml()}
-        if not about.is_file():
-            write_text(about, json.dumps(expected, indent=1))
-        kept = json.loads(about.read_text("utf-8"))
-        if case.is_in(kept.get("case", "")):
-            kept["case"] = expected["case"]
-        if kept != json.loads(json.dumps(expected)):
-            raise CaseError(
-                f"resume: {self.folder} belongs to another continuation; run it with the settings "
-                "of the interrupted one, or choose another folder with -o DIR"
-            )
+        belong(self.folder, identity(case, **plan))
 
     def points(self, branch: int) -> list[Point]:
         """Return the points of a branch, up to the first that is missing or damaged."""
@@ -491,7 +481,6 @@ def follow(
     directory, begin = Path(directory), time.process_time()
     about = {"plan": asdict(plan), "model": family.nature.name}
     journal = PointJournal(directory, about, case, resume=resume)
-    save_case(case, directory)
     map_, state = settled_map(family, start, settle, start_of(case))
     with stop_signals() as is_stopped:
         branches = _branches(map_, state, plan, journal, is_stopped, report)
@@ -501,7 +490,9 @@ def follow(
         "seed": perturbations.seed,
     }  # fmt: skip
     data = of(branches, case, plan.way.span, attributes)
-    write_dataset(data, directory / RESULT)
+    with rewritten(directory):
+        save_case(case, directory)
+        write_dataset(data, directory / RESULT)
     return data
 
 

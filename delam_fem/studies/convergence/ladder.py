@@ -28,7 +28,9 @@ from delam_fem.api import (
     Impulse,
     cells_along,
     combined_name,
+    content_of,
     harmonics,
+    identity,
     node_coordinates,
     require,
     require_kind,
@@ -224,10 +226,14 @@ class Rung:
         )
         return f"{self.elements} elements{points}"
 
-    @property
+    @cached_property
     def key(self) -> str:
-        """Key of the rung within its ladder."""
-        return f"{self.method} {self.mesh} {self.steps}"
+        """Key of the rung within its ladder; a mesh file is known by its content."""
+        plain = _plain(self.mesh)
+        mesh = str(self.mesh)
+        if isinstance(plain, Path):
+            mesh = mesh.replace(str(plain), content_of(plain, "mesh.file"))
+        return f"{self.method} {mesh} {self.steps}"
 
 
 @dataclass(frozen=True)
@@ -329,12 +335,7 @@ class Ladder:
     @property
     def identity(self) -> str:
         """Text that is equal for ladders that can share rungs; methods and sizes may differ."""
-        return f"periods = {self.periods}\n{self._without_sizes.to_toml()}"
-
-    def is_in(self, identity: str) -> bool:
-        """Return whether a ladder with the text `identity` can share rungs with this one."""
-        periods, _, case = identity.partition("\n")
-        return periods == f"periods = {self.periods}" and self._without_sizes.is_in(case)
+        return identity(self._without_sizes, periods=self.periods, engine=self.engine)
 
     @property
     def _without_sizes(self) -> Case:

@@ -36,6 +36,7 @@ from delam_fem.api import (
     html,
     json_ready,
     provenance,
+    require_same,
     run_cost,
     stop_signals,
     write_json,
@@ -203,11 +204,7 @@ def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
             f"{path.parent}: holds {len(results)} rungs of a ladder; go on with --resume, choose "
             "another folder with -o DIR, or delete it"
         )
-    if not ladder.is_in(identity):
-        raise CaseError(
-            f"resume: {path} belongs to another case or number of periods; run it with the "
-            "settings of the interrupted ladder, or choose another folder with -o DIR"
-        )
+    require_same(identity, ladder.identity, path)
     return results
 
 

@@ -29,6 +29,7 @@ from delam_fem.api import (
     assemble,
     by_period,
     drive,
+    identity,
     keeping_closed,
     law_of,
     modes_of,
@@ -178,8 +179,8 @@ def simulated(
         structure.operators, law_of(case), scheme_of(case), lambda _: table, span, initial=start,
         modes=modes_of(case),
     ) as opened:  # fmt: skip
-        beside = "" if pump is None else f", beside {pump.to_toml()}"
-        outcome = opened.run_kept(kept, case, f"compiled, {span}{beside}")
+        beside = None if pump is None else identity(pump)
+        outcome = opened.run_kept(kept, case, span=span, pump=beside)
         if outcome != "completed":
             raise CaseError(f"detect: the motion of case {case.name} has {outcome}")
         times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), x)
@@ -608,4 +609,4 @@ def _detect(case: Case, options: Detect, place: Place) -> Detection:
     return detect(case, options, measured=measured, kept=place.kept)
 
 
-STUDY = Study(Detect, _detect)
+STUDY = Study(Detect, _detect, has_checkpoints=True)

@@ -170,4 +170,4 @@ def modulation(case: Case, options: Modulate, place: Place | None = None) -> Mod
     )
 
 
-STUDY = Study(Modulate, modulation)
+STUDY = Study(Modulate, modulation, has_checkpoints=True)

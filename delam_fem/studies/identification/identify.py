@@ -26,11 +26,11 @@ from matplotlib.ticker import MaxNLocator
 from delam_fem.api import (
     Case,
     CaseError,
+    Cost,
     FloatArray,
     beams,
     network,
     require,
-    save_case,
     statistics,
     style,
 )
@@ -39,8 +39,9 @@ from delam_fem.results.scan import amplitudes
 from delam_fem.studies import options
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.studies.sweeps.grid import sweep_of
-from delam_fem.studies.sweeps.run import completed
+from delam_fem.studies.sweeps.dataset import remove_results
+from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.run import completed, sweep_cost
 
 EVERY = "lamina.*."
 """Start of a key that stands for the same key of all laminae."""
@@ -311,6 +312,10 @@ def noisy(
     return np.asarray(harmonics + noise * (parts[0] + 1j * parts[1]))
 
 
+FINER = 100
+"""Number of simulations that are repeated with finer steps and elements."""
+TIMES_FINER = 8
+"""How much longer such a simulation takes."""
 LIKE = 5
 """Number of repeated simulations of which one says what finer steps and elements change."""
 BEYOND = 1.5
@@ -370,6 +375,27 @@ class Experiment:
         own = self.case.n_window_periods * self.case.steps_per_period
         return self.noise * math.sqrt(2.0 / (self.n_samples or own))
 
+    def sweep(
+        self, frequency: float, parameters: FloatArray, also: Mapping[str, FloatArray] | None = None
+    ) -> Sweep:
+        """Return the simulations of the motion at a frequency [Hz]; see `simulate`.
+
+        Raises:
+            CaseError: the first set of parameters is not a valid case.
+        """
+        columns = dict(also or {})
+        for unknown, column in zip(self.unknowns, parameters.T, strict=True):
+            columns |= dict.fromkeys(unknown.keys(self.case), column)
+        axes = [
+            {"key": key, "name": key.replace(".", "_"), "values": column.tolist()}
+            for key, column in columns.items()
+        ]
+        return Sweep(
+            self.case.with_overrides({"excitation.frequency": frequency}), {},
+            name=f"identification-{frequency:g}-Hz", axis=axes, combine="zip",
+            record={"summary": False, "strobes": 0, "harmonics": HARMONICS},
+        )  # fmt: skip
+
     def simulate(
         self,
         parameters: FloatArray,
@@ -400,31 +426,15 @@ class Experiment:
             KeyboardInterrupt: a sweep was interrupted; its points are kept.
         """
         found, total = [], len(parameters) * len(self.frequencies)
-        save_case(self.case, directory)
-        columns = dict(also or {})
-        for unknown, column in zip(self.unknowns, parameters.T, strict=True):
-            columns |= dict.fromkeys(unknown.keys(self.case), column)
-        axes = [
-            {"key": key, "name": key.replace(".", "_"), "values": column.tolist()}
-            for key, column in columns.items()
-        ]
         for number, frequency in enumerate(self.frequencies):
-            data: dict[str, object] = {
-                "name": f"identification-{frequency:g}-Hz",
-                "base": "case.toml",
-                "set": {"excitation.frequency": frequency},
-                "axis": axes,
-                "combine": "zip",
-                "record": {"summary": False, "strobes": 0, "harmonics": HARMONICS},
-            }
 
             def report(done: int, _: int, before: int = number * len(parameters)) -> None:
                 if progress is not None:
                     progress(before + done, total)
 
             swept = completed(
-                sweep_of(data, folder=directory), directory / f"{frequency:g}-Hz", executor,
-                workers=workers, resume=True, progress=report,
+                self.sweep(frequency, parameters, also), directory / f"{frequency:g}-Hz", executor,
+                workers=workers, resume=True, progress=report, is_confirmed=True,
             )  # fmt: skip
             found.append(of_points(swept))
         return np.stack(found, axis=1)
@@ -559,6 +569,7 @@ class Identification(Finding):
         return Report(
             name="identification",
             numbers=numbers,
+            case=experiment.case,
             tables=[Table(f"identification of {experiment.case.name}", HEADING, rows)],
             sentences=[f"{text} {self.mismatch}" if self.mismatch else text],
             pictures={"posterior": (draw, "")},
@@ -571,7 +582,7 @@ def identify(
     *,
     measured: Sequence[Path] | None = None,
     simulations: int = 2000,
-    finer: int = 100,
+    finer: int = FINER,
     checks: int = 100,
     seed: int = 1,
     executor: ExecutorName | None = None,
@@ -600,7 +611,6 @@ def identify(
     observed = None
     if measured is not None:
         experiment, observed = _read(experiment, measured)
-    save_case(experiment.case, directory)
     parameters = statistics.uniform(experiment.bounds, simulations, seed)
     also = drawn(experiment.uncertain, experiment.case, simulations, seed + 3)
     simulate = partial(experiment.simulate, executor=executor, workers=workers, progress=progress)
@@ -659,16 +669,21 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
     return replace(experiment, noise=max(noise), n_samples=min(samples)), np.concatenate(rows)
 
 
+def _experiment(case: Case, given: options.Identify) -> Experiment:
+    """Return the experiment that options of a user describe."""
+    unknowns = tuple(map(Unknown.parse, given.unknown))
+    doubts = doubts_of(case, given.uncertain)
+    return Experiment(case, given.frequency, unknowns, given.noise, uncertain=doubts)
+
+
 def _identify(case: Case, given: options.Identify, place: Place) -> Identification:
     """Identify with options of a user."""
-    unknowns = tuple(map(Unknown.parse, given.unknown))
     return identify(
-        Experiment(
-            case, given.frequency, unknowns, given.noise, uncertain=doubts_of(case, given.uncertain)
-        ),
+        _experiment(case, given),
         place.folder,
         measured=given.measured,
         simulations=given.simulations,
+        finer=FINER,
         checks=given.calibrate,
         seed=given.seed,
         workers=place.workers,
@@ -676,4 +691,23 @@ def _identify(case: Case, given: options.Identify, place: Place) -> Identificati
     )
 
 
-STUDY = Study(options.Identify, _identify)
+def _cost(case: Case, given: options.Identify, workers: int | None) -> tuple[str, Cost]:
+    """Return the name and the cost of an identification."""
+    experiment = _experiment(case, given)
+    n_motions = len(given.frequency)
+    count = n_motions * (given.simulations + TIMES_FINER * min(FINER, given.simulations))
+    first = experiment.sweep(
+        given.frequency[0], statistics.uniform(experiment.bounds, 1, given.seed)
+    )
+    what = f"identification by {n_motions * given.simulations} simulations"
+    return what, sweep_cost(first, workers, count)
+
+
+def _remove(folder: Path) -> None:
+    """Remove the simulations in a folder."""
+    for part in ("simulations", "finer", "observation"):
+        for swept in (folder / part).glob("*-Hz"):
+            remove_results(swept)
+
+
+STUDY = Study(options.Identify, _identify, _cost, _remove)

@@ -522,4 +522,4 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
     return np.arange(1, tips.shape[1] + 1) * free.time_step, tips, ratios
 
 
-STUDY = Study(Options, identified)
+STUDY = Study(Options, identified, has_checkpoints=True)

@@ -52,6 +52,7 @@ from delam_fem.api import (
     State,
     Structure,
     assemble,
+    belong,
     drive,
     engine_of,
     law_of,
@@ -508,15 +509,21 @@ class KeptMap:
     A kill loses the results of the last `CHECKPOINT_SECONDS` at most.
     """
 
-    def __init__(self, map_: PeriodMap, folder: Path) -> None:
+    def __init__(self, map_: PeriodMap, folder: Path, case: str) -> None:
         """Read what is known of a map.
 
         Args:
             map_: the map.
-            folder: folder of the files, all of which are of this map.
+            folder: folder of the files.
+            case: identity of the case whose map it is.
+
+        Raises:
+            CaseError: the files are of the map of another case.
         """
         folder.mkdir(exist_ok=True)
-        self._map, self._folder, self._last = map_, folder, time.monotonic()
+        belong(folder, case)
+        self._map, self._folder, self._case = map_, folder, case
+        self._last = time.monotonic()
         self._new: dict[str, FloatArray] = {}
         self._known: dict[str, FloatArray] = {}
         for path in folder.glob("*.npz"):
@@ -545,7 +552,7 @@ class KeptMap:
     def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
         """Return the map whose periods begin elsewhere, kept too; see `PeriodMap`."""
         map_, first = self._map.opened(state, parameter)
-        return KeptMap(map_, self._folder / "opened"), first
+        return KeptMap(map_, self._folder / "opened", self._case), first
 
 
 @dataclass(frozen=True)

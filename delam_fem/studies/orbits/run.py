@@ -24,6 +24,7 @@ from delam_fem.api import (
     FloatArray,
     atomic_file,
     find_case,
+    identity,
     require,
     style,
     versions,
@@ -348,7 +349,7 @@ def orbit(
         if map_ is None:
             own = map_of(case, FREQUENCY)
             if kept is not None:
-                own = KeptMap(own, kept)
+                own = KeptMap(own, kept / "map", identity(case))
             map_, start = settled_map(
                 own, parameter, settle, start_of(case) if start is None else start
             )
@@ -381,5 +382,5 @@ STUDY = Study(
         case, periods=given.period, settle=given.settle, perturbations=kicks(given, case),
         kept=place.kept,
     ),
-    takes_impactors=True,
+    takes_impactors=True, has_checkpoints=True,
 )  # fmt: skip

@@ -30,6 +30,7 @@ from delam_fem.api import (
     atomic_file,
     occasion,
     origin,
+    require_same,
     save_case,
     write_json,
     write_text,
@@ -323,6 +324,7 @@ def write_result(
             coordinates=" ".join(off_dimension),
             sweep=sweep.to_toml("case.toml"),
             case=sweep.base.to_toml(),
+            identity=joined.identity,
             **origin(),
             n_points=sweep.n_points,
             **{f"n_{outcome}": count for outcome, count in joined.counts().items()},
@@ -345,10 +347,7 @@ def is_complete(directory: Path, sweep: Sweep) -> bool:
         about = dict(data.attrs)
     if about["outcome"] != "completed":
         return False
-    if about["sweep"] != sweep.to_toml("case.toml") or not sweep.base.is_in(about["case"]):
-        raise CaseError(
-            f"resume: {path} is the result of another sweep; choose another folder with -o DIR"
-        )
+    require_same(str(about.get("identity")), sweep.identity, path)
     remove_journal(directory / JOURNAL)  # a process may have been killed before it did
     return True
 

@@ -37,6 +37,7 @@ from delam_fem.api import (
     Section,
     apply_overrides,
     find_case,
+    identity,
     in_si,
     inconsistent,
     load_case,
@@ -309,8 +310,6 @@ class SweepFile(Section):
 
 DIRECTIONS = ("up", "down")
 """Values of the coordinate `direction` in a sweep with order "both"."""
-BASE = "\n# the base case\n"
-"""Line before the case in the identity of a sweep."""
 INITIAL = "initial"
 """First part of the keys that set initial conditions."""
 _INITIAL_QUANTITIES = ("displacement", "velocity")
@@ -487,14 +486,23 @@ class Sweep:
 
     def to_toml(self, base: str) -> str:
         """Return the sweep as TOML, with `base` as the name of its base case file."""
-        data = self.file.model_dump(exclude_none=True, exclude_unset=True)
-        data.pop("set", None)
-        return toml_text({"name": self.file.name} | data | {"base": base})
+        return toml_text(self._written | {"base": base})
 
     @property
+    def _written(self) -> dict[str, Any]:
+        """What the sweep file says beside its base."""
+        data = self.file.model_dump(exclude_none=True, exclude_unset=True, exclude={"set", "base"})
+        return {"name": self.file.name} | data
+
+    @cached_property
     def identity(self) -> str:
-        """Text that is equal only for sweeps with the same result; it ends with the base case."""
-        return f"{self.to_toml('')}{BASE}{self.base.to_toml()}"
+        """Text that is equal only for sweeps with the same numbers; see `case.identity`."""
+        question = self._written
+        del question["name"]  # by default that of the file
+        for axis in question["axis"]:
+            if axis["key"].endswith(".file"):
+                axis["values"] = [Path(name) for name in axis["values"]]
+        return identity(self.base, sweep=question)
 
     @cached_property
     def _data(self) -> bytes:

@@ -38,15 +38,14 @@ import numpy as np
 
 from delam_fem.api import (
     BoolArray,
-    Case,
     CaseError,
     FloatArray,
     IntArray,
     State,
     processor,
+    require_same,
     versions,
 )
-from delam_fem.studies.sweeps.grid import BASE
 from delam_fem.studies.sweeps.point import Done
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, named
 
@@ -172,18 +171,11 @@ class Block:
     rows: FloatArray
 
 
-def _is_same(kept: str, identity: str) -> bool:
-    """Return whether the identity in a part file is that of a sweep; see `Case.is_in`."""
-    sweep, _, base = kept.partition(BASE)
-    expected, _, case = identity.partition(BASE)
-    is_known = bool(case) and sweep == expected
-    return kept == identity or (is_known and Case.from_toml(case).is_in(base))
-
-
 class Joined(ExitStack):
     """The finished points in part files, which stay mapped until this object is closed.
 
     Attributes:
+        identity: identity of the sweep.
         numbers: indices of the finished points; they increase, shape (m,).
         n_disagreeing: number of points that two processes computed differently.
         shards: the shards that have a part file.
@@ -205,13 +197,14 @@ class Joined(ExitStack):
             OSError: a file cannot be read.
         """
         super().__init__()
+        self.identity = identity
         self._chunks: list[Kept] = []
         self._by_track: defaultdict[int, list[Kept]] = defaultdict(list)
         self.shards: set[Shard] = set()
         self.machines: set[tuple[str, str]] = set()
         try:
             for path in sorted(parts):
-                self._read(path, identity, versions)
+                self._read(path, versions)
             self._resolve()
         except BaseException:
             self.close()
@@ -220,7 +213,7 @@ class Joined(ExitStack):
         self.callback(self._chunks.clear)  # before their files are unmapped
         self.callback(self._by_track.clear)
 
-    def _read(self, path: Path, identity: str, versions: str) -> None:
+    def _read(self, path: Path, versions: str) -> None:
         """Map a part file and take in its whole records."""
         if (shard := named(path.name)) is not None:
             self.shards.add(shard)
@@ -247,11 +240,7 @@ class Joined(ExitStack):
             _log.warning("%s: %d damaged bytes; the points in them are computed anew", path, lost)
         if not about:
             return
-        if not _is_same(str(about.get("identity")), identity):
-            raise CaseError(
-                f"resume: {path} belongs to another sweep; run it with the settings of the "
-                "interrupted one, or choose another folder with -o DIR"
-            )
+        require_same(str(about.get("identity")), self.identity, path)
         self.machines.add((str(about.get("host")), str(about.get("processor"))))
         if about.get("versions") != versions:
             _log.warning("%s was begun with %s; its points are kept", path, about.get("versions"))
@@ -344,7 +333,7 @@ class Joined(ExitStack):
 
 PATIENCE = 5.0
 """Time to wait for the journal of another process that is about to end [s]."""
-FORMAT = 2
+FORMAT = 3
 """Number of the format of part files."""
 _SUFFIX, _LOCK = ".points", "lock"
 _POLL = 0.1

@@ -9,6 +9,7 @@ import pytest
 from massless import massless
 
 import delam_fem as df
+from delam_fem.case.identity import identity
 from delam_fem.studies.orbits import maps
 from delam_fem.studies.orbits.maps import KeptMap
 from delam_fem.studies.orbits.newton import Perturbations
@@ -30,10 +31,10 @@ class Counted:
         return self, state
 
 
-def results(folder: Path) -> tuple[list[np.ndarray], int]:
+def results(folder: Path, case: df.Case | None = None) -> tuple[list[np.ndarray], int]:
     """Return what a kept map gives for four different questions, and how many were computed."""
     own = Counted()
-    map_ = KeptMap(own, folder)  # type: ignore[arg-type]
+    map_ = KeptMap(own, folder, identity(case or df.preset("paper")))  # type: ignore[arg-type]
     assert map_.nature == "doubling"
     states = np.array([[1.0, 2.0]])
     found = [map_.after(states, 0.5), map_.after(states, 0.6)]
@@ -48,6 +49,8 @@ def test_a_second_search_computes_nothing(tmp_path: Path, monkeypatch: pytest.Mo
     (whole, n), (again, none) = results(tmp_path / "k"), results(tmp_path / "k")
     assert (n, none) == (4, 0)
     np.testing.assert_array_equal(again, whole)
+    with pytest.raises(df.CaseError, match=r"excitation.amplitude: 0.0025 there, 0.004 here"):
+        results(tmp_path / "k", df.preset("paper", {"excitation.amplitude": 0.004}))
     for path in (tmp_path / "k").glob("*.npz"):
         path.write_bytes(path.read_bytes()[:100])
     once_more, n = results(tmp_path / "k")

@@ -94,7 +94,7 @@ def test_other_versions_are_told(
 
 def test_the_part_of_another_sweep_is_refused(tmp_path: Path) -> None:
     journal_with(tmp_path / "sweep.journal", 1, "another")
-    with pytest.raises(CaseError, match="belongs to another sweep"):
+    with pytest.raises(CaseError, match="belongs to another"):
         Journal(tmp_path / "sweep.journal", "sweep", resume=True)
 
 
