@@ -64,6 +64,8 @@ OF_GAPS = ("tip_contacts_per_period", "minimum_tip_gap")
 """Numbers of the gaps at reference probes, which probes of operators do not have."""
 REPLACED = "contact.law: in place of the law of the case acted"
 """Beginning of the remark on a run with a law that no key names."""
+FAILED = "failed: a step has no solution"
+"""Reason of a run that had failed before it was resumed."""
 
 
 @overload
@@ -151,8 +153,9 @@ def run(what: Any, engine: EngineName = "petsc", **options: Any) -> Result:
             stop: see `engines.session.solve`.
 
     Returns:
-        The result. `history.attrs["outcome"]` is "completed", "diverged" or "interrupted" (Ctrl-C);
-        in the last two cases the result holds the steps computed so far.
+        The result. `history.attrs["outcome"]` is "completed", "diverged", "interrupted" (Ctrl-C) or
+        "failed" (a step has no solution); but for the first the result holds the steps computed so
+        far.
 
     Raises:
         CaseError: the case or the operators cannot be computed, there is no checkpoint to resume
@@ -252,7 +255,10 @@ def _run_case(
             stop = Watch(kept, of_run, is_stopped, comm, report=shown, seconds=checkpoint_seconds)
             if extend:
                 stop.save("running")  # from now on the folder says that it is not finished
-            outcome = opened.run(stop, enough) if before == "running" else before
+            if before == "running":
+                outcome, reason = opened.run_or_fail(stop, enough)
+            else:
+                outcome, reason = before, FAILED if before == "failed" else ""
             if recorder.n_closed == 1 and not recorder.window[-1].n_steps:
                 raise CaseError(
                     f"case {case.name}: the first step of {case.time_step:g} s already goes beyond "
@@ -270,6 +276,8 @@ def _run_case(
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     remark = None if other is None else f"{REPLACED} {other.name!r}; case.toml does not say so"
+    if reason:
+        summary["message"] = reason
     result = _result(case, structure, recorder, state, summary, decay, remark, identity, told=told)
     final = arrays if outcome == "completed" and other is None else None
     return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
@@ -346,7 +354,8 @@ def _run_operators(
         recorder.n_periods,
         is_periodic=abs(f * period - 1.0) < ROUND_OFF,
     )
-    n, residual = recorder.strobe.shape[2], recorder.energy_residual()
+    n_balanced = recorder.n_closed - (solution.outcome == "failed")
+    n, residual = recorder.strobe.shape[2], recorder.energy_residual(n_balanced)
     is_lost = solution.outcome == "completed" and quality.is_lost(residual)
     outcome = "diverged" if is_lost else solution.outcome
     names = operators.names or tuple(f"probe {k + 1}" for k in range(n))
@@ -375,8 +384,8 @@ def _run_operators(
     summary["warnings"] = [text for text in texts if text is not None]
     for text in summary["warnings"]:
         _log.warning(text)
-    if is_lost:
-        summary["message"] = quality.OPEN
+    if is_lost or solution.reason:
+        summary["message"] = solution.reason or quality.OPEN
     return OperatorsResult(case, history.rename(AS_PROBES), json_ready(summary), solution.state)
 
 
@@ -459,7 +468,9 @@ def _result(
 
     Warnings that were `told` before the run are not logged again.
     """
-    residual = recorder.energy_residual()
+    # the period in which a run failed ends with the energies of a step that is not recorded
+    n_balanced = recorder.n_closed - (summary["outcome"] == "failed")
+    residual = recorder.energy_residual(n_balanced)
     is_lost = summary["outcome"] == "completed" and quality.is_lost(residual)
     summary["outcome"] = "diverged" if is_lost else summary["outcome"]
     attributes = {
@@ -498,6 +509,7 @@ def _result(
         summary["message"] = (
             f"{quality.OPEN}; the warnings say why" if is_lost else _divergence(case, history)
         )
+    if "message" in summary:
         _log.error(summary["message"])
     solid = None if structure.body is None else derived.collected(structure, recorder, case)
     return Result(case, history, json_ready(summary), state, solid=solid)

@@ -17,12 +17,16 @@ class Seen:
     rate: np.ndarray
     resting: np.ndarray
     free: np.ndarray | None = None
+    noise: float = 0.0
 
     def rate_pre(self) -> np.ndarray:
         return self.rate
 
     def rate_free(self) -> np.ndarray:
         return self.rate if self.free is None else self.free
+
+    def rate_noise(self) -> float:
+        return self.noise
 
 
 @dataclass

@@ -79,11 +79,11 @@ def film_command(
     say(quiet, written)
 
 
-STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
+STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED, "failed": FAILED}
 """Exit status by the outcome of a run."""
 
-HINT = {"diverged": "", "interrupted": "; --resume goes on from there"}
-"""Advice for each outcome; for a diverged run, the log contains the reason and the advice."""
+HINT = {"diverged": "", "interrupted": "; --resume goes on from there", "failed": ""}
+"""Advice for each outcome; for a run that diverged or failed, the log has reason and advice."""
 
 LOOK = 0.02
 """Time between two looks whether the other processes have ended their work [s]."""

@@ -28,7 +28,8 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.caches import kept, njit
 
 TOLERANCE = 1e-13
-"""A residual below this number times the largest |q| is round-off (for a few dozen pairs)."""
+"""A residual below this number times the largest |q| is round-off (for a few dozen pairs). What is
+round-off of q itself follows from the motion, see `rules.ROUND_OFF`."""
 
 SINGULAR = 1e-13
 """A pivot below this number times the diagonal entry of W is round-off: the pair is redundant."""
@@ -205,7 +206,7 @@ def _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):  # type: ignor
 
 
 @njit
-def solve_among(W, origin, stride, pairs, n, q, p, change, memory):  # type: ignore[no-untyped-def]
+def solve_among(W, origin, stride, pairs, n, q, p, change, noise, memory):  # type: ignore[no-untyped-def]
     """Find the impulses of some pairs, beginning with the side that each pair had last time.
 
     The impulses depend on the final set of active pairs alone, not on the way to it. A run that is
@@ -220,6 +221,7 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, memory):  # type: ign
         q: q of these pairs, the first n entries.
         p: result, the impulses, the first n entries.
         change: result, W p, the first n entries.
+        noise: a residual up to this size is round-off, as is all of q up to it.
         memory: see `Again`, for at least `stride` pairs.
 
     Returns:
@@ -236,13 +238,14 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, memory):  # type: ign
         change[0] = single * p[0]
         return SOLVED if np.isfinite(single) else NOT_FINITE
     result = SOLVED
-    if not _is_solved(W, origin, stride, pairs, n, q, p, TOLERANCE * largest, memory):
+    limit = max(TOLERANCE * largest, noise)
+    if not _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):
         result = NOT_FOUND
     for i in range(n):
         row, change[i] = origin + pairs[i] * stride, 0.0
         for j in range(n):
             change[i] += W[row + pairs[j]] * p[j]
-        if not change[i] + q[i] >= -UNSOLVABLE * largest:
+        if not change[i] + q[i] >= -max(UNSOLVABLE * largest, noise):
             result = OUT_OF_RANGE if result == SOLVED else result
     if result == SOLVED:
         for j in range(n):
@@ -259,7 +262,7 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, memory):  # type: ign
 def solve_into(W, q, p, change):  # type: ignore[no-untyped-def]
     """Write the solution for all pairs into p, and W p into `change`; see `solve_among`."""
     n = q.size
-    return solve_among(W.ravel(), 0, n, np.arange(n), n, q, p, change, fresh(n))
+    return solve_among(W.ravel(), 0, n, np.arange(n), n, q, p, change, 0.0, fresh(n))
 
 
 def solve(W: FloatArray, q: FloatArray) -> FloatArray:

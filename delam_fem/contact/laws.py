@@ -97,6 +97,12 @@ class Kinematics(Protocol):
     def rate_free(self) -> FloatArray:
         """Return gap rates if no impulse acted, shape (n_pairs,) [m/s]."""
 
+    def rate_noise(self) -> float:
+        """Return the gap rate up to which there may be nothing but round-off [m/s].
+
+        It is 0 where no pair touches at rest.
+        """
+
 
 NO_BLOCK = np.empty(0, np.int64), np.empty((0, 0))
 """No pairs, and their block of a compliance."""

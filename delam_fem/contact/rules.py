@@ -47,6 +47,15 @@ excitation gives exactly twice the response. The scheme itself lets gaps overrun
 the gap rate.
 """
 
+OF_PLACE, OF_SPEED = 1e-14, 1e-11
+"""Parts of the displacements over Δt, and of the velocities, of the two sides of a pair, up to
+which its gap rate is round-off and needs no impulse.
+
+Equal laminae that touch at rest may move together. Their gap rates are then differences of equal
+numbers. A step solves for velocities from K u, so that its round-off is about 4e-16 of u/Δt; the
+part of the velocities stands for the displacements while these pass through 0.
+"""
+
 NOTHING, OTHERS = -1, -2
 """Results of an examination: nothing jumps; the candidates are other pairs than those given."""
 
@@ -89,7 +98,16 @@ def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacki
 
 
 @njit
-def decide(law, W, places, n, hit, before, after, lacking, impulse, change, memory):  # type: ignore[no-untyped-def]
+def needs_impulse(lacking, n, noise):  # type: ignore[no-untyped-def]
+    """Return whether one of n candidates lacks more than round-off; see `candidates`."""
+    for j in range(n):
+        if not lacking[j] >= -noise:  # also if it is no number
+            return True
+    return False
+
+
+@njit
+def decide(law, W, places, n, hit, before, after, lacking, impulse, change, noise, memory):  # type: ignore[no-untyped-def]
     """Find the impulses of n candidates, and their gap rates afterwards.
 
     Args:
@@ -103,6 +121,7 @@ def decide(law, W, places, n, hit, before, after, lacking, impulse, change, memo
         lacking: see `candidates`.
         impulse: result.
         change: work space.
+        noise: see `solve_among`.
         memory: see `solve_among`.
 
     Returns:
@@ -117,7 +136,7 @@ def decide(law, W, places, n, hit, before, after, lacking, impulse, change, memo
             after[j] = -law.restitution * before[j]
         return n, complementarity.SOLVED
     result = complementarity.solve_among(
-        entries, origin, stride, places, n, lacking, impulse, change, memory
+        entries, origin, stride, places, n, lacking, impulse, change, noise, memory
     )
     n_hit = 0
     for j in range(n):
@@ -174,11 +193,12 @@ class Rules:
         """Return the impulses and the new set of resting pairs, or None if nothing jumps."""
         hit, values, now = self._hit, self._values, self._resting
         about = seen.gap, seen.rate_pre(), seen.rate_free(), seen.resting, hit, values, now
+        noise = seen.rate_noise()
         known = self._W.recent if self._law.is_coupled else NO_BLOCK
-        n, result, is_changed = _examine(*known, *about, *self._law)
+        n, result, is_changed = _examine(*known, *about, noise, *self._law)
         if result == OTHERS:
             pairs = hit[:n].copy()
-            n, result, is_changed = _examine(pairs, self._block(pairs), *about, *self._law)
+            n, result, is_changed = _examine(pairs, self._block(pairs), *about, noise, *self._law)
         if result == NOTHING:
             return None
         complementarity.require_solved(result)
@@ -188,7 +208,7 @@ class Rules:
 
 
 @kept
-def _examine(pairs, W, gap, rate, free, resting, hit, values, now, *numbers):  # type: ignore[no-untyped-def]
+def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbers):  # type: ignore[no-untyped-def]
     """Make the three steps of a decision, called from Python: a tuple for the law would cost more.
 
     Args:
@@ -201,6 +221,7 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, *numbers):  #
         hit: see `candidates`.
         values: results: U̇, U̇⁺, what is lacking and p of the hit pairs, shape (4, n_pairs).
         now: result: pairs that rest from now on.
+        noise: see `solve_among`.
         numbers: `LawNumbers`.
 
     Returns:
@@ -211,13 +232,17 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, *numbers):  #
     law, result = LawNumbers(*numbers), complementarity.SOLVED
     of_pairs = hit, before, after, lacking
     n, changes = candidates(law, gap.size, gap, rate, free, resting, *of_pairs)
+    if n and not needs_impulse(lacking, n, noise):
+        n = 0
     if not n and not changes:
         return 0, NOTHING, False
     if n and (n != pairs.size or (pairs != hit[:n]).any()):
         return n, OTHERS, False
     if n:
-        work = np.empty(n), complementarity.fresh(n)
-        n, result = decide(law, (W.ravel(), 0, n), np.arange(n), n, *of_pairs, impulse, *work)
+        change, memory = np.empty(n), complementarity.fresh(n)
+        n, result = decide(
+            law, (W.ravel(), 0, n), np.arange(n), n, *of_pairs, impulse, change, noise, memory
+        )
     now[:] = resting
     changed = renew_resting(law, gap.size, gap, n, hit, before, after, now)
     return n, result, changed

@@ -403,7 +403,7 @@ def _advance(problem, step, memory, load, rise, share, base, impulse):  # type: 
     if is_pushed:
         result = solve_among(
             step.compliance, 0, n, memory.pairs, n, memory.next_gap, memory.force, memory.bent,
-            memory.again,
+            0.0, memory.again,
         )  # fmt: skip
         if result != SOLVED:
             return False
@@ -500,6 +500,7 @@ class Period:
         exchanged: work of the drive, losses in modal damping, in the creep of the omitted modes and
             at the instants of closing (M2 of modal.py), shape (4,) [J].
         effort: numbers of coarse and of fine steps, shape (2,).
+        failure: why a step has no solution, with which the period ends early; None: it is whole.
     """
 
     end: FloatArray
@@ -507,6 +508,7 @@ class Period:
     lowest: FloatArray
     exchanged: FloatArray
     effort: IntArray
+    failure: ArithmeticError | None = None
 
 
 class Periods:
@@ -574,8 +576,14 @@ class Periods:
         """Compute a period and keep every step of it; see `advance`."""
         trace = new_trace(len(drive.motion) - 1, *self._sizes)
         trace.q[:] = np.nan  # until it is computed
-        end, memory = self._run(start, drive, trace), self._memory
-        return Period(end, trace, memory.lowest.copy(), memory.totals.copy(), memory.effort.copy())
+        memory, failure = self._memory, None
+        try:
+            end = self._run(start, drive, trace)
+        except ArithmeticError as error:
+            failure = error
+            end = np.concatenate([memory.q, memory.v, memory.s.ravel()])
+        numbers = memory.lowest.copy(), memory.totals.copy(), memory.effort.copy()
+        return Period(end, trace, *numbers, failure)
 
     def energies(self, at: FloatArray) -> tuple[float, float]:
         """Return kinetic and strain energy of a state [J]; the strain energy is that of M2."""
@@ -621,7 +629,10 @@ class ModalStepper:
         self.dissipated = self.contact_damped = 0.0
         self.resting: BoolArray = np.zeros(operators.n_pairs, dtype=np.bool_)
         reduced, rows = periods.reduced, operators.observed
-        self._of_modes, self._of_drive = rows @ reduced.shapes, rows @ reduced.drive
+        self._of_modes, self._of_drive = (
+            rows @ reduced.shapes,
+            rows @ reduced.drive + operators.probe_shift,
+        )
         self._of_forces = np.stack([rows @ X for X in reduced.residual])
         self.observe()
 
@@ -689,8 +700,7 @@ class ModalEngine(Engine):
     """The engine of modes with massless contact points; see `simulation.loop.Engine`.
 
     Contact is rigid and takes no energy: `impact_loss` of the ledger is the loss at instants of
-    closing, and `damping_loss` has the creep of the omitted modes. The base work leaves out what
-    mass-proportional damping takes from the motion of the base itself.
+    closing, and `damping_loss` has the creep of the omitted modes.
 
     Attributes:
         stepper: holds the state.
@@ -738,9 +748,13 @@ class ModalEngine(Engine):
             self._fill(record, period)
             n_steps = int(np.isfinite(period.trace.q).all(axis=1).sum()) - 1
             stepper.at, stepper.base_state = period.end, np.array(base_states[-1])
-            stepper.dissipated += float(period.exchanged[MODAL_LOSS] + period.exchanged[CREEP_LOSS])
+            of_base = self._base_damping(period, base_states)
+            losses = of_base, period.exchanged[MODAL_LOSS], period.exchanged[CREEP_LOSS]
+            stepper.dissipated += float(sum(losses))
             is_bounded = recorder.close(record, stepper, n_steps)
-            recorder.ledger[k] = self._ledger_row(period, *before)
+            recorder.ledger[k] = self._ledger_row(period, *before, of_base)
+            if period.failure is not None:
+                raise period.failure
             if not (is_bounded and np.isfinite(period.end).all()):
                 return False
         return True
@@ -767,8 +781,23 @@ class ModalEngine(Engine):
             )
         )  # fmt: skip
 
+    def _base_damping(self, period: Period, base_states: FloatArray) -> float:
+        """Return what damping takes from the motion of the base itself in a period [J].
+
+        2 Σ mean(q_b') Δ(l·q) + c_b Δt Σ mean(q_b')² with the modal loads l by -q_b' (R4) and the
+        damping c_b where q = 0: the terms of the velocity ι q_b' + Φ v in vᵀ C v besides those of
+        Φ v. They come from mass-proportional damping, as K ι + k_b = 0.
+        """
+        reduced = self.stepper.periods.reduced
+        if self.stepper.operators.base.is_force:
+            return 0.0
+        rate = 0.5 * (base_states[1:, 1] + base_states[:-1, 1])
+        moved = np.diff(period.trace.q @ reduced.loads[1])
+        square = self.stepper.periods.time_step * float(rate @ rate)
+        return 2.0 * float(rate @ moved) + reduced.base_damping * square
+
     def _ledger_row(
-        self, period: Period, stored: tuple[float, float], carried: float
+        self, period: Period, stored: tuple[float, float], carried: float, of_base: float
     ) -> tuple[float, ...]:
         """Return the energies of a period in the order of `recorder.LEDGER`.
 
@@ -776,12 +805,13 @@ class ModalEngine(Engine):
             period: the period that has ended.
             stored: kinetic and strain energy at its start, seen from the base [J].
             carried: see `ModalStepper.carried`, at its start [J].
+            of_base: see `_base_damping`; the base does the work that this part of the damping takes
+                [J].
         """
         work, modal, creep, closing = period.exchanged.tolist()
         T, V = self.stepper.periods.energies(period.end)
         residual = T + V - stored[0] - stored[1] - (work - modal - creep - closing)
-        more, loss = self.stepper.carried(), modal + creep
-        works = (
-            (0.0, work) if self.stepper.operators.base.is_force else (work + more - carried, 0.0)
-        )
+        more, loss = self.stepper.carried(), modal + creep + of_base
+        by_base = work + more - carried + of_base
+        works = (0.0, work) if self.stepper.operators.base.is_force else (by_base, 0.0)
         return T + more, V, 0.0, *works, loss, 0.0, closing, 0.0, residual

@@ -250,14 +250,16 @@ class Solution:
     """The result of a run of operators; times count from the start of the window.
 
     Attributes:
-        outcome: "completed", "diverged" or "interrupted".
+        outcome: "completed", "diverged", "interrupted" or "failed".
         recorder: recorder of the run.
         state: state at the end; another run may start from it.
+        reason: why the run failed; empty if it did not.
     """
 
     outcome: Outcome
     recorder: Recorder
     state: State
+    reason: str = ""
 
     @property
     def records(self) -> list[PeriodRecord]:
@@ -338,6 +340,25 @@ class Session:
             *(self.engine, self.recorder, self.motion), stop=stop, enough=enough, every=every
         )
 
+    def run_or_fail(
+        self, stop: Stop | None = None, enough: Stop | None = None, every: int = ASKED_EVERY
+    ) -> tuple[Outcome, str]:
+        """Run as `run` does; return the outcome, and why the run failed if a step has no solution.
+
+        Raises:
+            CaseError: not a single step has a solution.
+        """
+        try:
+            return self.run(stop, enough, every), ""
+        except ArithmeticError as error:
+            _log.debug("the run failed here", exc_info=True)
+            recorder = self.recorder
+            n_steps = recorder.window[-1].n_steps if recorder.n_closed else 0
+            n_steps += (recorder.n_closed - 1) * recorder.steps_per_period
+            if n_steps <= 0:
+                raise CaseError(f"run: no step has a solution: {error}") from None
+            return "failed", f"failed after t = {n_steps * recorder.time_step:.6g} s: {error}"
+
     def run_kept(self, folder: Path | None, case: Case, **question: object) -> Outcome:
         """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.
 
@@ -368,9 +389,9 @@ class Session:
             raise KeyboardInterrupt
         return outcome
 
-    def solution(self, outcome: Outcome) -> Solution:
+    def solution(self, outcome: Outcome, reason: str = "") -> Solution:
         """Return the results of the run."""
-        return Solution(outcome, self.recorder, self.engine.state())
+        return Solution(outcome, self.recorder, self.engine.state(), reason)
 
 
 @contextmanager
@@ -534,7 +555,8 @@ def solve(
     with session(
         operators, law, scheme, states, span, initial=initial, engine=engine, comm=comm
     ) as opened:
-        return opened.solution(opened.run() if stop is None else opened.run(stop, every=1))
+        every = ASKED_EVERY if stop is None else 1
+        return opened.solution(*opened.run_or_fail(stop, every=every))
 
 
 def _length(

@@ -62,6 +62,7 @@ class Reduced:
         gap_drive: h, shape (n,).
         loads: modal loads by -q_b'', -q_b' and -q_b (R4), shape (3, m).
         base_mass: mass that moves with the base where q = 0 [kg].
+        base_damping: damping of that motion [N s/m].
         probes: rows that read the probes, CSR (p, n_dofs).
         shapes: Φ, shape (n_dofs, m).
         residual: X of each part, shape (c, n_dofs, n) [m/N].
@@ -77,6 +78,7 @@ class Reduced:
     gap_drive: FloatArray
     loads: FloatArray
     base_mass: float
+    base_damping: float
     probes: sp.csr_matrix
     shapes: FloatArray
     residual: FloatArray
@@ -150,11 +152,13 @@ def reduce(operators: Operators, modes: int) -> Reduced:
     columns = np.stack([o.base.mass, o.base.damping, k_b])
     moved = columns + np.stack([A @ iota for A in (o.mass, o.damping, o.stiffness)])
     if o.base.is_force:
-        loads, base_mass = columns @ shapes, 0.0
+        loads, base_mass, base_damping = columns @ shapes, 0.0, 0.0
     else:
         loads = moved @ shapes
         loads[2] = 0.0  # K ι + k_b is round-off
-        base_mass = float(iota @ (moved[0] + o.base.mass) + o.base.corner[0])
+        base_mass, base_damping = (
+            float(iota @ (moved[j] + columns[j]) + o.base.corner[j]) for j in range(2)
+        )
     return Reduced(
         squares=squares,
         damping=np.concatenate(damping),
@@ -165,6 +169,7 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         gap_drive=H @ iota,
         loads=loads,
         base_mass=base_mass,
+        base_damping=base_damping,
         probes=o.probes,
         shapes=shapes,
         residual=np.stack(at_gaps),

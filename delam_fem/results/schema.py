@@ -303,7 +303,7 @@ class Measure(Variable):
 
 _LAMINA = ("lamina",)
 _MEASURES = (
-    Measure("outcome", (), "", "how the run ended: completed, diverged or interrupted"),
+    Measure("outcome", (), "", "how the run ended: completed, diverged, interrupted or failed"),
     Measure("engine", (), "", "what computed the steps"),
     Measure("law", (), "", "contact law; of operators"),
     Measure("scheme", (), "", "time integration; of operators"),
@@ -365,7 +365,7 @@ _MEASURES = (
         "energy that impacts have added; 0 with laws that only dissipate"),
     Measure("unread_keys", ("key",), "", "keys of the case that this run did not use"),
     Measure("warnings", ("warning",), "", "warnings of the run"),
-    Measure("message", (), "", "why the run diverged, and what may help; only then"),
+    Measure("message", (), "", "why the run diverged or failed, and what may help; only then"),
 )  # fmt: skip
 
 MEASURES: Mapping[str, Measure] = MappingProxyType({entry.name: entry for entry in _MEASURES})

@@ -22,7 +22,7 @@ from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.recorder import PeriodRecord, Recorder, Stepper
 from delam_fem.system.errors import require
 
-Outcome = Literal["completed", "diverged", "interrupted"]
+Outcome = Literal["completed", "diverged", "interrupted", "failed"]
 
 ASKED_EVERY = 10
 """Periods after which a run reports and may be stopped, at the latest."""
@@ -107,6 +107,9 @@ class Engine(Shared, Protocol):
 
         Returns:
             Whether the motion stayed within bounds.
+
+        Raises:
+            ArithmeticError: a step has no solution; the steps before it are recorded.
         """
 
 
@@ -195,9 +198,15 @@ class StepByStep(Engine):
         """Compute periods one after the other, and record them; see `Engine`."""
         for _ in range(n_periods):
             record = recorder.open(self.stepper, base_states)
-            n_steps = self.run_period(record, -recorder.limit)
+            failure = None
+            try:
+                n_steps = self.run_period(record, -recorder.limit)
+            except ArithmeticError as error:
+                failure, n_steps = error, record.n_collected
             record.damped = self.stepper.damped
             is_bounded = recorder.close(record, self.stepper, n_steps)
+            if failure is not None:
+                raise failure
             if not is_bounded or n_steps < len(base_states) - 1:
                 return False
         return True

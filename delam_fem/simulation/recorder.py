@@ -366,6 +366,11 @@ class PeriodRecord:
             state[hit] = np.where(resting[hit], RESTING, HIT)
             self.contact.append(state)
 
+    @property
+    def n_collected(self) -> int:
+        """Number of steps that `keep` has recorded, before the period ends."""
+        return len(self._rows_u)
+
     def end_steps(self, n_steps: int) -> None:
         """Write the rows that `keep` has collected as bytes, all at once: row by row costs more."""
         self.n_steps = n_steps
@@ -538,13 +543,16 @@ class Recorder:
         for record in self.window:
             record.frames = [whole(frame) for frame in record.frames]
 
-    def energy_residual(self) -> float:
+    def energy_residual(self, n_periods: int | None = None) -> float:
         """Return the largest residual of a period over the largest energy exchanged in one [-].
 
         It is NaN if any number of the ledger is not finite, and 1 if there is a residual but no
         energy was stored or exchanged.
+
+        Args:
+            n_periods: number of the first periods that count; None: all that are recorded.
         """
-        rows = np.abs(self.ledger[: self.n_closed])
+        rows = np.abs(self.ledger[: self.n_closed if n_periods is None else n_periods])
         if not np.isfinite(rows).all():
             return math.nan
         stored = rows[:, : EXCHANGED.start].sum(axis=1).max(initial=0.0)

@@ -222,7 +222,7 @@ def again(
     p, change = np.zeros((2, len(pairs)))
     flat, places, right = W.ravel(), np.array(pairs, np.int64), q[pairs]
     shifted = np.concatenate([np.full(origin, np.nan), flat])
-    ending = solve_among(shifted, origin, len(W), places, len(pairs), right, p, change, memory)
+    ending = solve_among(shifted, origin, len(W), places, len(pairs), right, p, change, 0.0, memory)
     assert ending == SOLVED
     assert change == pytest.approx(W[np.ix_(pairs, pairs)] @ p, abs=ROUND_OFF)
     return p
@@ -270,3 +270,16 @@ def test_a_factor_is_kept_for_the_same_matrix_alone() -> None:
 def test_warm_start_takes_pairs_that_depend_on_one_another_one_at_a_time() -> None:
     p = again(np.ones((2, 2)), np.array([-1.0, -1.0]), [0, 1], nothing_known(2))
     assert p.tolist() == [1.0, 0.0]
+
+
+def test_a_residual_of_round_off_is_no_failure() -> None:
+    """Opposite rows with q out of their range: an error, unless it is round-off."""
+    W, q = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([-3e-17, 1e-17])
+    results = {
+        noise: solve_among(
+            W.ravel(), 0, 2, np.arange(2), 2, q, np.zeros(2), np.zeros(2), noise, nothing_known(2)
+        )
+        for noise in (0.0, 1e-15)
+    }
+    assert results[1e-15] == SOLVED
+    assert results[0.0] != SOLVED

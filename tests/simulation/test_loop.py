@@ -53,6 +53,9 @@ class Ball:
 
     rate_free = rate_pre
 
+    def rate_noise(self) -> float:
+        return 0.0
+
     def jump(self, decision: Decision) -> tuple[float, float]:
         before = 0.5 * self.speed**2
         if decision.hit.size:

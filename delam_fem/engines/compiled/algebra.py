@@ -162,6 +162,24 @@ def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
     return result
 
 
+@njit
+def largest_of(values, first, n):  # type: ignore[no-untyped-def]
+    """Return the largest absolute value of n numbers from a place on."""
+    largest = 0.0
+    for i in range(first, first + n):
+        largest = max(largest, abs(values[i]))
+    return largest
+
+
+@njit
+def absolute_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
+    """Return the sum of |A_ij x_j| over j, where x is the field of X that begins at `shift`."""
+    result, first, last = 0.0, matrix.start[row], matrix.start[row + 1]
+    for entry in range(first, last):
+        result += abs(matrix.value[entry] * X[shift + matrix.column[entry]])
+    return result
+
+
 @njit(forceinline=True)
 def both_products(matrix, row, X, size):  # type: ignore[no-untyped-def]
     """Return the entries `row` of A u and of A v, in one pass over the row of A."""

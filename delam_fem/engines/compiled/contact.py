@@ -13,10 +13,20 @@ import numpy as np
 
 from delam_fem.contact import complementarity
 from delam_fem.contact.laws import IMPACTS, MOREAU, NONE
-from delam_fem.contact.rules import CLOSED, candidates, decide, renew_resting
+from delam_fem.contact.rules import (
+    CLOSED,
+    OF_PLACE,
+    OF_SPEED,
+    candidates,
+    decide,
+    needs_impulse,
+    renew_resting,
+)
 from delam_fem.engines.compiled import lanes as lk, modes
 from delam_fem.engines.compiled.algebra import (
+    absolute_product,
     clear,
+    largest_of,
     require_compliance,
     row_product,
     solve_mass,
@@ -285,6 +295,28 @@ def _look(system, law, memory):  # type: ignore[no-untyped-def]
 
 
 @njit
+def _round_off(system, memory, n):  # type: ignore[no-untyped-def]
+    """Return the gap rate up to which n candidates have nothing but round-off [m/s].
+
+    Modes of equal laminae that move together have no gap at all. What the two sides of a pair do in
+    modes therefore follows from the largest entry of the row and the largest coordinates.
+    """
+    X, H, size, largest = memory.X, system.gap_rows, system.size, 0.0
+    of_place = OF_PLACE / system.scheme.time_step
+    if H.width > 0:  # modes
+        motion = of_place * largest_of(X, 0, size) + OF_SPEED * largest_of(X, size, size)
+        for j in range(n):
+            first = H.start[memory.hit[j]]
+            largest = max(largest, largest_of(H.value, first, H.width))
+        return largest * motion
+    for j in range(n):
+        place = absolute_product(H, memory.hit[j], X, 0)
+        speed = absolute_product(H, memory.hit[j], X, size)
+        largest = max(largest, of_place * place + OF_SPEED * speed)
+    return largest
+
+
+@njit
 def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     """Apply the law at the end of a step, at a tick, as `rules.Rules` does it.
 
@@ -300,6 +332,9 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     n, changes = candidates(
         law, n_pairs, gap, memory.rate, free, resting, hit, before, after, lacking
     )
+    noise = _round_off(system, memory, n) if system.is_touching else 0.0
+    if not needs_impulse(lacking, n, noise):
+        n = 0
     if n == 0 and not changes:
         return COMPLETED
     if n:
@@ -310,7 +345,18 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
             complementarity.forget(memory.again, hit, n)
         W = memory.compliance, system.coarseness * n_pairs * n_pairs, n_pairs
         n, result = decide(
-            law, W, hit, n, hit, before, after, lacking, memory.impulse, memory.change, memory.again
+            law,
+            W,
+            hit,
+            n,
+            hit,
+            before,
+            after,
+            lacking,
+            memory.impulse,
+            memory.change,
+            noise,
+            memory.again,
         )
         if result != complementarity.SOLVED:
             return -result

@@ -609,9 +609,12 @@ def _block_of(make_step: Any) -> Any:
             if step == 0:
                 _begin_period(p, log, j)
             step, ending = run_steps(p, log, step + 1)
-            if ending == FULL or ending < 0:
+            if ending == FULL:
                 return j, step, ending
-            if not _end_period(p, log, first_period, j, step) or ending == DIVERGED:
+            is_bounded = _end_period(p, log, first_period, j, step)
+            if ending < 0:
+                return j + 1, 0, ending
+            if not is_bounded or ending == DIVERGED:
                 return j + 1, 0, DIVERGED
             step = 0
         return n_periods, 0, COMPLETED
@@ -639,7 +642,7 @@ def run_plain(problem_at, log_at, first_period, begin, n_periods):  # type: igno
     Returns:
         Number of finished periods, of steps of the next, and the result of the loop: COMPLETED,
         DIVERGED (in the last of these periods), FULL (enlarge the event buffers and call again), or
-        a failure (`contact.examine`).
+        a failure (`contact.examine`), likewise in the last of these periods.
     """
     return _plain_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
 

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
+from delam_fem.contact.rules import OF_PLACE, OF_SPEED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.linear_algebra import new_vector
 from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread, whole
@@ -35,6 +36,7 @@ class Dynamics:
         operators: the semi-discrete problem.
         u, v, a: displacements, velocities and accelerations of the own free dofs.
         resting: pairs at rest, shape (n_pairs,); the array is replaced, never written to.
+        is_touching: whether some pairs are closed at rest.
         is_resting: whether a pair rests, so that the law must be asked although no gap is closed.
         seen_base: the entries of `seen_u` that belong to the energy ledger, shape (3,).
         spring_stiffness: stiffness of the spring that a resting pair carries [N/m]; 0: no spring.
@@ -60,6 +62,8 @@ class Dynamics:
         ]
         self._M, self._C, self._K = map(linear_algebra.product, self._blocks)
         self._H = matrix(o.gap_matrix, MPI.COMM_SELF)
+        self.is_touching = bool((o.gap0 <= 0.0).any())
+        self._absolute_H = matrix(abs(o.gap_matrix), MPI.COMM_SELF)
         n, memory = o.n_own, np.zeros(3 * o.n_own + 3)
         # u, v, a and (q, q', q'') of the base in one memory, so that one product sees them all
         parts = memory, memory[: 2 * n], memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n]
@@ -258,6 +262,19 @@ class Dynamics:
         """Return H v without impulses, shape (n_pairs,) [m/s]."""
         return self._rate_values
 
+    def rate_noise(self) -> float:
+        """Return max Σ_j |H_kj| (`OF_PLACE` |u_j| / Δt + `OF_SPEED` |v_j|), or 0 [m/s]."""
+        if not self.is_touching:
+            return 0.0
+        size, place = self._point, self._load
+        self.v.copy(size)
+        size.abs()
+        self.u.copy(place)
+        place.abs()
+        size.axpby(OF_PLACE / self.time_step, OF_SPEED, place)
+        self._absolute_H.mult(size, self._rate.own)
+        return float(self._rate.gather().max())
+
     def _compliance(self, factor: linear_algebra.Factor) -> linear_algebra.LazyCompliance:
         """Return H B⁻¹ Hᵀ of a factorised matrix B."""
         return linear_algebra.LazyCompliance(self.operators.n_pairs, partial(self._column, factor))
@@ -342,7 +359,7 @@ class Dynamics:
         matrices = (o.mass, o.damping, o.stiffness) if self._is_owner else ()
         for thing in (
             *(self._rate, self._impulse, self._force, self._gap_vector, self._rate_vector),
-            *(self._seen, self._at_rest, *matrices, self._H, self._view),
+            *(self._seen, self._at_rest, *matrices, self._H, self._absolute_H, self._view),
             *(self._all, self._motion, self.u, self.v, self.a),
             *(self._residual, self._load, self._response, self._point),
             *(self._rayleigh or ()),

@@ -233,7 +233,6 @@ class MoreauJean(Dynamics):
         self._start = linear_algebra.vector_in(self._motion_start.array[self.operators.n_own :])
         size = self.operators.n_dofs * self.operators.n_pairs
         self._has_room = self._damping is None and size <= ROOM
-        self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
         self._is_unaccounted = False
         self._predicted, self._rate_start = (  # sums of all ranks from the beginning
@@ -318,7 +317,7 @@ class MoreauJean(Dynamics):
         u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
         self._see()
-        if self._is_touching:
+        if self.is_touching:
             fastest = max(-self._rate_vector.min()[1], self._rate_vector.max()[1])
             self._predicted.own.shift(-CLOSED * dt * fastest)
         return self._predicted.own.min()[1]

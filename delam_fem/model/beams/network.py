@@ -85,6 +85,9 @@ from delam_fem.system.errors import CaseError
 Group = tuple[int, ...]
 """Numbers of neighbouring laminae that are bonded, from bottom to top."""
 
+RIGID = 1e9
+"""Stiffness of a support over that of the elements beside it from which on it counts as rigid: of
+the 16 digits of their sum, too few are theirs."""
 ROUND_OFF = 1e-13
 """Entries K_ij of a matrix below this share of sqrt(K_ii K_jj) are round-off of zero."""
 _SAME = 1e-9
@@ -624,6 +627,27 @@ def _inner_springs(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, s
     return K, C
 
 
+def _require_spring(support: InnerSupport, order: int, part: Part) -> None:
+    """Refuse a spring so stiff that the elements beside it are lost in its round-off.
+
+    Args:
+        support: a support inside the span.
+        order: its number among these.
+        part: the part that it holds.
+    """
+    h, EI = np.diff(part.x), part.flexural_rigidity
+    of_node = {"stiffness": 24.0 * EI / h**3, "rotational_stiffness": 8.0 * EI / h}
+    rigid = {"stiffness": 'kind = "pinned"', "rotational_stiffness": 'kind = "clamped"'}
+    for key, of_elements in of_node.items():
+        limit, value = RIGID * float(of_elements.max()), getattr(support, key) or 0.0
+        if value > limit:
+            raise CaseError(
+                f"support.inside.{order}.{key}: expected at most {limit:.2g}, {RIGID:.0e} times "
+                f"that of two elements of {part.name}, given {value:g}; for what is rigid take "
+                f"{rigid[key]}"
+            )
+
+
 def inner_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[InnerSupport, int]]:
     """Yield each support inside the span with each part that it holds, of bonded parts the lowest.
 
@@ -631,11 +655,15 @@ def inner_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[InnerSu
         case: the case.
         layout: of its laminae as beams.
         n: number of free dofs of the beams.
+
+    Raises:
+        CaseError: a spring is rigid beside the elements.
     """
-    for own in case.support.inside:
+    for order, own in enumerate(case.support.inside, start=1):
         seen: set[bytes] = set()
         for number, part in enumerate(layout.parts):
             if own.lamina in (None, part.name):
+                _require_spring(own, order, part)
                 turn = columns_of(part, place_of(part, own.position), n, SLOPE).indices.tobytes()
                 if turn not in seen:  # otherwise bonded to the one before
                     seen.add(turn)
