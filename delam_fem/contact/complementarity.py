@@ -29,7 +29,7 @@ from delam_fem.system.caches import kept, njit
 
 TOLERANCE = 1e-13
 """A residual below this number times the largest |q| is round-off (for a few dozen pairs). What is
-round-off of q itself follows from the motion, see `rules.ROUND_OFF`."""
+round-off of q itself follows from the motion, see `rules.OF_PLACE`."""
 
 SINGULAR = 1e-13
 """A pivot below this number times the diagonal entry of W is round-off: the pair is redundant."""
