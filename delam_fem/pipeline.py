@@ -45,6 +45,7 @@ from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.results import contacts, dataset, diagnostics, quality
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, Problem, Result
+from delam_fem.results.overlap import overlap_warnings
 from delam_fem.results.pages.html import reporting
 from delam_fem.results.schema import solvers
 from delam_fem.simulation import checkpoint
@@ -499,6 +500,7 @@ def _result(
         quality.alternating_warning(case, history),
         quality.released_warning(recorder),
         *quality.quality_warnings(case, structure, residual),
+        *overlap_warnings(history, case),
     ]
     warnings = [text for text in texts if text is not None]
     summary["warnings"] = [*plausible.warnings(case), *warnings]  # those of the case are told

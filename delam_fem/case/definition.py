@@ -45,7 +45,8 @@ from delam_fem.case.sections import (
     require_fitting,
     require_neighbours,
 )
-from delam_fem.case.toml import Data, apply_overrides, message, toml_text
+from delam_fem.case.toml import Data, apply_overrides, message, set_key, toml_text
+from delam_fem.case.unread import idle_keys, read_of_contact
 from delam_fem.case.values import Expected, Section, inconsistent
 from delam_fem.contact.laws import combination, combined_name
 from delam_fem.numerics import harmonics
@@ -182,8 +183,7 @@ class Case(Section):
             combination(self.contact.law, self.time.scheme)
         except ValueError as error:
             raise inconsistent("contact.law", str(error)) from None
-        is_lumped = self.contact.impulse == "lumped" and "impulse" in self._read_contact_keys
-        if self.contact.points_per_element > 1 and is_lumped:
+        if self.contact.points_per_element > 1 and self.has_lumped_impulses:
             raise inconsistent(
                 "contact.points_per_element",
                 'expected 1 with contact.impulse = "lumped", because points inside an element '
@@ -443,14 +443,14 @@ class Case(Section):
     def spring(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] of a contact spring of weight 1.
 
-        If nothing but elastic stops and impactors may touch, the first of them gives both.
+        If nothing but elastic stops and impactors may touch, the first with a stiffness gives both.
+        Balls alone have a spring of 1 N/m, of which their stiffnesses are multiples.
         """
-        own = self.contact
+        if not self.has_own_springs:
+            return self.contact.penalty_stiffness, self.contact.penalty_damping
         striking: tuple[Stop | Impactor, ...] = (*self.stop, *self.impactor)
-        elastic = [one for one in striking if one.stiffness is not None]
-        if elastic and len(self.lamina) == 1 and len(elastic) == len(striking):
-            return elastic[0].stiffness or 0.0, elastic[0].damping
-        return own.penalty_stiffness, own.penalty_damping
+        springs = [(own.stiffness, own.damping) for own in striking if own.stiffness is not None]
+        return springs[0] if springs else (1.0, 0.0)
 
     def _check_inner_supports(self) -> None:
         """Check that supports inside the span are apart from the ends and from one another."""
@@ -566,37 +566,24 @@ class Case(Section):
     @property
     def unread(self) -> tuple[str, ...]:
         """Keys that the case sets although a run does not use them, as overrides name them."""
-        idle = self._idle
-        if self.is_massless:
-            idle += [("time", "refine_velocity"), ("time", "scheme")]
-        given = (
-            f"{section}.{key}"
-            for section, key in idle
-            if key in getattr(self, section).model_fields_set
+        tables = dict(self._placed())
+        return tuple(
+            f"{place}.{key}"
+            for place, key in idle_keys(self)
+            if key in tables[place].model_fields_set
         )
-        seeds = (
-            f"sensor.{own.name}.seed"
-            for own in self.sensor
-            if "seed" in own.model_fields_set and not own.noise
-        )
-        return (*given, *seeds)
 
     @property
-    def _idle(self) -> list[tuple[str, str]]:
-        """Sections and keys that a run does not read with this law, model and excitation."""
-        read = self._read_contact_keys
-        return [
-            *(("contact", key) for key in sorted(Contact.model_fields) if key not in read),
-            *([] if self.is_periodic else [("time", "periods")]),
-            *([] if self.time.periods == "settled" else [("time", "most_periods")]),
-            *(("model", key) for key in sorted(Model.model_fields) if key not in self.model.reads),
-        ]
+    def has_lumped_impulses(self) -> bool:
+        """Whether impulses act on the hit nodes alone, with this law and scheme."""
+        return self.contact.impulse == "lumped" and "impulse" in read_of_contact(self)
 
     @property
-    def _read_contact_keys(self) -> set[str]:
-        """Keys of the section `contact` that have an effect."""
-        reads = combination(self.contact.law, self.time.scheme).reads
-        return {"law", "points_per_element", *(("restitution",) if self.is_massless else reads)}
+    def has_own_springs(self) -> bool:
+        """Whether nothing but elastic stops and impactors may touch, which say their stiffness."""
+        striking: tuple[Stop | Impactor, ...] = (*self.stop, *self.impactor)
+        is_alone = self.gap is None and not self.delamination
+        return is_alone and bool(striking) and all(own.elastic_by for own in striking)
 
     @property
     def is_periodic(self) -> bool:
@@ -717,11 +704,15 @@ class Case(Section):
 
         Keys that the run does not read are left out, unless the case sets them.
         """
-        data = self.model_dump(exclude_none=True)
-        for section, key in (*self._idle, *(() if self.is_periodic else _OF_PERIODS)):
-            if key not in getattr(self, section).model_fields_set:
-                data[section].pop(key, None)
-        absent = {key for key, value in data.items() if value == ()}  # no tables
+        dumped = self.model_dump(exclude_none=True)
+        data = {
+            key: list(value) if isinstance(value, tuple) else value for key, value in dumped.items()
+        }
+        tables = dict(self._placed())
+        for place, key in (*idle_keys(self), *(() if self.is_periodic else _OF_PERIODS)):
+            if key not in tables[place].model_fields_set:
+                set_key(data, f"{place}.{key}", None)
+        absent = {key for key, value in data.items() if value == []}  # no tables
         if self.is_apart and "support" not in self.model_fields_set:
             absent.add("support")
         if self.model == Model():

@@ -10,12 +10,18 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Mapping
 
+import numpy as np
+import scipy  # loads its parts when they are used
+
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import (
     ForceExcitation,
     HammerExcitation,
     HarmonicExcitation,
     SweepExcitation,
+    TableExcitation,
+    Tabulated,
+    read_series,
 )
 from delam_fem.case.sections import MATERIALS, Lamina
 
@@ -28,7 +34,7 @@ WAVE_SPEED: Bounds = (200.0, 20e3)
 DENSITY: Bounds = (20.0, 23e3)
 """From foams to osmium [kg/m3]."""
 AMPLITUDE: Bounds = (0.0, 0.1)
-"""Amplitude of the base over the length."""
+"""Largest displacement of the base over the length."""
 GAP: Bounds = (0.0, 0.2)
 """Largest gap at rest over the length."""
 FREQUENCY: Bounds = (0.01, 250.0)
@@ -50,6 +56,7 @@ _OTHERS: Mapping[str, tuple[tuple[str, float], ...]] = {
     "kg/m3": (("g/cm3", 1e3),),
     "Hz": (("mHz", 1e-3), ("kHz", 1e3)),
     "kg": (("g", 1e-3),),
+    "m/s2": (("mm/s2", 1e-3),),
     "-": (("%", 1e-2),),
 }
 """Other units that a number may be meant in, with their factors."""
@@ -193,15 +200,10 @@ def _of_excitation(case: Case) -> Iterator[str]:
             f"time.step = {case.time.step:g} s is long: the blow of {given.duration:g} s has "
             f"{given.duration / case.time_step:.3g} steps, below {BLOW_STEPS}"
         )
-    if isinstance(given, HarmonicExcitation | SweepExcitation) and given.amplitude is not None:
-        yield from _checked(
-            "excitation.amplitude",
-            given.amplitude,
-            "m",
-            "the amplitude over the length",
-            AMPLITUDE,
-            lambda value: value / case.length,
-        )
+    if isinstance(given, TableExcitation) and given.acts_on == "base":
+        yield from _of_base_table(given, case.length)
+    if isinstance(given, HarmonicExcitation | SweepExcitation):
+        yield from _of_base_motion(given, case.length)
     is_judged = isinstance(given, HarmonicExcitation | SweepExcitation | ForceExcitation)
     if not is_judged or any(map(_is_in_mm, case.lamina)):
         return
@@ -219,6 +221,43 @@ def _of_excitation(case: Case) -> Iterator[str]:
             FREQUENCY,
             lambda f, first=first: f / first,  # type: ignore[misc]
         )
+
+
+def _of_base_motion(given: HarmonicExcitation | SweepExcitation, length: float) -> Iterator[str]:
+    """Yield a warning if the displacement of the base is large beside the laminae."""
+    is_acceleration = given.acceleration is not None
+    size = given.acceleration if given.acceleration is not None else given.amplitude or 0.0
+    starts = ("frequency", "start_frequency", "end_frequency")
+    lowest = min(getattr(given, name, math.inf) for name in starts)
+    displacement = given.displacement_amplitude(lowest)
+    yield from _checked(
+        "excitation.acceleration" if is_acceleration else "excitation.amplitude",
+        size,
+        "m/s2" if is_acceleration else "m",
+        "the amplitude over the length",
+        AMPLITUDE,
+        lambda value: displacement * (value / size) / length if size else 0.0,
+    )
+
+
+def _of_base_table(given: TableExcitation, length: float) -> Iterator[str]:
+    """Yield a warning if the motion of a base from a table is large beside the laminae."""
+    time, value, unit = read_series(given.file, given.acts_on)
+    course = Tabulated.of(time, value, unit)
+    largest = float(np.abs(course.states(time)[:, 0]).max())
+    if largest <= AMPLITUDE[1] * length:
+        return
+    hint = ""
+    if unit == "m/s2":
+        mean = float(scipy.integrate.trapezoid(value, time) / time[-1])
+        hint = (
+            f"; its accelerations have the mean {mean:.3g} m/s2, from which this drift follows: "
+            "subtract it, or filter the record with a high pass"
+        )
+    yield (
+        f"excitation.file = {given.file.name} looks unusual: it moves the base by up to "
+        f"{largest:.3g} m, {largest / length:.3g} of the length of the laminae{hint}"
+    )
 
 
 def _of_masses(case: Case) -> Iterator[str]:

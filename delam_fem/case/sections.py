@@ -5,7 +5,7 @@ one name differ by some percent: where natural frequencies matter, identify the 
 
 Sources:
     aluminium: EN 1999-1-1, 3.2.5.
-    steel: EN 1993-1-1, 3.2.6 (modulus); EN 1991-1-1, table A.4 (77 to 78.5 kN/m3).
+    steel: EN 1993-1-1, 3.2.6 (modulus, Poisson's ratio); EN 1991-1-1, table A.4 (77 to 78.5 kN/m3).
     titanium: the alloy Ti-6Al-4V; ASM Handbook, volume 2.
     carbon-epoxy (T300/5208), glass-epoxy (Scotchply 1002): unidirectional, along the fibres; S. W.
     Tsai, H. T. Hahn, "Introduction to Composite Materials" (1980), table 1.7.
@@ -71,6 +71,16 @@ MATERIALS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )
 """Young's modulus E [Pa] and density rho [kg/m3] by the names that `lamina.….material` takes."""
+POISSON: Mapping[str, float] = MappingProxyType(
+    {
+        "aluminium": 0.3,
+        "steel": 0.3,
+        "titanium": 0.342,
+        "carbon-epoxy": 0.28,
+        "glass-epoxy": 0.26,
+    }
+)
+"""Poisson's ratio by the names of materials [-]; of unidirectional layers the larger one."""
 _OF_MATERIALS: Mapping[str, str] = MappingProxyType({"young_modulus": "Pa", "density": "kg/m3"})
 """Keys of a lamina whose values a material says, with their units."""
 _SAME = 1e-9
@@ -131,9 +141,9 @@ class Lamina(Section):
         if not isinstance(data, Mapping):
             return handler(data)
         numbers = {key: _converted(key, value) for key, value in data.items()}
+        said_by_material = _take_material(numbers)
         if "mass" in numbers:
             numbers = dict(_PICTURE) | numbers
-        said_by_material = _take_material(numbers)
         line_mass = _take_section(numbers)
         lamina = handler(numbers)
         follow = {str(key) for key in numbers if key not in data} | said_by_material
@@ -187,6 +197,11 @@ class Lamina(Section):
         if self._line_mass is not None:
             return self._line_mass
         return self.density * self.width * self.thickness
+
+    @property
+    def poisson(self) -> float:
+        """Poisson's ratio of the lamina's material; 0 without one [-]."""
+        return POISSON.get(self.material or "", 0.0)
 
     def angular_frequencies(self, n: int) -> FloatArray:
         """Return the first natural frequencies, omega_k = (B_k/L)^2 sqrt(EI / rho A) of a beam.
@@ -370,7 +385,8 @@ class Model(Section):
         kind: "beam" (Euler-Bernoulli), "plane-stress" (two dimensions), "solid" (three dimensions)
             or "modes": those of a file (docs/reduced.md), or of beams with
             time.mass = "massless" (docs/massless.md).
-        poisson: Poisson's ratio of all laminae [-].
+        poisson: Poisson's ratio of all laminae [-]. Without it solids have 0, and the contact of a
+            ball that of the material of its lamina.
         degree: degree of the elements.
         layers: number of cells through the thickness of each lamina.
         strips: number of cells across the width; give 2 or more where contact counts.
@@ -379,7 +395,7 @@ class Model(Section):
     """
 
     kind: ModelKind = "beam"
-    poisson: Annotated[Poisson, Unit("1")] = 0.0
+    poisson: Annotated[Poisson | None, Unit("1")] = None
     degree: Degree = 2
     layers: CellCount = 1
     strips: CellCount = 1

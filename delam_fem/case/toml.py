@@ -338,8 +338,8 @@ def _names(table: object) -> list[str]:
 
 def _name(entry: Data) -> object:
     """Return the name of an entry; a delamination has that of its neighbours, "lower-upper"."""
-    between = entry.get("between")
-    return "-".join(map(str, between)) if isinstance(between, list | tuple) else entry.get("name")
+    name, between = entry.get("name"), entry.get("between")
+    return "-".join(map(str, between)) if name is None and isinstance(between, list) else name
 
 
 def _entry(tables: list[Data], part: str, key: str) -> Data:

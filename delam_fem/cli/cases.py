@@ -28,6 +28,7 @@ from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
+    from delam_fem.case.sections import Impactor, InnerSupport, Lamina, PointMass, Stop
     from delam_fem.engines.session import EngineName
     from delam_fem.model.reduction import Reduction
     from delam_fem.studies.sweeps.grid import Sweep
@@ -132,7 +133,7 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
     Raises:
         CaseError: the case or the sweep cannot be computed, or needs too much.
     """
-    from delam_fem.engines.cost import require_affordable, run_cost
+    from delam_fem.engines.cost import require_affordable
 
     path = Path(name)
     if path.suffix == SUFFIX and path.is_file():
@@ -143,28 +144,34 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
             from delam_fem.studies.sweeps.run import sweep_cost
 
             sweep = load_sweep(path, overrides_in(overrides))
+            show_sweep(sweep)
             what, cost = f"sweep {sweep.file.name}", sweep_cost(sweep)
             require_affordable(cost, what, is_confirmed=False)
-            show_sweep(sweep)
             return
-    case = case_of(name, overrides)
-    require_affordable(run_cost(case, engine), f"case {case.name}", is_confirmed=False)
-    show_case(case, engine)
+    show_case(case_of(name, overrides), engine)
 
 
 def show_case(case: Case, engine: EngineName) -> None:
-    """Check a case and show its table, with what a run needs.
+    """Show the table of a case with what a run needs, and check it as a run would.
+
+    A case that needs much is shown, but not assembled.
 
     Raises:
-        CaseError: the case cannot be computed.
+        CaseError: the case cannot be computed, or must be confirmed.
     """
-    from delam_fem.engines.cost import run_cost
+    from delam_fem.engines.cost import require_affordable, run_cost
     from delam_fem.pipeline import checked
 
+    cost, rows, title = run_cost(case, engine), [*_about(case)], f"case {case.name}"
+    try:
+        require_affordable(cost, title, is_confirmed=False)
+    except CaseError:
+        table(title, ("", ""), [*rows, ("needs", str(cost))])
+        raise
     structure, warnings = checked(case, engine)
-    rows = [*_about(case), ("unknowns", str(structure.operators.n_dofs))]
+    rows.append(("unknowns", str(structure.operators.n_dofs)))
     rows.append(("pairs that may touch", str(structure.operators.gap0.size)))
-    table(f"case {case.name}", ("", ""), [*rows, ("needs", str(run_cost(case, engine)))])
+    table(title, ("", ""), [*rows, ("needs", str(cost))])
     for text in warnings:
         tell(f"warning: {text}")
 
@@ -190,27 +197,135 @@ def _about(case: Case) -> list[tuple[str, str]]:
     """Return rows that say what a case is."""
     from delam_fem.contact.laws import LAWS, combined_name
 
-    laminae = [
-        (
-            f"lamina {own.name}",
-            f"{1e3 * own.length:g} × {1e3 * own.width:g} × {1e3 * own.thickness:g} mm, "
-            f"EI {own.flexural_rigidity:.4g} N m², {own.mass_per_length:.4g} kg/m, "
-            f"D {own.damping_ratio:g}",
-        )
-        for own in case.lamina
-    ]
     law, scheme = case.contact.law, case.time.scheme
     rows = [
-        *laminae,
+        *((f"lamina {own.name}", _lamina(own)) for own in case.lamina),
         ("structure", _structure(case)),
+        *_attached(case),
         ("excitation", case.excitation.words),
         ("contact", f"{combined_name(law, scheme)}: {LAWS[law].meaning}"),
-        ("time", _time(case)),
-        ("window", _window(case)),
     ]
+    if numbers := [*_law_numbers(case)]:
+        rows.append(("numbers of the law", ", ".join(numbers)))
+    rows += [("time", _time(case)), ("window", _window(case))]
     if case.unread:
         rows.append(("given, but not read", ", ".join(case.unread)))
     return rows
+
+
+def _lamina(lamina: Lamina) -> str:
+    """Return in words what a lamina is: a point, a bar or a beam."""
+    if lamina.mass is not None:
+        held = f"on a spring of {lamina.stiffness:g} N/m" if lamina.stiffness else "that is free"
+        return f"a point of {lamina.mass:g} kg {held}, D {lamina.damping_ratio:g}"
+    stiffness = (
+        f"EA {lamina.axial_rigidity:.4g} N"
+        if lamina.motion == "axial"
+        else f"EI {lamina.flexural_rigidity:.4g} N m²"
+    )
+    material = f"{lamina.material}, " if lamina.material else ""
+    return (
+        f"{1e3 * lamina.length:g} × {1e3 * lamina.width:g} × {1e3 * lamina.thickness:g} mm, "
+        f"{material}{stiffness}, {lamina.mass_per_length:.4g} kg/m, D {lamina.damping_ratio:g}"
+    )
+
+
+def _law_numbers(case: Case) -> Iterator[str]:
+    """Yield the numbers that the law of a case reads."""
+    from delam_fem.case.unread import read_of_contact
+
+    contact, read = case.contact, read_of_contact(case)
+    words = {
+        "restitution": f"e = {contact.restitution:g}",
+        "impulse": f"{contact.impulse} impulses",
+        "penalty_stiffness": f"k = {contact.penalty_stiffness:g} N/m",
+        "penalty_damping": f"c = {contact.penalty_damping:g} N s/m",
+        "threshold_velocity": f"threshold {contact.threshold_velocity:g} m/s",
+    }
+    if contact.points_per_element > 1:
+        words["points_per_element"] = f"{contact.points_per_element} points per element"
+    yield from (text for key, text in words.items() if key in read)
+
+
+def _attached(case: Case) -> Iterator[tuple[str, str]]:
+    """Yield rows of what acts on the laminae: supports, masses, stops, impactors, sensors."""
+    for number, support in enumerate(case.support.inside, start=1):
+        yield f"support {number}", _inner_support(case, support)
+    for number, mass in enumerate(case.point_mass, start=1):
+        yield f"point mass {number}", f"{mass.mass:g} kg on {_place(case, mass)}"
+    for number, stop in enumerate(case.stop, start=1):
+        contact = _contact(stop.stiffness, stop.damping)
+        yield (
+            f"stop {number}",
+            f"{stop.side} {_place(case, stop)}, gap {1e3 * stop.gap:g} mm, {contact}, on the "
+            f"{stop.on}",
+        )
+    for number, impactor in enumerate(case.impactor, start=1):
+        yield f"impactor {number}", _impactor(case, impactor)
+    for number, start in enumerate(case.initial, start=1):
+        shape = f"mode {start.mode}" if start.shape == "mode" else start.shape
+        yield (
+            f"initial {number}",
+            f"{shape} of {start.lamina or _all_laminae(case)}: {1e3 * start.displacement:g} mm, "
+            f"{start.velocity:g} m/s",
+        )
+    for sensor in case.sensor:
+        rate = f", {sensor.sampling_rate:g} Hz" if sensor.sampling_rate else ", every step"
+        noise = f", noise {sensor.noise:g} {sensor.unit}" if sensor.noise else ""
+        yield f"sensor {sensor.name}", f"{sensor.words}{rate}{noise}"
+
+
+def _inner_support(case: Case, support: InnerSupport) -> str:
+    """Return in words what a support inside the span is."""
+    numbers = [
+        f"{value:g} {unit}"
+        for value, unit in (
+            (support.stiffness or 0.0, "N/m"),
+            (support.rotational_stiffness, "N m"),
+            (support.damping, "N s/m"),
+        )
+        if value
+    ]
+    lamina = support.lamina or _all_laminae(case)
+    return ", ".join([f"{support.kind}, {lamina} at {support.position:g} m", *numbers])
+
+
+def _all_laminae(case: Case) -> str:
+    """Return in words what is of all laminae: the name of a single one."""
+    return "all laminae" if len(case.lamina) > 1 else case.lamina[0].name
+
+
+def _impactor(case: Case, impactor: Impactor) -> str:
+    """Return in words what an impactor is."""
+    contact = _contact(impactor.stiffness, impactor.damping)
+    if impactor.radius is not None:
+        lamina = next(own for own in case.lamina if own.name == impactor.lamina)
+        nu = lamina.poisson if case.model.poisson is None else case.model.poisson
+        modulus = f"E {1e-9 * lamina.young_modulus:g} GPa, ν {nu:g}"
+        contact = f"a ball of radius {1e3 * impactor.radius:g} mm ({modulus})"
+    spring = ""
+    if impactor.spring or impactor.spring_damping:
+        numbers = f"{impactor.spring:g} N/m, {impactor.spring_damping:g} N s/m"
+        spring = f", held by a spring ({numbers}) on the {impactor.on}"
+    return (
+        f"{impactor.mass:g} kg {impactor.side} {_place(case, impactor)}, gap "
+        f"{1e3 * impactor.gap:g} mm, {impactor.velocity:g} m/s, {contact}{spring}"
+    )
+
+
+def _contact(stiffness: float | None, damping: float) -> str:
+    """Return in words what a contact with a stiffness [N/m] and a damping [N s/m] is."""
+    return "rigid" if stiffness is None else f"k {stiffness:g} N/m, c {damping:g} N s/m"
+
+
+def _place(case: Case, thing: PointMass | Stop | Impactor) -> str:
+    """Return in words where something is."""
+    if case.is_of_points:
+        return thing.lamina
+    start, end = getattr(thing, "start", None), getattr(thing, "end", None)
+    if start is not None:
+        return f"{thing.lamina} from {start:g} to {end:g} m"
+    return f"{thing.lamina} at {case.length if thing.position is None else thing.position:g} m"
 
 
 def _time(case: Case) -> str:
@@ -235,13 +350,17 @@ def _window(case: Case) -> str:
 def _structure(case: Case) -> str:
     """Return in words how the laminae are joined, held and divided."""
     mesh = f"{case.mesh.elements} elements" if case.mesh.file is None else case.mesh.file.name
+    if case.is_of_points:
+        return "points"
     if case.is_apart:
         return f"apart, clamped at x = 0, {mesh} each"
     delaminated = ", ".join(f"{1e3 * d.start:g} to {1e3 * d.end:g} mm" for d in case.delamination)
-    return (
-        f"bonded, delaminated at {delaminated or 'no place'}; start {case.support.start}, end "
-        f"{case.support.end}; {mesh}"
+    yields = case.support.rotational_stiffness
+    soft = "" if yields is None else f", clamps of {yields:g} N m"
+    joined = (
+        "" if len(case.lamina) == 1 else f"bonded, delaminated at {delaminated or 'no place'}; "
     )
+    return f"{joined}start {case.support.start}, end {case.support.end}{soft}; {mesh}"
 
 
 def reduce_command(

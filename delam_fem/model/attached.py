@@ -236,7 +236,8 @@ def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float 
     """
     if own.radius is None:
         return own.stiffness, np.zeros(1)
-    E = case.lamina[which].young_modulus / (1.0 - case.model.poisson**2)
+    lamina, of_all = case.lamina[which], case.model.poisson
+    E = lamina.young_modulus / (1.0 - (lamina.poisson if of_all is None else of_all) ** 2)
     k = 4.0 / 3.0 * E * np.sqrt(own.radius)
     deepest = (1.25 * own.mass * own.velocity**2 / k) ** 0.4
     depth = deepest * (np.arange(N_HERTZ + 1) / N_HERTZ) ** (4.0 / 3.0)
@@ -259,8 +260,7 @@ def _places(
     part, shares = layout.parts[which], np.ones(1)
     if isinstance(own, Impactor) or own.start is None or own.end is None:
         place = place_of(part, case.length if own.position is None else own.position)
-        is_rigid = case.contact.law != "penalty"
-        if place != round(place) and case.contact.impulse == "lumped" and is_rigid:
+        if place != round(place) and case.has_lumped_impulses:
             raise CaseError(
                 f"{key}.position: expected a node of the mesh with contact.impulse = "
                 f'"lumped", given {own.position} m; use contact.impulse = "consistent"'

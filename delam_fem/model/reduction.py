@@ -22,8 +22,7 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
-from delam_fem.case.sections import Model
-from delam_fem.contact.laws import combination
+from delam_fem.case.sections import Lamina, Model
 from delam_fem.model.attached import StrainRows, striking_rows, with_start
 from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
 from delam_fem.model.discretise import assemble, require_bending, require_mass
@@ -210,6 +209,10 @@ def _assembled(case: Case) -> Iterator[tuple[str, object]]:
     """Yield the keys that were assembled, with their values."""
     yield "gap", None if case.gap is None else "given"
     data = case.model_dump(mode="json")
+    # written laminae leave out what follows from others, as from a material
+    data["lamina"] = [
+        {key: getattr(own, key) for key in Lamina.model_fields} for own in case.lamina
+    ]
     for section, keys in _COMPARED.items():
         tables = data[section] if isinstance(data[section], list) else [data[section]]
         is_list = isinstance(data[section], list)
@@ -238,8 +241,7 @@ def require_coupled(case: Case) -> None:
     Raises:
         CaseError: the law of the case reads such impulses.
     """
-    reads = combination(case.contact.law, case.time.scheme).reads
-    if case.contact.impulse == "lumped" and "impulse" in reads:
+    if case.has_lumped_impulses:
         raise CaseError(
             'contact.impulse: expected "consistent", because a reduced model has no lumped mass, '
             'given "lumped"'

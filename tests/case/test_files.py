@@ -358,8 +358,11 @@ def test_a_law_may_be_set_with_its_scheme() -> None:
 
 
 @pytest.mark.parametrize("name", ["paper", "default"])
-def test_presets_have_only_keys_that_are_read(name: str) -> None:
-    assert preset(name).unread == ()
+def test_presets_have_only_keys_that_are_read_and_moduli_beside_ei(name: str) -> None:
+    case = preset(name)
+    assert case.unread == ("lamina.thick.young_modulus", "lamina.thin.young_modulus")
+    without = {f"{key[: -len('young_modulus')]}bending_stiffness": None for key in case.unread}
+    assert case.with_overrides(without).unread == ()
 
 
 def test_keys_that_nothing_reads_are_named_not_refused() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import re
 import tomllib
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, preset
 from delam_fem.case.plausible import tell, warnings
+from delam_fem.numerics.types import FloatArray
 
 
 def test_a_narrower_strip_beside_the_bending_stiffness_of_another_is_told() -> None:
@@ -215,3 +218,51 @@ def test_a_stiffness_beside_a_modulus_may_differ_by_a_tenth() -> None:
     for share, count in ((0.91, 0), (1.09, 0), (0.89, 1), (1.11, 1)):
         keys = {"lamina.thick.bending_stiffness": share * EI}
         assert len(warnings(case.with_overrides(keys))) == count
+
+
+def shaken(tmp_path: Path, course: Callable[[FloatArray], FloatArray], unit: str) -> list[str]:
+    """Return the warnings for a base that follows a table of two seconds."""
+    time = np.linspace(0.0, 2.0, 401)
+    rows = [
+        f"{t!r}, {value!r}" for t, value in zip(time.tolist(), course(time).tolist(), strict=True)
+    ]
+    file = tmp_path / "base.csv"
+    file.write_text(f"time [s], value [{unit}]\n" + "\n".join(rows), encoding="utf-8")
+    return warnings(
+        preset("default", {
+            "excitation": {"kind": "table", "file": str(file), "acts_on": "base"},
+            "time": {"scheme": "moreau-jean", "step": 1e-3}, "output": {},
+        })
+    )  # fmt: skip
+
+
+def test_accelerations_with_an_offset_move_the_base_away(tmp_path: Path) -> None:
+    """The base that is at rest at both ends of 2 s of 0.3 g has gone a T^2 / 8 = 1.47 m."""
+    a = 0.3 * 9.81
+    [text] = shaken(tmp_path, lambda time: np.full_like(time, a), "m/s2")
+    assert "excitation.file" in text
+    assert f"{a * 2.0**2 / 8.0:.3g} m" in text
+    assert f"{a:.3g} m/s2" in text
+
+
+@pytest.mark.parametrize(("amplitude", "count"), [(0.06, 0), (0.08, 1)])
+@pytest.mark.parametrize("unit", ["m", "m/s2"])
+def test_a_table_may_move_the_base_by_a_tenth_of_the_length(
+    tmp_path: Path, amplitude: float, count: int, unit: str
+) -> None:
+    """A tenth is 0.0685 m; whole periods have the mean 0."""
+    w = 2.0 * np.pi * 2.0
+    size = amplitude if unit == "m" else -amplitude * w**2
+    texts = shaken(tmp_path, lambda time: size * np.sin(w * time), unit)
+    assert len(texts) == count
+
+
+@pytest.mark.parametrize(("acceleration", "count"), [(24.0, 0), (30.0, 1)])
+def test_an_acceleration_at_a_low_frequency_moves_the_base_far(
+    acceleration: float, count: int
+) -> None:
+    """A = a / (2 pi f)^2 is a tenth of 0.685 m at 27 m/s2 and 3.16 Hz."""
+    keys = {"excitation.acceleration": acceleration, "excitation.frequency": 3.16}
+    texts = warnings(preset("default", keys))
+    assert len(texts) == count
+    assert all("excitation.acceleration" in text for text in texts)

@@ -93,6 +93,22 @@ def test_a_ball_follows_hertz() -> None:
     assert found[2] == pytest.approx(2.0 * M * V, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("keys", "nu"),
+    [({}, 0.3), ({"model": {"poisson": 0.0}}, 0.0), ({"model": {"poisson": 0.4}}, 0.4)],
+)
+def test_the_material_of_a_lamina_brings_its_poissons_ratio_to_hertz(
+    keys: dict[str, Any], nu: float
+) -> None:
+    """k = 4/3 E √R / (1 - ν²) of EN 1993-1-1: E = 210 GPa, ν = 0.3; model.poisson replaces ν."""
+    k = 4.0 / 3.0 * 210e9 * math.sqrt(BALL["radius"]) / (1.0 - nu**2)
+    depth = (1.25 * M * V**2 / k) ** 0.4
+    wall = WALL | {"material": "steel"}
+    case = on_wall(BALL | {"gap": 0.0}, 5.0 * depth / V, lamina=[wall], **keys)
+    assert not case.unread
+    assert pulse(run(case, engine="compiled"))[0] == pytest.approx(k * depth**1.5, rel=1e-3)
+
+
 @pytest.mark.parametrize("scheme", ["newmark", "moreau-jean"])
 def test_a_rigid_blow_shares_momentum(scheme: str) -> None:
     """v₁ = v (m₁ - e m₂) / (m₁ + m₂), v₂ = v m₁ (1 + e) / (m₁ + m₂), downwards."""

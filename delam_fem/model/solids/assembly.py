@@ -78,7 +78,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     solid = Solid.on(mesh, comm, case.model.degree, ranks)
     E = young_modulus(case, mesh)
     ends = held(case, solid, E * _width(case, mesh))
-    is_plain = "lumped" in (case.time.mass, case.contact.impulse)
+    is_plain = case.time.mass == "lumped" or case.has_lumped_impulses
     columns = None if is_plain else Columns.of(solid, np.unique(ends.dofs // mesh.dim))
     unknowns = Unknowns.of(solid, ends, columns)
     touching, H = facing.touching(case, unknowns, x)
@@ -108,7 +108,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         unknowns.free,
         unknowns.base,
         E,
-        case.model.poisson,
+        case.model.poisson or 0.0,
         np.array([lamina.width for lamina in case.lamina]),
         touching,
     )
@@ -211,7 +211,7 @@ def _matrices(
     else:
         M = unknowns.restricted(matrix)
     K = unknowns.restricted(
-        unknowns.columns.stiffness(rigidity, case.model.poisson), is_relative=True
+        unknowns.columns.stiffness(rigidity, case.model.poisson or 0.0), is_relative=True
     )
     is_plain = unknowns.columns.is_plain
     return M, K, np.array(unknowns.diagonal(values).rows.data) if is_plain else None

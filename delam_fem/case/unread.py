@@ -1,0 +1,124 @@
+"""Say which keys of a case a run does not read, whatever their values are.
+
+A key that contradicts another is refused where the case is checked. A key without effect is not
+refused, because one case is often computed with several laws, models and excitations; it is listed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from delam_fem.case.sections import Contact, Lamina, Model
+from delam_fem.contact.laws import combination
+
+if TYPE_CHECKING:
+    from delam_fem.case.definition import Case
+
+OF_CONTACT = ("stiffness", "damping", "radius")
+"""Keys of a stop or an impactor that say what happens while it is closed."""
+
+
+def idle_keys(case: Case) -> Iterator[tuple[str, str]]:
+    """Yield the keys that a run of a case does not read, given or not.
+
+    Yields:
+        The table as overrides name it, as "lamina.thick" or "contact", and the key.
+    """
+    for lamina in case.lamina:
+        yield from ((f"lamina.{lamina.name}", key) for key in _of_lamina(case, lamina))
+    for section, keys in (
+        ("contact", sorted(set(Contact.model_fields) - read_of_contact(case))),
+        ("damping", ["rayleigh"] if case.is_of_points else []),
+        ("excitation", _of_excitation(case)),
+        ("model", sorted(set(Model.model_fields) - _read_of_model(case))),
+        ("time", _of_time(case)),
+    ):
+        yield from ((section, key) for key in keys)
+    for number, opening in enumerate(case.delamination, start=1):
+        if not opening.opening:
+            yield from ((f"delamination.{number}", key) for key in ("shape", "exponent"))
+    for section, entries in (("stop", case.stop), ("impactor", case.impactor)):
+        for number, own in enumerate(entries, start=1):
+            yield from ((f"{section}.{number}", key) for key in _of_contact_with(case, own))
+    for number, start in enumerate(case.initial, start=1):
+        if start.shape != "mode":
+            yield f"initial.{number}", "mode"
+    for sensor in case.sensor:
+        if not sensor.noise:
+            yield f"sensor.{sensor.name}", "seed"
+
+
+def has_pairs(case: Case) -> bool:
+    """Return whether anything of a case may touch."""
+    return bool(case.stop or case.impactor) or has_interfaces(case)
+
+
+def has_interfaces(case: Case) -> bool:
+    """Return whether laminae of a case may touch one another."""
+    return case.gap is not None or bool(case.delamination)
+
+
+def read_of_contact(case: Case) -> set[str]:
+    """Return the keys of the section `contact` that have an effect."""
+    reads = set(combination(case.contact.law, case.time.scheme).reads)
+    if case.is_massless:
+        reads = {"restitution"}
+    if not has_pairs(case):
+        reads = set()
+    if case.has_own_springs:
+        reads -= {"penalty_stiffness", "penalty_damping"}
+    return {"law"} | reads | ({"points_per_element"} if has_interfaces(case) else set())
+
+
+def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
+    """Yield the keys that a lamina may have and a run does not read."""
+    if case.model.file is not None:  # they must be those of the reduced case
+        return
+    is_read_by_balls = any(own.radius and own.lamina == lamina.name for own in case.impactor)
+    if lamina.is_point:
+        yield from ("width", "thickness", "density", "bending_stiffness", "motion")
+        if not is_read_by_balls:
+            yield from ("material", "young_modulus")
+    elif lamina.motion == "axial" and "young_modulus" in lamina.model_fields_set:
+        yield "bending_stiffness"
+    elif lamina.bending_stiffness is not None and not is_read_by_balls:
+        yield "young_modulus"
+
+
+def _of_excitation(case: Case) -> list[str]:
+    """Return the keys of the excitation that have no effect."""
+    is_harmonic_force = case.excitation.kind == "force" and case.is_periodic
+    return ["spacing"] if is_harmonic_force else []
+
+
+def _of_time(case: Case) -> Iterator[str]:
+    """Yield the keys of the section `time` that have no effect."""
+    if not case.is_periodic:
+        yield "periods"
+    if case.time.periods != "settled":
+        yield "most_periods"
+    is_linear = case.contact.law == "none" or not has_pairs(case)
+    if is_linear:
+        yield "refine"
+    if is_linear or case.time.refine == 1 or case.is_massless:
+        yield "refine_velocity"
+    if case.is_massless:
+        yield "scheme"
+
+
+def _read_of_model(case: Case) -> set[str]:
+    """Return the keys of the section `model` that have an effect."""
+    has_balls = any(own.radius is not None for own in case.impactor)
+    return set(case.model.reads) | ({"poisson"} if has_balls else set())
+
+
+def _of_contact_with(case: Case, own: object) -> Iterator[str]:
+    """Yield the keys of a stop or an impactor that have no effect."""
+    if case.contact.law == "none":
+        yield from (key for key in OF_CONTACT if hasattr(own, key))
+    has_spring = getattr(own, "spring", 1.0) or getattr(own, "spring_damping", 0.0)
+    if case.excitation.acts_on == "force" or not has_spring:
+        yield "on"
+    if hasattr(own, "opening") and not own.opening:
+        yield from ("shape", "exponent")
