@@ -23,7 +23,7 @@ from delam_fem.case.excitation import (
     Tabulated,
     read_series,
 )
-from delam_fem.case.sections import MATERIALS, Lamina
+from delam_fem.case.sections import DISAGREEING, MATERIALS, Lamina
 
 Bounds = tuple[float, float]
 
@@ -45,8 +45,6 @@ MASS: Bounds = (0.0, 20.0)
 """Point mass over the mass of its lamina."""
 THICKEST = 0.1
 """Thickness above which a slender lamina has its lengths in another unit than m [m]."""
-DISAGREEING = 0.1
-"""Share by which a measured EI or mass per length may differ from that of a modulus or material."""
 BLOW_STEPS = 20
 """Steps that a blow should have at least."""
 
@@ -119,14 +117,12 @@ def _two_stiffnesses(lamina: Lamina) -> Iterator[str]:
 
     A material does not count: to give EI beside it means to replace its stiffness.
     """
-    EI, of_modulus = lamina.bending_stiffness, lamina.young_modulus * lamina.second_moment
-    if EI is None or "young_modulus" not in lamina.model_fields_set:
-        return
-    if abs(EI - of_modulus) > DISAGREEING * of_modulus:
+    if lamina.has_two_stiffnesses:
+        EI, E = lamina.flexural_rigidity, lamina.young_modulus
         yield (
             f"lamina.{lamina.name}.bending_stiffness = {EI:.4g} N m2 counts, not the "
-            f"{of_modulus:.4g} N m2 of young_modulus = {lamina.young_modulus:.4g} Pa with this "
-            "width and thickness; remove the one that is not meant"
+            f"{E * lamina.second_moment:.4g} N m2 of young_modulus = {E:.4g} Pa with this width and "
+            "thickness; remove the one that is not meant"
         )
 
 

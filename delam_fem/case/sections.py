@@ -83,6 +83,8 @@ POISSON: Mapping[str, float] = MappingProxyType(
 """Poisson's ratio by the names of materials [-]; of unidirectional layers the larger one."""
 _OF_MATERIALS: Mapping[str, str] = MappingProxyType({"young_modulus": "Pa", "density": "kg/m3"})
 """Keys of a lamina whose values a material says, with their units."""
+DISAGREEING = 0.05
+"""Share by which a measured EI or mass per length may differ from that of a modulus or material."""
 _SAME = 1e-9
 """Relative difference that round-off may leave between two values of one number."""
 
@@ -185,6 +187,14 @@ class Lamina(Section):
         if self.bending_stiffness is not None:
             return self.bending_stiffness
         return self.young_modulus * self.second_moment
+
+    @property
+    def has_two_stiffnesses(self) -> bool:
+        """Whether EI and E are both given and disagree by more than measured ones do."""
+        if self.bending_stiffness is None or "young_modulus" not in self.model_fields_set:
+            return False
+        of_modulus = self.young_modulus * self.second_moment
+        return abs(self.bending_stiffness - of_modulus) > DISAGREEING * of_modulus
 
     @property
     def second_moment(self) -> float:

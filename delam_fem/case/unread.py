@@ -82,7 +82,7 @@ def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
             yield from ("material", "young_modulus")
     elif lamina.motion == "axial" and "young_modulus" in lamina.model_fields_set:
         yield "bending_stiffness"
-    elif lamina.bending_stiffness is not None and not is_read_by_balls:
+    elif lamina.has_two_stiffnesses and not is_read_by_balls:
         yield "young_modulus"
 
 

@@ -37,7 +37,7 @@ def test_a_mass_per_length_unlike_that_of_the_material_is_told() -> None:
     case = preset("paper", keys)
     data = tomllib.loads(case.to_toml())
     weighed = 7850.0 * 0.04 * 0.002
-    for share, count in ((0.91, 0), (1.09, 0), (0.89, 1), (1.11, 1)):
+    for share, count in ((0.96, 0), (1.04, 0), (0.94, 1), (1.06, 1)):
         data["lamina"][0]["mass_per_length"] = share * weighed
         texts = warnings(Case(**data))
         assert len(texts) == count
@@ -212,10 +212,10 @@ def test_thin_laminae_and_openings_are_named() -> None:
     ]
 
 
-def test_a_stiffness_beside_a_modulus_may_differ_by_a_tenth() -> None:
+def test_a_stiffness_beside_a_modulus_may_differ_by_a_twentieth() -> None:
     EI = 70e9 * 0.05 * 0.01**3 / 12.0
     case = preset("paper", ONE | {"lamina.thick.young_modulus": 70e9})
-    for share, count in ((0.91, 0), (1.09, 0), (0.89, 1), (1.11, 1)):
+    for share, count in ((0.96, 0), (1.04, 0), (0.94, 1), (1.06, 1)):
         keys = {"lamina.thick.bending_stiffness": share * EI}
         assert len(warnings(case.with_overrides(keys))) == count
 

@@ -323,7 +323,6 @@ def test_a_key_that_is_listed_changes_no_result_of_any_base(table: Table, key: K
         ("point", {"damping.rayleigh"}),
         ("closed", {"delamination.1.shape"}),
         ("nothing touches", {"contact.restitution"}),
-        ("literal", {"lamina.thick.young_modulus"}),
     ],
 )
 def test_what_has_no_effect_is_listed(name: str, listed: set[str]) -> None:

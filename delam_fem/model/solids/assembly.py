@@ -78,7 +78,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     solid = Solid.on(mesh, comm, case.model.degree, ranks)
     E = young_modulus(case, mesh)
     ends = held(case, solid, E * _width(case, mesh))
-    is_plain = case.time.mass == "lumped" or case.has_lumped_impulses
+    is_plain = "lumped" in (case.time.mass, case.contact.impulse)
     columns = None if is_plain else Columns.of(solid, np.unique(ends.dofs // mesh.dim))
     unknowns = Unknowns.of(solid, ends, columns)
     touching, H = facing.touching(case, unknowns, x)
