@@ -49,20 +49,24 @@ if TYPE_CHECKING:
     from delam_fem.results.measured.reading import read_measured
     from delam_fem.results.overlay.whole import overlay
     from delam_fem.simulation.loop import State
-    from delam_fem.studies.branches.follow import follow
     from delam_fem.studies.convergence.run import converge
-    from delam_fem.studies.detection.detect import STUDY as detect
-    from delam_fem.studies.detection.excitation import STUDY as excite
-    from delam_fem.studies.detection.infer import STUDY as infer
-    from delam_fem.studies.detection.modulation import STUDY as modulate
-    from delam_fem.studies.detection.population import STUDY as pod
-    from delam_fem.studies.detection.tap import STUDY as tap
+    from delam_fem.studies.detection.study import (
+        DETECT as detect,
+        EXCITE as excite,
+        INFER as infer,
+        MODULATE as modulate,
+        POD as pod,
+        TAP as tap,
+    )
     from delam_fem.studies.diagrams import diagram
-    from delam_fem.studies.identification.identify import STUDY as identify
-    from delam_fem.studies.identification.natural import STUDY as natural
-    from delam_fem.studies.identification.resonance import STUDY as resonance
+    from delam_fem.studies.identification.study import (
+        IDENTIFY as identify,
+        NATURAL as natural,
+        RESONANCE as resonance,
+    )
     from delam_fem.studies.models import compare_models
-    from delam_fem.studies.modes import modes
+    from delam_fem.studies.modes.frequencies import modes
+    from delam_fem.studies.orbits.follow import follow
     from delam_fem.studies.orbits.run import orbit
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
@@ -91,32 +95,23 @@ _HOMES = {
     "compare": "reference.compare",
     "compare_models": "studies.models",
     "converge": "studies.convergence.run",
-    "detect": "studies.detection.detect:STUDY",
     "diagram": "studies.diagrams",
-    "excite": "studies.detection.excitation:STUDY",
-    "follow": "studies.branches.follow",
-    "identify": "studies.identification.identify:STUDY",
-    "infer": "studies.detection.infer:STUDY",
+    "follow": "studies.orbits.follow",
     "load_case": "case.files",
     "load_result": "results.folder",
     "load_sweep": "studies.sweeps.grid",
-    "modes": "studies.modes",
-    "modulate": "studies.detection.modulation:STUDY",
-    "natural": "studies.identification.natural:STUDY",
+    "modes": "studies.modes.frequencies",
     "operators": "results.export",
     "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",
-    "pod": "studies.detection.population:STUDY",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
     "reduced_case": "model.reduction",
-    "resonance": "studies.identification.resonance:STUDY",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",
-    "tap": "studies.detection.tap:STUDY",
 }
-"""Module that defines each public name, relative to the package; a study is its `STUDY`."""
+"""Module that defines each public name that is no study, relative to the package."""
 
 __all__ = [
     "LAWS",
@@ -175,11 +170,16 @@ except metadata.PackageNotFoundError:  # the sources run without being installed
 
 
 def __getattr__(name: str) -> object:
-    """Import the module of a public name at its first use, and return the object."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home, _, own = _HOMES[name].partition(":")
-    value: object = getattr(import_module(f"{__name__}.{home}"), own or name)
+    """Import a public name, or a study that this or another package offers, at its first use."""
+    value: object
+    if name in _HOMES:
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    else:
+        from delam_fem.plugins import discovery
+
+        if name.startswith("_") or name not in discovery.homes():
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = discovery.study(name)
     globals()[name] = value
     return value
 

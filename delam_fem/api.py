@@ -9,6 +9,7 @@ of cases and results need `delam_fem` alone.
     Structures: operators, layouts and linear motions of a case
     Motions:    sessions, states, records and what they cost
     Results:    results of a run, their files and verdicts
+    Studies:    what a study is, what it finds, and how that is written
     House:      errors, files, types and processes
     Namespaces: modules that are used as a whole: mathematics, numbers of a result, figures, pages
 
@@ -154,6 +155,15 @@ if TYPE_CHECKING:
         IntArray as IntArray,
     )
     from delam_fem.pipeline import run as run
+    from delam_fem.plugins.options import Flag as Flag, Options as Options
+    from delam_fem.plugins.report import (
+        Finding as Finding,
+        Picture as Picture,
+        Report as Report,
+        Table as Table,
+        number as number,
+    )
+    from delam_fem.plugins.study import Kinds as Kinds, RunContext as RunContext, Study as Study
     from delam_fem.results import diagnostics as diagnostics
     from delam_fem.results.figures import style as style
     from delam_fem.results.folder import Result as Result, write_dataset as write_dataset
@@ -180,7 +190,6 @@ if TYPE_CHECKING:
     from delam_fem.simulation.checkpoint import (
         CHECKPOINT_SECONDS as CHECKPOINT_SECONDS,
         STOPPING as STOPPING,
-        of_study as of_study,
         stop_signals as stop_signals,
     )
     from delam_fem.simulation.loop import (
@@ -204,12 +213,10 @@ if TYPE_CHECKING:
         signals as signals,
         steps_of as steps_of,
     )
-    from delam_fem.system.docstrings import summary as summary
     from delam_fem.system.errors import CaseError as CaseError, require as require
     from delam_fem.system.files import (
         atomic as atomic,
         atomic_file as atomic_file,
-        claimed as claimed,
         json_ready as json_ready,
         read_arrays as read_arrays,
         rewritten as rewritten,
@@ -271,7 +278,7 @@ _HOMES = {
         "span_of start_of"
     ),
     "pipeline": "run",
-    "simulation.checkpoint": "CHECKPOINT_SECONDS STOPPING of_study stop_signals",
+    "simulation.checkpoint": "CHECKPOINT_SECONDS STOPPING stop_signals",
     "simulation.loop": "Engine State initial_state one_period set_initial",
     "simulation.recorder": "LEDGER N_BASE N_SIZES PeriodRecord Recorder",
     "simulation.refinement": "Span",
@@ -282,12 +289,14 @@ _HOMES = {
     "results.schema": (
         "MEASURES SENSOR SHOWN Variable occasion origin processor provenance versions"
     ),
+    # Studies
+    "plugins.options": "Flag Options",
+    "plugins.report": "Finding Picture Report Table number",
+    "plugins.study": "Kinds RunContext Study",
     # House
-    "system.docstrings": "summary",
     "system.errors": "CaseError require",
     "system.files": (
-        "atomic atomic_file claimed json_ready read_arrays rewritten write_arrays write_json "
-        "write_text"
+        "atomic atomic_file json_ready read_arrays rewritten write_arrays write_json write_text"
     ),
     "system.imports": "ONE_THREAD added keep_garbage",
     "system.mpi": "MPI",

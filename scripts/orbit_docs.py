@@ -17,7 +17,7 @@ from pathlib import Path
 
 import delam_fem as df
 from delam_fem.api import style
-from delam_fem.studies.branches.follow import branch_diagram
+from delam_fem.studies.orbits.follow import branch_diagram
 from delam_fem.studies.orbits.maps import FREQUENCY
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep

@@ -27,7 +27,8 @@ SOURCES = {
 PURE = {"system", "numerics", "case", "contact", "model", "simulation"}
 BELOW_STUDIES = PURE | {"engines", "results", "pipeline"}
 ALLOWED: dict[str, set[str]] = {
-    "api": BELOW_STUDIES,
+    "plugins": BELOW_STUDIES,
+    "api": BELOW_STUDIES | {"plugins"},
     "system": set(),
     "numerics": {"system"},
     "case": {"system", "numerics", "contact"},
@@ -38,10 +39,10 @@ ALLOWED: dict[str, set[str]] = {
     "results": PURE,
     "pipeline": PURE | {"engines", "results"},
     "studies": {"api", "results"},
-    "reference": BELOW_STUDIES | {"studies"},
+    "reference": BELOW_STUDIES | {"plugins", "studies"},
     "paper": {"api", "studies"},
-    "cli": BELOW_STUDIES | {"studies", "reference", "paper"},
-    "__init__": BELOW_STUDIES | {"studies", "reference"},
+    "cli": BELOW_STUDIES | {"plugins", "studies", "reference", "paper"},
+    "__init__": BELOW_STUDIES | {"plugins", "studies", "reference"},
     "__main__": {"cli"},
 }
 

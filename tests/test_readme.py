@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from pages import Block, blocks, call, commands, run_block
 
-from delam_fem.cli.app import GROUPS
+from delam_fem.cli import app
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -93,7 +93,7 @@ def test_blocks_and_reasons_are_found() -> None:
 
 
 def test_commands_that_are_named_anywhere_have_the_names_of_today() -> None:
-    today = {name for group in GROUPS.values() for name in group}
+    today = {name for group in app.commands().values() for name in group}
     first = {name.split()[0] for name in today}
     places = [*PAGES, ROOT / "CHANGELOG.md", *(ROOT / "delam_fem").rglob("*.py")]
     lost = []

@@ -1,7 +1,7 @@
 """Define the command `delam-fem`: read the case, call the package, report, set the exit status.
 
-`GROUPS` has all commands. Each command imports heavy modules (dolfinx, matplotlib) itself, so that
-the others start fast.
+Commands are built in or those of studies, ours and others'. Each imports heavy modules (dolfinx,
+matplotlib) itself, so that the others start fast.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from delam_fem.cli.studies import (
     study_command,
 )
 from delam_fem.cli.sweep import diagram_command, sweep_command
+from delam_fem.plugins.discovery import studies
 
 HELP = ["-h", "--help"]
 
@@ -45,34 +46,14 @@ def main(
         raise typer.Exit()
 
 
-GROUPS: dict[str, dict[str, Callable[..., None]]] = {
+BUILT_IN: dict[str, dict[str, Callable[..., None]]] = {
     "Case": {"new": new_command, "check": check_command},
-    "Compute": {
-        "run": run_command,
-        "modes": study_command("modes"),
-        "sweep": sweep_command,
-        "orbit find": study_command("orbit find"),
-        "orbit follow": study_command("orbit follow"),
-        "reduce": reduce_command,
-    },
-    "Judge": {
-        "converge": study_command("converge"),
-        "compare": study_command("compare"),
-        "paper": paper_command,
-    },
+    "Compute": {"run": run_command, "sweep": sweep_command, "reduce": reduce_command},
+    "Judge": {"paper": paper_command},
     "Data": {
         "measure read": read_command,
         "measure response": response_command,
         "measure overlay": overlay_command,
-        "identify resonance": study_command("identify resonance"),
-        "identify keys": study_command("identify keys"),
-        "identify natural": study_command("identify natural"),
-        "detect scan": study_command("detect scan"),
-        "detect excite": study_command("detect excite"),
-        "detect pod": study_command("detect pod"),
-        "detect infer": study_command("detect infer"),
-        "detect modulate": study_command("detect modulate"),
-        "detect tap": study_command("detect tap"),
     },
     "Output": {
         "show page": page_command,
@@ -82,15 +63,23 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
         "show operators": operators_command,
     },
 }
-"""Commands by their words, in the groups of the help."""
-FAMILIES = {
-    "orbit": "find, follow: periodic orbits, their stability, and branches over a key.",
-    "measure": "read, response, overlay: measured data in SI; beside a run.",
-    "identify": "resonance, keys, natural: parameters from measured or simulated motions.",
-    "detect": "scan, excite, pod, infer, modulate, tap: where a delamination is, and how surely.",
-    "show": "page, film, diagram, export, operators: what was computed, for eyes and programs.",
+"""Commands that are no studies, by their words, in the groups of the help."""
+MEANINGS = {
+    "orbit": "periodic orbits, their stability, and branches over a key",
+    "measure": "measured data in SI; beside a run",
+    "identify": "parameters from measured or simulated motions",
+    "detect": "where a delamination is, and how surely",
+    "show": "what was computed, for eyes and programs",
 }
-"""What the commands of two words with the same first word do."""
+"""What commands of two words with the same first word are about; of others nothing is said."""
+
+
+def commands() -> dict[str, dict[str, Callable[..., None]]]:
+    """Return all commands by their words, in the groups of the help: ours, and the studies."""
+    groups = {group: dict(functions) for group, functions in BUILT_IN.items()}
+    for words, study in studies().items():
+        groups[study.group].setdefault(words, study_command(study))
+    return groups
 
 
 def _app() -> typer.Typer:
@@ -102,11 +91,18 @@ def _app() -> typer.Typer:
     made = typer.Typer(invoke_without_command=True, pretty_exceptions_enable=False, **settings)
     made.callback()(main)
     families: dict[str, typer.Typer] = {}
-    for group, commands in GROUPS.items():
-        for name, function in commands.items():
+    for group, functions in commands().items():
+        seconds: dict[str, list[str]] = {}
+        for name in functions:
+            first, _, second = name.partition(" ")
+            seconds.setdefault(first, []).append(second)
+        for name, function in functions.items():
             first, _, second = name.partition(" ")
             if second and first not in families:
-                families[first] = typer.Typer(help=FAMILIES[first], **settings)
+                about = f": {MEANINGS[first]}" if first in MEANINGS else ""
+                families[first] = typer.Typer(
+                    help=f"{', '.join(seconds[first])}{about}.", **settings
+                )
                 made.add_typer(families[first], name=first, rich_help_panel=group)
             place, panel = (families[first], None) if second else (made, group)
             place.command(second or first, rich_help_panel=panel)(with_messages(function))

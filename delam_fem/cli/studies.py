@@ -7,9 +7,8 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -35,46 +34,16 @@ from delam_fem.cli.console import (
     take,
     tell,
 )
-from delam_fem.studies import options as studies
-from delam_fem.studies.options import Flag, Options, flags_of
+from delam_fem.plugins.options import Flag, Options, flags_of
 from delam_fem.system.docstrings import meanings, summary
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-
-class Entry(NamedTuple):
-    """A command that computes a study.
-
-    Attributes:
-        options: class of its options.
-        home: module that has the study as `STUDY`.
-        suffix: of the default folder; empty: the last word of the command.
-    """
-
-    options: type[Options]
-    home: str
-    suffix: str = ""
+    from delam_fem.plugins.study import Study
 
 
-STUDIES = {
-    "modes": Entry(studies.Modes, "studies.modes"),
-    "compare": Entry(studies.Compare, "reference.compare"),
-    "orbit find": Entry(studies.Orbit, "studies.orbits.run", "orbit"),
-    "orbit follow": Entry(studies.Continue, "studies.branches.follow", "branch"),
-    "converge": Entry(studies.Converge, "studies.convergence.run"),
-    "detect scan": Entry(studies.Detect, "studies.detection.detect", "detect"),
-    "detect excite": Entry(studies.Excite, "studies.detection.excitation"),
-    "detect pod": Entry(studies.Pod, "studies.detection.population"),
-    "detect infer": Entry(studies.Infer, "studies.detection.infer"),
-    "identify resonance": Entry(studies.Resonance, "studies.identification.resonance"),
-    "identify keys": Entry(studies.Identify, "studies.identification.identify", "identification"),
-    "identify natural": Entry(studies.Natural, "studies.identification.natural"),
-    "detect modulate": Entry(studies.Modulate, "studies.detection.modulation"),
-    "detect tap": Entry(studies.Tap, "studies.detection.tap"),
-}
-"""Commands by their words."""
 _UNIT = re.compile(r"\[([^\]]+)\]")
 COMMON: dict[str, tuple[Any, Any]] = {
     "workers": (Workers, None),
@@ -86,9 +55,9 @@ COMMON: dict[str, tuple[Any, Any]] = {
 """Options of several commands: type and default."""
 
 
-def study_command(name: str) -> Callable[..., None]:
+def study_command(study: Study[Any, Any]) -> Callable[..., None]:
     """Return the command of a study, whose parameters are the options of the study."""
-    kind, home, suffix = STUDIES[name]
+    kind = study.options
     helps = meanings(kind)
 
     def called(
@@ -99,21 +68,22 @@ def study_command(name: str) -> Callable[..., None]:
         from delam_fem.model.beams.network import never_opens
 
         case = case_of(case_name, overrides)
-        study = import_module(f"delam_fem.{home}").STUDY
         common = {key: given.pop(key) for key in kind.common}
-        own = kind(**{key: value for key, value in given.items() if value is not None})
-        folder = output or Path("runs") / f"{case.name}-{suffix or name.split()[-1]}"
-        study.require_no_blows(case)
-        is_dry, is_confirmed = common.pop("dry_run", False), common.pop("yes", False)
-        if study.cost is not None:
-            what, cost = study.cost(case, own, common["workers"])
+        options = kind(**{key: value for key, value in given.items() if value is not None})
+        folder = output or Path("runs") / f"{case.name}-{study.folder or study.words.split()[-1]}"
+        study.require_fit(case)
+        is_dry = common.pop("dry_run", False)
+        is_confirmed = common.pop("yes", False)
+        named_cost = study.cost_of(case, options, common.get("workers"))
+        if named_cost is not None:
+            what, cost = named_cost
             require_affordable(cost, what, is_confirmed=is_confirmed, folder=folder)
             if is_dry:
                 table(f"{what}, case {case.name}", ("", ""), [("needs", str(cost))])
                 return
         with progress(error_console(quiet or "workers" not in common)) as report:
-            found, written = study.saved(case, own, folder, **common, progress=report)
-        said = found.report
+            finding, written = study.saved(case, options, folder, **common, progress=report)
+        said = finding.report
         for text in filter(None, [never_opens(case), *said.remarks]):
             tell(f"warning: {text}")
         tables = [(each.title, each.heading, each.rows) for each in said.tables]

@@ -6,9 +6,8 @@ Each of them is imported only when it is chosen, because only some need dolfinx.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Sequence
 from importlib.util import find_spec
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from delam_fem.case.definition import Case
@@ -27,26 +26,6 @@ _log = logging.getLogger(__name__)
 def has_dolfinx() -> bool:
     """Return whether dolfinx is installed, without importing it."""
     return find_spec("dolfinx") is not None
-
-
-KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
-    {
-        "compare": (("beam",), "the reference is one of beams; --models compares models"),
-        "operators": (
-            ("beam", "modes"),
-            "solids are too large for dense matrices; give the case that delam-fem reduce writes",
-        ),
-        "converge": (
-            ("beam", "plane-stress", "solid"),
-            "a reduced model is refined in steps alone: --in steps",
-        ),
-        "comparison with the intact structure": (
-            ("beam", "plane-stress", "solid"),
-            "the file of a reduced model has its delaminations; give the case that was reduced",
-        ),
-    }
-)
-"""Kinds of model that a study takes, and why no others; a study that is not here follows all."""
 
 
 def require_bending(case: Case, study: str) -> None:
@@ -93,17 +72,18 @@ def require_mass(case: Case, study: str, reason: str) -> None:
         )
 
 
-def require_kind(case: Case, study: str) -> None:
+def require_kind(case: Case, study: str, kinds: Sequence[ModelKind], reason: str) -> None:
     """Refuse a case whose kind of model a study cannot follow.
 
     Args:
         case: the case.
-        study: name of the study in `KINDS`.
+        study: name of the study in the message.
+        kinds: kinds of model that it takes.
+        reason: why it takes no others.
 
     Raises:
         CaseError: the study takes other kinds only.
     """
-    kinds, reason = KINDS[study]
     if case.model.kind not in kinds:
         expected = " or ".join(f'"{kind}"' for kind in kinds)
         raise CaseError(

@@ -21,15 +21,16 @@ from delam_fem.model.discretise import (
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray
+from delam_fem.plugins.report import Finding, Report, Table
+from delam_fem.plugins.study import RunContext
 from delam_fem.reference import matrices
 from delam_fem.reference.loop import ReferenceRun, refused_motion, simulate_reference
 from delam_fem.reference.matrices import lowest_frequencies
+from delam_fem.reference.study import Compare
 from delam_fem.results.figures.style import label_x, stacked
 from delam_fem.results.folder import Result
-from delam_fem.studies import options
 from delam_fem.studies.models import ModelComparison, compare_models
-from delam_fem.studies.modes import modes_of, structure_modes
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.modes.frequencies import modes_of, structure_modes
 from delam_fem.system.errors import CaseError, require
 
 
@@ -181,7 +182,9 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
     case = find_case(case)
     for name, number in (("impacts", impacts), ("periods", periods)):
         require(number >= 1, name, "at least 1", number)
-    require_kind(case, "compare")
+    require_kind(
+        case, "compare", ("beam",), "the reference is one of beams; --models compares models"
+    )
     require_mass(case, "compare", "its masses are at nodes; converge refines the case")
     require_plain(case, "compare")
     from delam_fem import pipeline  # dolfinx too; its HDF5 must come after that of the pipeline
@@ -287,13 +290,14 @@ def _frequency_difference(given: Structure, expected: Operators, case: Case) -> 
     return float(np.abs(ratio - 1.0).max())
 
 
-def _compare(case: Case, given: options.Compare, place: Place) -> Comparison | ModelComparison:
+def compute(case: Case, options: Compare, _: RunContext) -> Comparison | ModelComparison:
     """Compare a case with the reference, or with the models that the options name."""
-    if given.models is None:
-        return compare(case, impacts=given.impacts, periods=given.periods or 3)
+    if options.models is None:
+        return compare(case, impacts=options.impacts, periods=options.periods or 3)
     return compare_models(
-        case, given.models, frequencies=given.at, periods=given.periods or 20, modes=given.modes
+        case,
+        options.models,
+        frequencies=options.at,
+        periods=options.periods or 20,
+        modes=options.modes,
     )
-
-
-STUDY = Study(options.Compare, _compare)

@@ -306,7 +306,12 @@ OPERATOR_FORMATS = (".npz", ".mat")
 
 def operators(case: Case, path: str | Path) -> Path:
     """Write M, C, K, H, g0 and the vectors of the base of a case; see `write_operators`."""
-    require_kind(case, "operators")
+    require_kind(
+        case,
+        "operators",
+        ("beam", "modes"),
+        "solids are too large for dense matrices; give the case that delam-fem reduce writes",
+    )
     return write_operators(assemble(case, needs_dolfinx=False), case, path)
 
 

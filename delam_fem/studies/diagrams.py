@@ -29,12 +29,12 @@ from delam_fem.api import (
     IntArray,
     diagnostics,
     html,
+    number,
     settling as at,
     style,
     write_text,
 )
 from delam_fem.studies.linear import linear_amplitudes
-from delam_fem.studies.study import number
 from delam_fem.studies.sweeps.grid import INITIAL, Sweep
 
 if TYPE_CHECKING:

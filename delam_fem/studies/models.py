@@ -20,8 +20,11 @@ from delam_fem.api import (
     CaseError,
     CaseSource,
     EngineName,
+    Finding,
     FloatArray,
+    Report,
     Structure,
+    Table,
     assemble,
     diagnostics,
     find_case,
@@ -29,8 +32,7 @@ from delam_fem.api import (
     require_held,
     style,
 )
-from delam_fem.studies.modes import modes_of, structure_modes
-from delam_fem.studies.study import Finding, Report, Table
+from delam_fem.studies.modes.frequencies import modes_of, structure_modes
 
 Name = Literal["beam", "plane-stress", "solid", "modes"]
 NAMES: tuple[Name, ...] = get_args(Name)

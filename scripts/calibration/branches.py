@@ -26,8 +26,8 @@ from calibration.row import OWN, Row
 from scipy.optimize import brentq
 
 from delam_fem.api import FloatArray
-from delam_fem.studies.branches import continuation
-from delam_fem.studies.branches.continuation import Event, events_of, first_point, followed
+from delam_fem.studies.orbits import continuation
+from delam_fem.studies.orbits.continuation import Event, events_of, first_point, followed
 from delam_fem.studies.orbits.maps import Nature, Passage, Slow
 from delam_fem.studies.orbits.newton import Ensemble
 

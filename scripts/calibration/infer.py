@@ -20,8 +20,8 @@ from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection import infer
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.population import Population, population
+from delam_fem.studies.detection.study import Infer
 from delam_fem.studies.identification.identify import drawn, of_rig
-from delam_fem.studies.options import Infer
 
 NOISE_DB, LOUD_DB, N_LINES = 40.0, 30.5, 14
 """Noise of most scans, that of the noisy ones (3 %) [dB], lines from which it is estimated."""

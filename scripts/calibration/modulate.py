@@ -16,7 +16,7 @@ import delam_fem as df
 from delam_fem.studies.detection.detect import intact, simulated
 from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
 from delam_fem.studies.detection.modulation import modulation, pump_of
-from delam_fem.studies.options import Modulate, Scan
+from delam_fem.studies.detection.study import Modulate, Scan
 
 PAIRS = ((350.0, 60.0), (250.0, 40.0), (170.0, 50.0), (120.0, 50.0), (330.0, 70.0))
 """Probe and pump [Hz]."""

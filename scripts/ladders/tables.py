@@ -18,10 +18,10 @@ from ladders.study import (
     RESTITUTIONS,
 )
 
+from delam_fem.api import Table, number
 from delam_fem.studies.convergence.analysis import Convergence, limit_text
 from delam_fem.studies.convergence.ladder import Method, PointMesh, Rung
 from delam_fem.studies.convergence.rung import WORK, extrema
-from delam_fem.studies.study import Table, number
 
 EXTREMA = extrema(2)
 """The document is about two laminae."""

@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from trials.runners import LIMIT, RESTITUTION, runners
 
-from delam_fem.api import Case, FloatArray, preset, style
+from delam_fem.api import Case, FloatArray, Table, number, preset, style
 from delam_fem.model.beams import closed_form
-from delam_fem.studies.study import Table, number
 
 STEPS = (1000, 4000, 16000)
 LIMIT_STEPS = 256_000

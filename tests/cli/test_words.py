@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 
 import pytest
 
-from delam_fem.cli.app import GROUPS
+from delam_fem.cli.app import commands
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -28,5 +28,7 @@ def options_of(name: str, command: Callable[..., None]) -> Iterator[str]:
 
 
 def test_options_are_the_stored_ones(stored: Callable[[str], None]) -> None:
-    commands = {name: own for group in GROUPS.values() for name, own in group.items()}
-    stored("\n".join(line for one in commands.items() for line in options_of(*one)))
+    functions = dict(item for group in commands().values() for item in group.items())
+    stored(
+        "\n".join(line for name in sorted(functions) for line in options_of(name, functions[name]))
+    )

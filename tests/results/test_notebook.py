@@ -14,7 +14,7 @@ from delam_fem.results import diagnostics
 from delam_fem.results.figures.run import FIGURES
 from delam_fem.studies.convergence import run as ladders
 from delam_fem.studies.diagrams import diagram
-from delam_fem.studies.modes import modes
+from delam_fem.studies.modes.frequencies import modes
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from project import ROOT, script
 import delam_fem as df
 from delam_fem.results.scan import shapes_of
 from delam_fem.studies.detection.detect import intact, simulated
-from delam_fem.studies.options import Scan
+from delam_fem.studies.detection.study import Scan
 from delam_fem.studies.sweeps import point
 
 page = script("calibrate")

@@ -12,7 +12,7 @@ from delam_fem.model import linear
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.beams import cantilever_mode
-from delam_fem.studies.modes import Modes, modes, modes_of
+from delam_fem.studies.modes.frequencies import Modes, modes, modes_of
 from delam_fem.system.errors import CaseError
 
 FIRST = 1e-5  # relative, of f1 at 20 elements; the elements' own error is 5e-8

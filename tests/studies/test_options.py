@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 import delam_fem as df
-from delam_fem.studies.options import Flag
+from delam_fem.plugins.options import Flag
 from delam_fem.system.errors import CaseError
 
 

@@ -27,7 +27,7 @@ from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.studies.convergence.ladder import Ladder, method
 from delam_fem.studies.convergence.rung import compute as compute_rung
 from delam_fem.studies.detection.detect import Measurement, detect
-from delam_fem.studies.options import Modulate
+from delam_fem.studies.detection.study import Modulate
 from delam_fem.studies.orbits.newton import is_zero
 from delam_fem.studies.orbits.search import stability_of
 from delam_fem.studies.sweeps.grid import sweep_of

@@ -18,8 +18,8 @@ from scipy.optimize import brentq
 
 import delam_fem as df
 from delam_fem.simulation.refinement import Span
-from delam_fem.studies.branches import continuation
-from delam_fem.studies.branches.continuation import events_of
+from delam_fem.studies.orbits import continuation
+from delam_fem.studies.orbits.continuation import events_of
 from delam_fem.studies.orbits.maps import Problem, StrobeMap, modal
 from delam_fem.studies.orbits.newton import Ensemble, Guess, Perturbations, solved
 from delam_fem.studies.orbits.search import multipliers

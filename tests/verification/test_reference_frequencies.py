@@ -5,7 +5,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.model.beams.closed_form import assemble
-from delam_fem.studies.modes import modes_of
+from delam_fem.studies.modes.frequencies import modes_of
 
 ORDER, WINDOW = 4.0, 0.2
 FINEST = {1: 5e-7, 2: 2e-5, 3: 2e-4}  # relative error at 16 elements, graded mesh included

@@ -15,7 +15,17 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from delam_fem.api import Case, CaseError, FloatArray, statistics, style
+from delam_fem.api import (
+    Case,
+    CaseError,
+    Finding,
+    FloatArray,
+    Report,
+    Table,
+    number,
+    statistics,
+    style,
+)
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, RIGID, Ladder, Method, Rung
 from delam_fem.studies.convergence.rung import (
     WORK,
@@ -28,7 +38,6 @@ from delam_fem.studies.convergence.rung import (
     may_be_judged,
 )
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
-from delam_fem.studies.study import Finding, Report, Table, number
 
 NOISE = 2.0
 """Standard errors of the means that the uncertainty of a distance contains."""

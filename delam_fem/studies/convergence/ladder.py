@@ -279,7 +279,12 @@ class Ladder:
         if not self.meshes:
             raise CaseError("elements: expected at least one number or mesh file, given none")
         if not (self.case.model.is_continuum or self.meshes == (self.case.mesh.elements,)):
-            require_kind(self.case, "converge")
+            require_kind(
+                self.case,
+                "converge",
+                ("beam", "plane-stress", "solid"),
+                "a reduced model is refined in steps alone: --in steps",
+            )
         sizes = [self._new(FREE, mesh, self.steps[0]).points for mesh in self.meshes]
         _require_rising(self.refines, sizes)
 

@@ -32,6 +32,7 @@ from delam_fem.api import (
     CaseSource,
     Cost,
     EngineName,
+    RunContext,
     find_case,
     html,
     json_ready,
@@ -58,8 +59,7 @@ from delam_fem.studies.convergence.ladder import (
     usual_methods,
 )
 from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
-from delam_fem.studies.options import Converge
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.convergence.study import Converge
 
 _log = logging.getLogger(__name__)
 
@@ -287,17 +287,19 @@ def _ladder(case: Case, given: Converge) -> Ladder:
     )  # fmt: skip
 
 
-def _cost(case: Case, given: Converge, workers: int | None) -> tuple[str, Cost]:
+def cost(case: Case, given: Converge, workers: int | None) -> tuple[str, Cost]:
     """Return the name and the cost of a ladder."""
     ladder = _ladder(case, given)
     return f"ladder of {len(ladder.rungs())} runs", ladder_cost(ladder, workers)
 
 
-def _converge(case: Case, given: Converge, place: Place) -> Convergence:
+def refine(case: Case, options: Converge, context: RunContext) -> Convergence:
     """Compute a ladder with options of a user, and write all its tables."""
-    found = run_ladder(_ladder(case, given), place.folder, **place.sweeping)
-    write_text(place.folder / "tables.md", page(found, verdict(found)))
+    found = run_ladder(_ladder(case, options), context.folder, **context.sweeping)
+    write_text(context.folder / "tables.md", page(found, verdict(found)))
     return found
 
 
-STUDY = Study(Converge, _converge, _cost, lambda folder: (folder / RESULT).unlink(missing_ok=True))
+def remove(folder: Path) -> None:
+    """Remove the result of a refinement study."""
+    (folder / RESULT).unlink(missing_ok=True)

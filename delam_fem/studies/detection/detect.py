@@ -25,7 +25,11 @@ from matplotlib.figure import Figure
 from delam_fem.api import (
     Case,
     CaseError,
+    Finding,
     FloatArray,
+    Report,
+    RunContext,
+    Table,
     assemble,
     by_period,
     drive,
@@ -33,7 +37,7 @@ from delam_fem.api import (
     keeping_closed,
     law_of,
     modes_of,
-    require_kind,
+    number,
     response,
     scheme_of,
     session,
@@ -62,9 +66,8 @@ from delam_fem.studies.detection.indices import (
     mark,
     repeated,
 )
+from delam_fem.studies.detection.study import Detect, Measured, Scan
 from delam_fem.studies.linear import settling_periods, steady_motion
-from delam_fem.studies.options import Detect, Measured, Scan
-from delam_fem.studies.study import Finding, Place, Report, Study, Table, number
 
 SAMPLES = 50
 """Samples per period, unless a sampling rate is given."""
@@ -260,7 +263,6 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
 
 def intact(case: Case) -> Case:
     """Return the case without its delaminations: one bonded beam on the same supports."""
-    require_kind(case, "comparison with the intact structure")
     data = tomllib.loads(case.to_toml())
     for key in ("delamination", "gap"):
         data.pop(key, None)
@@ -601,12 +603,9 @@ def _index(axes: Axes, own: Mark) -> None:
         axes.set_ylim(bottom=0.0)
 
 
-def _detect(case: Case, options: Detect, place: Place) -> Detection:
+def compute(case: Case, options: Detect, context: RunContext) -> Detection:
     """Detect with options of a user."""
     measured = (
         read_scan(options.measured, options, case, options.part(Scan)) if options.measured else None
     )
-    return detect(case, options, measured=measured, kept=place.kept)
-
-
-STUDY = Study(Detect, _detect, has_checkpoints=True)
+    return detect(case, options, measured=measured, kept=context.kept)

@@ -22,7 +22,11 @@ from delam_fem.api import (
     BoolArray,
     Case,
     CaseError,
+    Finding,
     FloatArray,
+    Picture,
+    Report,
+    RunContext,
     assemble,
     style,
 )
@@ -30,11 +34,10 @@ from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact, per_shape
 from delam_fem.studies.detection.indices import SHARE, mark, repeated
 from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, scanned
+from delam_fem.studies.detection.study import Excite
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.linear import settling_periods
-from delam_fem.studies.modes import structure_modes
-from delam_fem.studies.options import Excite
-from delam_fem.studies.study import Finding, Picture, Report, Study
+from delam_fem.studies.modes.frequencies import structure_modes
 from delam_fem.studies.sweeps.grid import Axis, ScanRecord
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -378,14 +381,13 @@ def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
         axes.set_xlim(f.min(), f.max())
 
 
-STUDY = Study(
-    Excite,
-    lambda case, options, place: excitation_map(
+def compute(case: Case, options: Excite, context: RunContext) -> ExcitationMap:
+    """Compute the map of a case with the options of a user."""
+    return excitation_map(
         case,
         np.linspace(options.lowest, options.highest, options.number),
-        place.folder,
+        context.folder,
         noise_db=options.noise_db,
         spacing=options.spacing,
-        **place.sweeping,
-    ),
-)
+        **context.sweeping,
+    )

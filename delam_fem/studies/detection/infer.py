@@ -17,7 +17,17 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from matplotlib.figure import Figure
 
-from delam_fem.api import Case, CaseError, FloatArray, statistics, style
+from delam_fem.api import (
+    Case,
+    CaseError,
+    Finding,
+    FloatArray,
+    Report,
+    RunContext,
+    Table,
+    statistics,
+    style,
+)
 from delam_fem.results.scan import ComplexArray, Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     Measurement,
@@ -34,9 +44,8 @@ from delam_fem.studies.detection.population import (
     Specimen,
     population,
 )
+from delam_fem.studies.detection.study import Infer, Scan
 from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn
-from delam_fem.studies.options import Infer, Scan
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
 
 COMPONENTS = 3
 """Principal components of the curvature along the beam that serve as statistics, per frequency."""
@@ -285,7 +294,7 @@ class Inferred(Finding):
         return figure
 
 
-def _infer(case: Case, options: Infer, place: Place) -> Inferred:
+def compute(case: Case, options: Infer, context: RunContext) -> Inferred:
     """Infer start, end and depth of the one delamination between two laminae.
 
     The delamination of the case itself serves for simulated scans only. The rig differs from the
@@ -305,13 +314,13 @@ def _infer(case: Case, options: Infer, place: Place) -> Inferred:
     specimens = specimens_of(parameters, case.support.end, frequencies)
     spacing, first, n_points = _grid(measured)
     runs = population(
-        case, specimens, place.folder, spacing=spacing, first=first, also=also, **place.sweeping
+        case, specimens, context.folder, spacing=spacing, first=first, also=also, **context.sweeping
     ).at_first(n_points)
     whole, surface = intact(case), surface_of(case, None)
     drives = [drive_responses(whole, surface, runs.x, f, (2.0,)) for f in frequencies]
     if measured is None:
-        seen, folder = observed(case, frequencies), place.folder / "observation"
-        own = population(case, seen, folder, "serial", resume=place.resume)
+        seen, folder = observed(case, frequencies), context.folder / "observation"
+        own = population(case, seen, folder, "serial", resume=context.resume)
         rng = np.random.default_rng(1)
         scans = tuple(own.shapes(k, noise_db, rng) for k in range(len(frequencies)))
         sensors = tuple(Sensor(noise_db, drive=drive) for drive in drives)
@@ -372,6 +381,3 @@ def observed(case: Case, frequencies: tuple[float, ...]) -> list[Specimen]:
     """Return the case itself as specimens, one for each frequency."""
     start, end, depth = truth_of(case).tolist()
     return [Specimen(start, end, depth, case.support.end, f) for f in frequencies]
-
-
-STUDY = Study(Infer, _infer)

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from delam_fem.api import Case, CaseError, FloatArray
+from delam_fem.api import Case, CaseError, Finding, FloatArray, Report, RunContext
 from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection.detect import (
     INTACT_SEED,
@@ -22,8 +22,7 @@ from delam_fem.studies.detection.detect import (
     simulated,
 )
 from delam_fem.studies.detection.indices import FALSE_CALLS, Mark, sideband_ratio
-from delam_fem.studies.options import Modulate, Scan
-from delam_fem.studies.study import Finding, Place, Report, Study
+from delam_fem.studies.detection.study import Modulate, Scan
 
 MOST_TURNS = 1000
 """Largest number of periods of the probe in a common period of both frequencies."""
@@ -31,7 +30,7 @@ _REPETITIONS = 200
 
 
 def pump_of(case: Case, frequency: float, amplitude: float) -> Case:
-    """Return a case with the pump in place of its excitation, which is the probe.
+    """Return a case with the pump in context of its excitation, which is the probe.
 
     Args:
         case: case whose harmonic excitation is the probe.
@@ -128,13 +127,13 @@ class Modulation(Finding):
         )
 
 
-def modulation(case: Case, options: Modulate, place: Place | None = None) -> Modulation:
+def modulation(case: Case, options: Modulate, context: RunContext | None = None) -> Modulation:
     """Measure a case under two excitations, with and without its delaminations.
 
     Args:
         case: the case, whose excitation is the probe.
         options: the pump, and how the motion is measured.
-        place: folder for checkpoints, from which the runs go on; None: none are kept.
+        context: folder for checkpoints, from which the runs go on; None: none are kept.
 
     Raises:
         CaseError: the pump or the scan does not fit the case, or a motion diverges.
@@ -145,7 +144,7 @@ def modulation(case: Case, options: Modulate, place: Place | None = None) -> Mod
     )  # fmt: skip
     frequency, amplitude = options.pump_frequency, options.pump_amplitude
     pump = pump_of(case, frequency, amplitude)
-    kept = None if place is None else place.kept
+    kept = None if context is None else context.kept
     pure = simulated(case, scan, kept, pump=pump)
     bare = simulated(intact(case), scan, kept, pump=intact(pump))
     noise = pure.noise_of(scan)
@@ -168,6 +167,3 @@ def modulation(case: Case, options: Modulate, place: Place | None = None) -> Mod
         Mark(x, ratio(pure, scan.seed), limits),
         Mark(x, ratio(bare, scan.seed + INTACT_SEED), limits),
     )
-
-
-STUDY = Study(Modulate, modulation, has_checkpoints=True)

@@ -28,7 +28,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from delam_fem.api import BoolArray, Case, CaseError, FloatArray, style
+from delam_fem.api import (
+    BoolArray,
+    Case,
+    CaseError,
+    Finding,
+    FloatArray,
+    Report,
+    RunContext,
+    Table,
+    style,
+)
 from delam_fem.results.scan import Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     drive_responses,
@@ -37,10 +47,9 @@ from delam_fem.studies.detection.detect import (
     simulated,
 )
 from delam_fem.studies.detection.indices import curvature, mark
+from delam_fem.studies.detection.study import Pod, Scan
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.linear import settling_periods
-from delam_fem.studies.options import Pod, Scan
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep
 from delam_fem.studies.sweeps.run import completed
 
@@ -626,11 +635,8 @@ def _numbers(line: Line) -> dict[str, object]:
     }
 
 
-def _pod(case: Case, options: Pod, place: Place) -> PodStudy:
+def compute(case: Case, options: Pod, context: RunContext) -> PodStudy:
     """Compute the structures of the grid with options of a user, and judge them."""
     specimens = grid(case, options.supports, options.frequencies)
-    found = population(case, specimens, place.folder, name="pod", **place.sweeping)
+    found = population(case, specimens, context.folder, name="pod", **context.sweeping)
     return pod(case, found, options.noise_db)
-
-
-STUDY = Study(Pod, _pod)

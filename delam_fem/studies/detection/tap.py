@@ -26,7 +26,10 @@ import numpy as np
 from delam_fem.api import (
     Case,
     CaseError,
+    Finding,
     FloatArray,
+    Report,
+    RunContext,
     assemble,
     require,
     run,
@@ -34,8 +37,7 @@ from delam_fem.api import (
 from delam_fem.results.scan import scan_positions, surface_of
 from delam_fem.studies.detection.detect import beside_intact, intact, read_field
 from delam_fem.studies.detection.indices import FALSE_CALLS, Mark
-from delam_fem.studies.options import Tap
-from delam_fem.studies.study import Finding, Place, Report, Study
+from delam_fem.studies.detection.study import Tap
 
 FALLEN = 0.1
 """Share of the largest force at which the main pulse ends."""
@@ -196,13 +198,13 @@ def taps(case: Case, lamina: str, x: FloatArray) -> tuple[FloatArray, FloatArray
     return times, np.stack(forces, axis=1)
 
 
-def tap(case: Case, options: Tap, place: Place | None = None) -> Taps:
+def tap(case: Case, options: Tap, context: RunContext | None = None) -> Taps:
     """Tap a case along a lamina, or read taps, and mark where they last too long.
 
     Args:
         case: case with delaminations and one impactor.
         options: where to tap, with which noise, or files to read.
-        place: not used, because nothing is kept.
+        context: not used, because nothing is kept.
 
     Raises:
         CaseError: the case has no delamination or not one impactor, or the points do not fit.
@@ -232,6 +234,3 @@ def tap(case: Case, options: Tap, place: Place | None = None) -> Taps:
         Mark(x, index(found, sound), limit),
         Mark(x, index(one_more, sound), limit),
     )
-
-
-STUDY = Study(Tap, tap, takes_impactors=True)

@@ -27,7 +27,11 @@ from delam_fem.api import (
     Case,
     CaseError,
     Cost,
+    Finding,
     FloatArray,
+    Report,
+    RunContext,
+    Table,
     beams,
     network,
     require,
@@ -36,9 +40,8 @@ from delam_fem.api import (
 )
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.results.scan import amplitudes
-from delam_fem.studies import options
 from delam_fem.studies.executors import ExecutorName
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.identification.study import Identify
 from delam_fem.studies.sweeps.dataset import remove_results
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.run import completed, sweep_cost
@@ -669,45 +672,42 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
     return replace(experiment, noise=max(noise), n_samples=min(samples)), np.concatenate(rows)
 
 
-def _experiment(case: Case, given: options.Identify) -> Experiment:
+def _experiment(case: Case, options: Identify) -> Experiment:
     """Return the experiment that options of a user describe."""
-    unknowns = tuple(map(Unknown.parse, given.unknown))
-    doubts = doubts_of(case, given.uncertain)
-    return Experiment(case, given.frequency, unknowns, given.noise, uncertain=doubts)
+    unknowns = tuple(map(Unknown.parse, options.unknown))
+    doubts = doubts_of(case, options.uncertain)
+    return Experiment(case, options.frequency, unknowns, options.noise, uncertain=doubts)
 
 
-def _identify(case: Case, given: options.Identify, place: Place) -> Identification:
+def compute(case: Case, options: Identify, context: RunContext) -> Identification:
     """Identify with options of a user."""
     return identify(
-        _experiment(case, given),
-        place.folder,
-        measured=given.measured,
-        simulations=given.simulations,
+        _experiment(case, options),
+        context.folder,
+        measured=options.measured,
+        simulations=options.simulations,
         finer=FINER,
-        checks=given.calibrate,
-        seed=given.seed,
-        workers=place.workers,
-        progress=place.progress,
+        checks=options.calibrate,
+        seed=options.seed,
+        workers=context.workers,
+        progress=context.progress,
     )
 
 
-def _cost(case: Case, given: options.Identify, workers: int | None) -> tuple[str, Cost]:
+def cost(case: Case, options: Identify, workers: int | None) -> tuple[str, Cost]:
     """Return the name and the cost of an identification."""
-    experiment = _experiment(case, given)
-    n_motions = len(given.frequency)
-    count = n_motions * (given.simulations + TIMES_FINER * min(FINER, given.simulations))
+    experiment = _experiment(case, options)
+    n_motions = len(options.frequency)
+    count = n_motions * (options.simulations + TIMES_FINER * min(FINER, options.simulations))
     first = experiment.sweep(
-        given.frequency[0], statistics.uniform(experiment.bounds, 1, given.seed)
+        options.frequency[0], statistics.uniform(experiment.bounds, 1, options.seed)
     )
-    what = f"identification by {n_motions * given.simulations} simulations"
+    what = f"identification by {n_motions * options.simulations} simulations"
     return what, sweep_cost(first, workers, count)
 
 
-def _remove(folder: Path) -> None:
+def remove(folder: Path) -> None:
     """Remove the simulations in a folder."""
     for part in ("simulations", "finer", "observation"):
         for swept in (folder / part).glob("*-Hz"):
             remove_results(swept)
-
-
-STUDY = Study(options.Identify, _identify, _cost, _remove)

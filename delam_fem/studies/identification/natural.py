@@ -14,11 +14,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.interpolate import RBFInterpolator
 
-from delam_fem.api import Case, CaseError, FloatArray, assemble, elastic, style
+from delam_fem.api import (
+    Case,
+    CaseError,
+    Finding,
+    FloatArray,
+    Report,
+    RunContext,
+    Table,
+    assemble,
+    elastic,
+    style,
+)
 from delam_fem.results.measured.reading import read_measured
-from delam_fem.studies import options
 from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn, require_values
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.identification.study import Natural
 
 QUANTILES = (0.05, 0.5, 0.95)
 """Ends of the 90 % interval and the median."""
@@ -93,28 +103,28 @@ class Followed(Finding):
         return figure
 
 
-def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
+def compute(case: Case, options: Natural, context: RunContext) -> Followed:
     """Identify keys over time with options of a user."""
-    data, n = read_measured(given.measured), given.simulations
+    data, n = read_measured(options.measured), options.simulations
     if "free_frequency" in data:
         data = data.isel(free_time=np.flatnonzero(np.isfinite(data["free_frequency_error"])))
     if not data.sizes.get("free_time"):
         raise CaseError(
-            f"{given.measured}: expected a frequency over time; delam-fem measure response FILE "
+            f"{options.measured}: expected a frequency over time; delam-fem measure response FILE "
             "--free CHANNEL LOW HIGH makes it"
         )
-    unknowns = tuple(map(Unknown.parse, given.unknown))
+    unknowns = tuple(map(Unknown.parse, options.unknown))
     require_values(unknowns)
-    doubts = doubts_of(case, given.uncertain)
-    columns, places = _prior(case, unknowns, doubts, n, given.seed)
+    doubts = doubts_of(case, options.uncertain)
+    columns, places = _prior(case, unknowns, doubts, n, options.seed)
     simulated = np.empty(n)
     for j in range(n):
         changed = case.with_overrides({key: float(column[j]) for key, column in columns.items()})
         o = assemble(changed, needs_dolfinx=False).operators
-        simulated[j] = elastic(o.stiffness, o.mass, given.mode, changed.n_rigid)[0][-1]
-        if place.progress is not None:
-            place.progress(j + 1, n)
-    columns, many = _prior(case, unknowns, doubts, DRAWS, given.seed + 1)
+        simulated[j] = elastic(o.stiffness, o.mass, options.mode, changed.n_rigid)[0][-1]
+        if context.progress is not None:
+            context.progress(j + 1, n)
+    columns, many = _prior(case, unknowns, doubts, DRAWS, options.seed + 1)
     many, places = (own / np.ptp(places, axis=0) for own in (many, places))
     interpolated = RBFInterpolator(places, simulated, kernel="cubic")(many)
     # error of the interpolation: every other simulation is interpolated from the rest
@@ -123,7 +133,7 @@ def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
     sought = np.array([columns[own.keys(case)[0]] for own in unknowns]).T
     names = "time", "frequency", "frequency_error"
     time, frequency, error = (data[f"free_{name}"].to_numpy() for name in names)
-    rng, found = np.random.default_rng(given.seed), []
+    rng, found = np.random.default_rng(options.seed), []
     for f, e in zip(frequency, error, strict=True):
         off = interpolated - f + np.hypot(e, rough) * rng.standard_normal(DRAWS)
         near = np.argsort(np.abs(off))[:NEAREST]  # then a regression moves them to off = 0
@@ -143,6 +153,3 @@ def _prior(
     for own in unknowns:
         columns |= dict.fromkeys(own.keys(case), rng.uniform(own.low, own.high, n))
     return columns, np.array([*(columns[own.keys(case)[0]] for own in unknowns), *logs]).T
-
-
-STUDY = Study(options.Natural, _compute)

@@ -30,10 +30,14 @@ from delam_fem.api import (
     BoolArray,
     Case,
     CaseError,
+    Finding,
     FloatArray,
     Lamina,
+    Report,
+    RunContext,
     SweepExcitation,
     SweptMotion,
+    Table,
     assemble,
     beams,
     first_mode,
@@ -43,9 +47,8 @@ from delam_fem.api import (
     swept_motion,
 )
 from delam_fem.studies.identification.identify import tips_of
+from delam_fem.studies.identification.study import Resonance as Options
 from delam_fem.studies.linear import first_frequencies
-from delam_fem.studies.options import Resonance as Options
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.point import probe_motion
 
 FIRST_DAMPING, FIRST_SHIFTS = (0.001, 0.003, 0.01, 0.03, 0.1), (0.0, 0.3, 0.6, 0.9)
@@ -449,14 +452,14 @@ class Found(Finding):
         )
 
 
-def identified(case: Case, options: Options, place: Place | None = None) -> Found:
+def identified(case: Case, options: Options, context: RunContext | None = None) -> Found:
     """Identify the resonances of all laminae.
 
     Args:
         case: a case whose base moves as a swept sine of given amplitude.
         options: file with the tips, whose times count from the start of the sweep, or how the case
             is simulated without contact.
-        place: folder for a checkpoint, from which the run goes on; None: none is kept.
+        context: folder for a checkpoint, from which the run goes on; None: none is kept.
 
     Raises:
         CaseError: the excitation is no such sweep, or the file has not the tips of all laminae.
@@ -469,7 +472,7 @@ def identified(case: Case, options: Options, place: Place | None = None) -> Foun
         )
     ratios: list[float] = []
     if options.measured is None:
-        time, tips, ratios = _simulated(case, None if place is None else place.kept)
+        time, tips, ratios = _simulated(case, None if context is None else context.kept)
     else:
         time, tips = tips_of(case, options.measured)
     tips = tips + options.noise * np.random.default_rng(options.seed).standard_normal(tips.shape)
@@ -520,6 +523,3 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
     own = [math.sqrt((u @ o.stiffness @ u) / (u @ o.mass @ u)) for u in modes]
     ratios = [a / b for a, b in zip(own, first_frequencies(case), strict=True)]
     return np.arange(1, tips.shape[1] + 1) * free.time_step, tips, ratios
-
-
-STUDY = Study(Options, identified, has_checkpoints=True)

@@ -21,7 +21,11 @@ from delam_fem.api import (
     Case,
     CaseError,
     CaseSource,
+    Finding,
     FloatArray,
+    Report,
+    RunContext,
+    Table,
     atomic_file,
     find_case,
     identity,
@@ -29,7 +33,6 @@ from delam_fem.api import (
     style,
     versions,
 )
-from delam_fem.studies import options
 from delam_fem.studies.orbits.maps import FREQUENCY, KeptMap, Nature, Passage, PeriodMap
 from delam_fem.studies.orbits.newton import EXACT, Perturbations
 from delam_fem.studies.orbits.search import (
@@ -49,7 +52,7 @@ from delam_fem.studies.orbits.search import (
     start_of,
     usual,
 )
-from delam_fem.studies.study import Finding, Report, Study, Table
+from delam_fem.studies.orbits.study import Orbit as Options
 
 LEAST_REACH = 1.15
 """Half the width of the plane of multipliers that is always shown."""
@@ -376,11 +379,12 @@ def orbit(
     )
 
 
-STUDY = Study(
-    options.Orbit,
-    lambda case, given, place: orbit(
-        case, periods=given.period, settle=given.settle, perturbations=kicks(given, case),
-        kept=place.kept,
-    ),
-    takes_impactors=True, has_checkpoints=True,
-)  # fmt: skip
+def compute(case: Case, options: Options, context: RunContext) -> Orbit:
+    """Find the orbit of a case with the options of a user."""
+    return orbit(
+        case,
+        periods=options.period,
+        settle=options.settle,
+        perturbations=kicks(options, case),
+        kept=context.kept,
+    )

@@ -32,7 +32,6 @@ from delam_fem.api import (
     settling,
     start_of as start_of_motion,
 )
-from delam_fem.studies.options import OfOrbits
 from delam_fem.studies.orbits.maps import CaseFamily, ModalMap, PeriodMap
 from delam_fem.studies.orbits.newton import (
     DIFFERENCE,
@@ -48,6 +47,7 @@ from delam_fem.studies.orbits.newton import (
     shoot,
     solved,
 )
+from delam_fem.studies.orbits.study import OfOrbits
 
 ComplexArray = npt.NDArray[np.complex128]
 Stability = Literal["stable", "unstable", "undecided"]

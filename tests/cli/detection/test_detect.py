@@ -92,7 +92,7 @@ def test_a_measured_file_is_judged_like_a_simulated_scan(tmp_path: Path) -> None
 
     from delam_fem.case.files import preset
     from delam_fem.studies.detection.detect import simulated
-    from delam_fem.studies.options import Scan
+    from delam_fem.studies.detection.study import Scan
 
     case = preset("embedded", {"mesh.elements": 20, "excitation.frequency": 80.0})
     own = simulated(case, Scan())

@@ -68,7 +68,7 @@ def test_infer_takes_a_measured_scan(tmp_path: Path) -> None:
 
     from delam_fem.case.files import preset
     from delam_fem.studies.detection.detect import simulated
-    from delam_fem.studies.options import Scan
+    from delam_fem.studies.detection.study import Scan
 
     keys = {"mesh.elements": 20, "excitation.frequency": 250.0, "time.steps_per_period": 100}
     scan = Scan(spacing=0.02, first=0.02)  # neither the first point nor the last is at a clamp

@@ -10,8 +10,8 @@ import pytest
 from toys import DelayedLogistic, Henon, Toy
 
 from delam_fem.numerics.types import FloatArray
-from delam_fem.studies.branches import continuation
-from delam_fem.studies.branches.continuation import (
+from delam_fem.studies.orbits import continuation
+from delam_fem.studies.orbits.continuation import (
     Path,
     Point,
     doubled_point,

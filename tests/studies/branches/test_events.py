@@ -10,7 +10,7 @@ import pytest
 from toys import Cubic, DelayedLogistic, Henon, Toy
 
 from delam_fem.numerics.types import FloatArray
-from delam_fem.studies.branches.continuation import (
+from delam_fem.studies.orbits.continuation import (
     LASTS,
     Event,
     Path,

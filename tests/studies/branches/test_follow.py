@@ -16,10 +16,10 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
-from delam_fem.studies.branches import follow as following
-from delam_fem.studies.branches.follow import FOLDER, RESULT, follow
-from delam_fem.studies.options import Continue
+from delam_fem.studies.orbits import follow as following
+from delam_fem.studies.orbits.follow import FOLDER, RESULT, follow
 from delam_fem.studies.orbits.newton import Perturbations
+from delam_fem.studies.orbits.study import Follow
 from delam_fem.system.errors import CaseError
 
 SMALL = {"mesh.elements": 3, "time.steps_per_period": 60, "excitation.frequency": 3.8}
@@ -150,6 +150,6 @@ def test_bad_ranges_are_refused(
 
 def test_defaults_are_those_of_the_command() -> None:
     own = inspect.signature(follow).parameters
-    given = {field.name: field.default for field in fields(Continue)}
+    given = {field.name: field.default for field in fields(Follow)}
     for name, option in (("periods", "period"), ("doublings", "doublings"), ("step", "step")):
         assert own[name].default == given[option], name

@@ -22,8 +22,8 @@ from delam_fem.studies.convergence.ladder import (
     usual_methods,
 )
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
+from delam_fem.studies.convergence.study import Converge
 from delam_fem.studies.linear import first_frequencies
-from delam_fem.studies.options import Converge
 from delam_fem.system.errors import CaseError
 
 CASE = preset("default", {"damping.rayleigh": "stiffness"})

@@ -6,7 +6,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.studies.identification.resonance import HEADING, identified
-from delam_fem.studies.options import Resonance
+from delam_fem.studies.identification.study import Resonance
 from delam_fem.system.errors import CaseError
 
 SWEEP = {

@@ -32,7 +32,11 @@ from delam_fem.api import (
     Case,
     CaseError,
     CaseSource,
+    Finding,
     FloatArray,
+    Report,
+    RunContext,
+    Table,
     Variable,
     belong,
     find_case,
@@ -47,7 +51,7 @@ from delam_fem.api import (
     write_arrays,
     write_dataset,
 )
-from delam_fem.studies.branches.continuation import (
+from delam_fem.studies.orbits.continuation import (
     Event,
     Path as Way,
     Point,
@@ -58,7 +62,6 @@ from delam_fem.studies.branches.continuation import (
     turns,
     why_lost,
 )
-from delam_fem.studies.options import Continue
 from delam_fem.studies.orbits.maps import PeriodMap
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations, is_zero
 from delam_fem.studies.orbits.search import (
@@ -70,7 +73,7 @@ from delam_fem.studies.orbits.search import (
     start_of,
     usual,
 )
-from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.orbits.study import Follow
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.grid import unit_of
 
@@ -612,29 +615,26 @@ def _behind(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _follow(case: Case, given: Continue, place: Place) -> Branches:
+def compute(case: Case, options: Follow, context: RunContext) -> Branches:
     """Follow with options of a user, who is told every tenth point."""
-    unit = unit_of(given.key, case)
+    unit = unit_of(options.key, case)
     swept = None
-    if given.over is not None:
-        path = given.over / "sweep.nc" if given.over.is_dir() else given.over
+    if options.over is not None:
+        path = options.over / "sweep.nc" if options.over.is_dir() else options.over
         swept = open_result(path, is_loaded=True)
 
     def tell(branch: int, count: int, parameter: float) -> None:
         if count == 1 or count % EVERY == 0:
-            at = f"{given.key} = {parameter:.5g}{_behind(unit)}"
+            at = f"{options.key} = {parameter:.5g}{_behind(unit)}"
             _log.info("branch %d: point %d, %s", branch, count, at)
 
     try:
         data = follow(
-            case, given.key, _number(unit, "--from", given.start),
-            _number(unit, "--to", given.stop), place.folder, periods=given.period,
-            doublings=given.doublings, perturbations=kicks(given, case), step=given.step,
-            resume=place.resume, report=tell,
+            case, options.key, _number(unit, "--from", options.start),
+            _number(unit, "--to", options.stop), context.folder, periods=options.period,
+            doublings=options.doublings, perturbations=kicks(options, case), step=options.step,
+            resume=context.resume, report=tell,
         )  # fmt: skip
     except ArithmeticError as error:
         raise CaseError(f"case {case.name}: {error}") from None
     return Branches(data, swept)
-
-
-STUDY = Study(Continue, _follow, takes_impactors=True)

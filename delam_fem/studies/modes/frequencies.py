@@ -19,20 +19,24 @@ from matplotlib.figure import Figure
 from delam_fem.api import (
     Case,
     CaseSource,
+    Finding,
     FloatArray,
     IntArray,
+    Report,
+    RunContext,
     Structure,
+    Table,
     assemble,
     beams,
     find_case,
     keeping_closed,
     lowest,
     nodal,
+    number,
     require,
     style,
 )
-from delam_fem.studies import options
-from delam_fem.studies.study import Finding, Report, Study, Table, number
+from delam_fem.studies.modes.study import Modes as Options
 
 Kind = Literal["free", "closed"]
 
@@ -367,8 +371,6 @@ def modes_of(structure: Structure, case: Case, n: int) -> Modes:
     return Modes(layout.names, frequencies, exact, layout.x, shapes)
 
 
-STUDY: Study[options.Modes, Modes | StructureModes] = Study(
-    options.Modes,
-    lambda case, given, _: modes(case, given.number, delaminations=given.delaminations),
-    takes_impactors=True,
-)
+def compute(case: Case, options: Options, _: RunContext) -> Modes | StructureModes:
+    """Compute the natural modes of a case with the options of a user."""
+    return modes(case, options.number, delaminations=options.delaminations)

@@ -1,0 +1,1 @@
+"""Studies as plugins: what one is, what it finds, and how it is found."""

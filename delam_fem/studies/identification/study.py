@@ -1,0 +1,98 @@
+"""Options of the studies that identify parameters; nothing heavy is imported here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from delam_fem.api import Flag, Options, Study
+
+if TYPE_CHECKING:
+    from delam_fem.studies.identification.identify import Identification
+    from delam_fem.studies.identification.natural import Followed
+    from delam_fem.studies.identification.resonance import Found
+
+RIG = Flag(metavar="KEY=LOW:HIGH")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resonance(Options):
+    """Identify frequency, damping and EI of each lamina from the swept sine of a case.
+
+    Attributes:
+        measured: tips in a swept sine; by default the case simulates it.
+        noise: standard deviation of a sample [m].
+        seed: seed of the noise.
+    """
+
+    measured: Annotated[Path | None, Flag(metavar="FILE")] = None
+    noise: Annotated[float, Flag(least=0)] = 0.0
+    seed: Annotated[int, Flag(least=0)] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identify(Options):
+    """Identify keys of a case from clapping motions, as a joint posterior.
+
+    Attributes:
+        unknown: a key that is sought; repeatable.
+        frequency: frequency of a motion [Hz]; repeatable.
+        measured: tips of a motion, one file per frequency; by default the case simulates them.
+        noise: standard deviation of a sample [m].
+        uncertain: in what the rig may differ from the case; 0.9x:1.1x are multiples of the case's
+            own value; repeatable (default: stiffness ± 10 %, damping 0.5x:2x, clamps that yield).
+        simulations: number of simulations.
+        calibrate: number of simulations that check the intervals.
+        seed: seed of the noise and of the prior.
+    """
+
+    common = ("workers", "resume", "overwrite", "dry_run", "yes")
+    unknown: Annotated[tuple[str, ...], RIG]
+    frequency: tuple[float, ...]
+    measured: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE")] = None
+    noise: Annotated[float, Flag(least=0)] = 1e-4
+    uncertain: Annotated[tuple[str, ...] | None, RIG] = None
+    simulations: Annotated[int, Flag(least=100)] = 2000
+    calibrate: Annotated[int, Flag(least=0)] = 100
+    seed: Annotated[int, Flag(least=0)] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Natural(Options):
+    """Identify keys of a case over time from one of its natural frequencies.
+
+    Attributes:
+        measured: what measure response --free has written.
+        unknown: a key that is sought; repeatable.
+        mode: number of the mode.
+        uncertain: in what the rig may differ from the case, as for identify keys; repeatable.
+        simulations: number of cases from the prior.
+        seed: seed of the prior and of the noise.
+    """
+
+    common = ()
+    measured: Annotated[Path, Flag(metavar="FILE")]
+    unknown: Annotated[tuple[str, ...], RIG]
+    mode: Annotated[int, Flag(least=1)] = 1
+    uncertain: Annotated[tuple[str, ...] | None, RIG] = None
+    simulations: Annotated[int, Flag(least=50)] = 300
+    seed: Annotated[int, Flag(least=0)] = 1
+
+
+HOME = "delam_fem.studies.identification"
+RESONANCE: Study[Resonance, Found] = Study(
+    Resonance, f"{HOME}.resonance:identified", "Data", "identify resonance", has_checkpoints=True
+)
+IDENTIFY: Study[Identify, Identification] = Study(
+    Identify,
+    f"{HOME}.identify:compute",
+    "Data",
+    "identify keys",
+    folder="identification",
+    cost=f"{HOME}.identify:cost",
+    remove=f"{HOME}.identify:remove",
+)
+NATURAL: Study[Natural, Followed] = Study(
+    Natural, f"{HOME}.natural:compute", "Data", "identify natural"
+)
