@@ -11,12 +11,13 @@ free for each channel. A wrong unit or sensor offset therefore does not disturb 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.measured.reading import history_of
@@ -24,6 +25,10 @@ from delam_fem.system.errors import CaseError
 
 LEAST_OVERLAP = 0.3
 """Share of the shorter record that must overlap where the motion does not repeat."""
+
+
+POINTS_PER_ORDER = 16
+"""Points of a filtered course for each of its harmonics."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,34 @@ class Course:
             spline, float(time[-1]) - period, float(time[-1]), period, multiple,
             cycles - mean[:, None, :],
         )  # fmt: skip
+
+    @property
+    def n_steps(self) -> int:
+        """Number of points through which the course goes."""
+        return int(self.spline.x.size) - 1
+
+    def below(self, highest: float) -> Course:
+        """Return the course of a motion that repeats without what is above a frequency.
+
+        It is the same if the steps of the run cannot show more either.
+
+        Args:
+            highest: the frequency [Hz].
+        """
+        if self.period is None or self.cycles is None:
+            return self
+        n, most = self.cycles.shape[2], int(highest * self.period)
+        if 2 * most >= n:
+            return self
+        # of the steps, so that the last is left out: it is the first of the next period
+        terms = np.fft.rfft(self.spline(self.period * np.arange(n) / n), axis=1)[:, : most + 1]
+        fine = max(n, POINTS_PER_ORDER * most)
+        form = np.fft.irfft(terms, fine, axis=1) * (fine / n)
+        closed = np.concatenate([form, form[:, :1]], axis=1)
+        at = np.linspace(0.0, self.period, fine + 1)
+        spline = CubicSpline(at, closed, axis=1, bc_type="periodic")
+        of_cycles = np.fft.rfft(self.cycles, axis=2)[:, :, : most + 1]
+        return replace(self, spline=spline, cycles=np.fft.irfft(of_cycles, n, axis=2))
 
     def starts(self, since: FloatArray, number: int) -> FloatArray:
         """Return instants at which a record may begin on the clock of the run [s].
@@ -137,6 +170,10 @@ class Course:
 
 DRIVES = ("base_displacement", "force")
 """Variables that are the drive. Channels of the drive lead the alignment."""
+BASE = re.compile(r"base(?:[ _](?:displacement|velocity|acceleration))?", re.IGNORECASE)
+"""Names of channels on the base."""
+DERIVATIVES = {"velocity": 1, "acceleration": 2}
+"""Quantities that are derivatives of a displacement."""
 
 
 @dataclass(frozen=True)
@@ -183,11 +220,15 @@ def matched(history: xr.Dataset, data: xr.Dataset) -> Pairs:
         if variable not in data or "time" not in data[variable].dims:
             continue
         own = _of_run(history, variable, str(data["channel_lamina"][k].item()))
+        leads = variable in DRIVES
+        if own is None and BASE.fullmatch(name):
+            own = _of_base(history, str(data["channel_quantity"][k].item()))
+            leads = True
         if own is None:
             unmatched.append(name)
             continue
         units = str(data["channel_units"][k].item())
-        found.append((name, units, history_of(data, k), own, variable in DRIVES))
+        found.append((name, units, history_of(data, k), own, leads))
     if not found:
         held = [str(v) for v in history.data_vars if history[v].dims[-1:] == ("time",)]
         laminae = ", ".join(map(str, history["lamina"].to_numpy()))
@@ -221,6 +262,17 @@ def _of_run(history: xr.Dataset, variable: str, lamina: str) -> FloatArray | Non
     return values if values.ndim == 1 and bool(np.isfinite(values).all()) else None
 
 
+def _of_base(history: xr.Dataset, quantity: str) -> FloatArray | None:
+    """Return velocity or acceleration of the base of a run; None: it rests, or another quantity."""
+    base = history["base_displacement"].to_numpy()
+    if quantity not in DERIVATIVES or not base.any() or base.size <= SMOOTH:
+        return None
+    spline = make_interp_spline(history["time"].to_numpy(), base, k=SMOOTH)
+    return np.asarray(spline(history["time"].to_numpy(), DERIVATIVES[quantity]))
+
+
+SMOOTH = 5
+"""Degree of the spline whose derivatives are the motion of the base."""
 COARSE = 128
 """Instants within a period of the drive that are tried first."""
 MOST_SAMPLES = 4000
@@ -299,6 +351,48 @@ def aligned(
         rate_error = float(np.hypot(rate_error, np.sqrt(12.0) * of_cycles / duration))
         of_cycles *= 2.0
     return replace(trial, start_error=float(np.hypot(scatter, of_cycles)), rate_error=rate_error)
+
+
+def with_common_rate(
+    time: FloatArray,
+    measured: FloatArray,
+    course: Course,
+    alignment: Alignment,
+    leaders: Sequence[int],
+) -> Alignment:
+    """Return the alignment of leading channels with a clock rate that all channels have told.
+
+    One clock has sampled all channels. Channels with many harmonics tell its rate far better than a
+    drive with one.
+
+    Args:
+        time: times of the samples [s], shape (n,).
+        measured: histories of all channels, shape (n_channels, n).
+        course: course of all channels, of a motion that repeats.
+        alignment: alignment of the leading channels alone.
+        leaders: their numbers.
+    """
+    assert course.period is not None  # the motion repeats
+    rates, errors = [alignment.rate], [alignment.rate_error]
+    for k in sorted(set(range(len(measured))) - set(leaders)):
+        history, single = measured[k : k + 1], course.only([k])
+        starts = alignment.start + course.period * np.linspace(-0.5, 0.5, COARSE * course.multiple)
+        start = best_start(time, history, single, alignment, starts, power=2)
+        by_channel = aligned(
+            time, history, single, alignment.rate, is_rate_free=True, starts=np.array([start])
+        )
+        rates.append(by_channel.rate)
+        errors.append(by_channel.rate_error)
+    weights = 1.0 / np.maximum(np.square(errors), np.finfo(float).tiny)
+    rate, error = float(np.average(rates, weights=weights)), float(1.0 / np.sqrt(weights.sum()))
+    half = 0.5 * float(time[-1] - time[0])
+    start = alignment.start + (alignment.rate - rate) * half  # the middle stays
+    rows = list(leaders)
+    by_leaders = aligned(
+        time, measured[rows], course.only(rows), rate, is_rate_free=False, starts=np.array([start])
+    )
+    start_error = float(np.hypot(by_leaders.start_error, error * half))
+    return replace(by_leaders, rate_error=error, start_error=start_error)
 
 
 def best_start(

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_toeplitz
 from scipy.optimize import minimize_scalar
+from scipy.signal import czt
 
 from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.harmonics import total_harmonic_distortion
@@ -22,14 +24,18 @@ from delam_fem.results.overlay.alignment import (
     correlation,
     gains,
 )
-from delam_fem.results.scan import amplitudes
 
-MOST = 40
-"""Largest number of harmonics of the drive that is fitted."""
 SAMPLES_PER_UNKNOWN = 4
 """Fewest samples for each fitted number."""
-BELOW_NYQUIST = 0.9
-"""Share of Nyquist's frequency up to which harmonics are fitted."""
+EVEN = 1e-3
+"""Share of a step by which times of samples may miss an even spacing and still count as even."""
+SAME_PHASE_GAPS = 10.0
+"""Multiple of the median distance in phase up to which two samples count as of the same phase."""
+UNRESOLVED = 0.8
+"""Ratio of what two halves of a record differ by to what the harmonics leave, below which the rest
+repeats: the motion then has harmonics beyond those that are fitted."""
+SAMPLES_PER_ORDER = 8
+"""Samples of a run's period for each of its harmonics."""
 NEIGHBOURHOOD = 0.1
 """Relative range about the drive's frequency in which the measured one is looked for."""
 CLEAR = 2.0
@@ -59,12 +65,23 @@ class HarmonicFit:
     n_samples: int
 
     def at(self, time: FloatArray, derivative: int = 0) -> FloatArray:
-        """Return the periodic part, or a derivative of it, at instants."""
+        """Return the periodic part, or a derivative of it, at instants, by Horner's scheme."""
         orders = 1j * 2.0 * np.pi * self.frequency * np.arange(1, self.coefficients.size + 1)
-        terms = self.coefficients * orders**derivative
-        value: FloatArray = np.real(np.exp(np.outer(time, orders)) @ terms)
-        value += 0.0 if derivative else self.mean
-        return value
+        turn = np.exp(2j * np.pi * self.frequency * time)
+        value = np.zeros(time.size, dtype=np.complex128)
+        for term in (self.coefficients * orders**derivative)[::-1]:
+            value = (value + term) * turn
+        return np.real(value) + (0.0 if derivative else self.mean)
+
+    def later(self, delay: float) -> HarmonicFit:
+        """Return the periodic part that comes later by a time [s]."""
+        orders = np.arange(1, self.coefficients.size + 1)
+        turn = np.exp(-2j * np.pi * self.frequency * delay * orders)
+        return replace(self, coefficients=self.coefficients * turn)
+
+    def power_beside(self, other: HarmonicFit, gain: float) -> float:
+        """Return the mean square of what moves less a multiple of what moves in another fit."""
+        return 0.5 * float((np.abs(self.coefficients - gain * other.coefficients) ** 2).sum())
 
     def clear(self) -> HarmonicFit:
         """Return the fit without the harmonics that noise may have made."""
@@ -96,7 +113,7 @@ class HarmonicFit:
 
 
 def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int) -> HarmonicFit:
-    """Return the periodic part of a history by least squares.
+    """Return the periodic part of a history by least squares, with all harmonics that it can show.
 
     Args:
         time: times of the samples [s], shape (n,).
@@ -105,18 +122,101 @@ def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int
         multiple: periods of the drive after which the motion repeats.
     """
     lowest, n = frequency / multiple, time.size
-    rate = (n - 1) / (time[-1] - time[0])
-    n_orders = min(
-        MOST * multiple,
-        int(BELOW_NYQUIST * 0.5 * rate / lowest),
-        (n // SAMPLES_PER_UNKNOWN - 1) // 2,
-    )
-    orders = np.arange(1, max(n_orders, 1) + 1)
-    found = amplitudes(values[:, None], time, (lowest * orders).tolist())[:, 0]
-    moving = HarmonicFit(0.0, found, lowest, multiple, 0.0, n)
-    rest = values - moving.at(time)
-    noise = float(rest.std() * np.sqrt(n / max(n - 1 - 2 * orders.size, 1)))
-    return replace(moving, mean=float(rest.mean()), noise=noise)
+    duration = float(time[-1] - time[0])
+    most = 0.5 * (n - 1) / duration - 1.0 / duration  # where k and -k are still two lines
+    n_orders = max(min(int(most / lowest), (n // SAMPLES_PER_UNKNOWN - 1) // 2), 1)
+    terms = _harmonic_terms(time, values - values.mean(), lowest, n_orders)
+    mean = float(values.mean() + terms[0].real)
+    fit = HarmonicFit(mean, 2.0 * terms[1:], lowest, multiple, 0.0, n)
+    residual = values - fit.at(time)
+    noise = float(residual.std() * np.sqrt(n / max(n - 1 - 2 * n_orders, 1)))
+    halves = _unlike_halves(time * lowest, residual)
+    return replace(fit, noise=halves if halves < UNRESOLVED * noise else noise)
+
+
+def _harmonic_terms(
+    time: FloatArray, values: FloatArray, lowest: float, n_orders: int
+) -> ComplexArray:
+    """Fit sum_k a_k exp(2 pi i k f t), k = -K … K, by least squares.
+
+    The normal equations are G a = b with b_k = sum_j x_j exp(-2 pi i k f t_j) and G_kl = g(l - k),
+    g(m) = sum_j exp(2 pi i m f t_j): G is a Toeplitz matrix, which is solved without being built.
+
+    Args:
+        time: times of the samples [s], shape (n,).
+        values: real samples, shape (n,).
+        lowest: f [Hz].
+        n_orders: K.
+
+    Returns:
+        a_0 … a_K, shape (K + 1,).
+    """
+    middle = 0.5 * float(time[0] + time[-1])
+    b = _sums(values, time - middle, lowest, n_orders)
+    g = _sums(np.ones(time.size), time - middle, lowest, 2 * n_orders)
+    both = np.concatenate([b[:0:-1].conj(), b])
+    turn = np.exp(-2j * np.pi * lowest * middle * np.arange(n_orders + 1))
+    return np.asarray(solve_toeplitz(g, both)[n_orders:] * turn)
+
+
+def _sums(values: FloatArray, time: FloatArray, lowest: float, n_orders: int) -> ComplexArray:
+    """Return sum_j x_j exp(-2 pi i k f t_j) for k = 0 … K, shape (K + 1,)."""
+    step = float(time[-1] - time[0]) / max(time.size - 1, 1)
+    even = time[0] + step * np.arange(time.size)
+    if np.abs(time - even).max() <= EVEN * step:
+        begin = np.exp(-2j * np.pi * lowest * time[0] * np.arange(n_orders + 1))
+        return np.asarray(begin * czt(values, n_orders + 1, np.exp(-2j * np.pi * lowest * step)))
+    turn, row = np.exp(-2j * np.pi * lowest * time), values.astype(np.complex128)
+    sums = np.empty(n_orders + 1, dtype=np.complex128)
+    for k in range(n_orders + 1):
+        sums[k] = row.sum()
+        row *= turn
+    return sums
+
+
+def _unlike_halves(turns: FloatArray, values: FloatArray) -> float:
+    """Return the noise by what two halves of a record differ by at the same phase.
+
+    Each sample of the second half is compared with that of the first whose phase is nearest.
+
+    Args:
+        turns: time of the samples in periods of the motion, shape (n,).
+        values: the samples, shape (n,).
+
+    Returns:
+        Standard deviation of what does not repeat, whatever harmonics the motion has; infinite if
+        the halves are shorter than a period.
+    """
+    n = values.size // 2
+    if turns[n] - turns[0] < 1.0:
+        return np.inf
+    order = np.argsort(turns[:n] % 1.0)
+    phases, first = (turns[:n] % 1.0)[order], values[:n][order]
+    around = np.concatenate([[phases[-1] - 1.0], phases, [phases[0] + 1.0]])
+    first = np.concatenate([first[-1:], first, first[:1]])
+    later = turns[n:] % 1.0
+    place = np.clip(np.searchsorted(around, later), 1, around.size - 1)
+    place -= later - around[place - 1] < around[place] - later
+    distance = np.abs(around[place] - later)
+    is_same = distance <= SAME_PHASE_GAPS * np.median(distance)
+    return float(np.sqrt(0.5 * np.mean((values[n:] - first[place])[is_same] ** 2)))
+
+
+def of_course(course: Course, multiple: int, n_orders: int) -> HarmonicFit:
+    """Return the harmonics of a run that repeats, which have no noise.
+
+    Args:
+        course: course of one history.
+        multiple: periods of the drive in a period of the motion.
+        n_orders: number of harmonics.
+    """
+    assert course.period is not None  # the motion repeats
+    n = max(course.n_steps, SAMPLES_PER_ORDER * n_orders)
+    values = course.at(course.start + course.period * np.arange(n) / n)[0]
+    terms = np.fft.rfft(values)[: n_orders + 1] / n
+    lowest = 1.0 / course.period
+    turn = np.exp(-2j * np.pi * lowest * course.start * np.arange(1, n_orders + 1))
+    return HarmonicFit(float(terms[0].real), 2.0 * terms[1:] * turn, lowest, multiple, 0.0, n)
 
 
 def strongest_frequency(time: FloatArray, values: FloatArray, lowest: float) -> float | None:
@@ -260,14 +360,19 @@ def compared(
     if period is None:  # noise by third differences, in which a motion leaves little
         noise = float(np.std(np.diff(values[0], 3))) / np.sqrt(20.0)
         return Comparison(**about, unlike=_unlike(values[0], gain * own + mean, noise))
-    frequency = course.multiple / period
-    measured = fitted(u, values[0], frequency, course.multiple)
-    run = fitted(u, computed, frequency, course.multiple)
-    noise = measured.noise * np.sqrt(2.0 * measured.coefficients.size / values.size)
+    measured = fitted(u, values[0], course.multiple / period, course.multiple)
+    # a run that explains all leaves the noise alone, and with fewer fitted numbers
+    measured = replace(measured, noise=min(measured.noise, about["residual"]))
+    run = of_course(single, course.multiple, measured.coefficients.size)
+    at_phase = run.later(alignment.start - at_own.start)
+    power_of_noise = 0.5 * measured.coefficients.size * measured.floor**2
+    unexplained = measured.power_beside(at_phase, gain)
+    motion = measured.power_beside(run, 0.0)
+    is_unlike = unexplained > SEVERAL**2 * power_of_noise
+    misfit = max(measured.power_beside(run, 1.0) - power_of_noise, 0.0)
     return Comparison(
-        **about, unlike=_unlike(measured.at(u), gain * own + mean, noise),
-        misfit=float(np.std(measured.at(u) - computed)), noise=measured.noise, measured=measured,
-        computed=run,
+        **about, unlike=float(np.sqrt(unexplained / motion)) if is_unlike else 0.0,
+        misfit=float(np.sqrt(misfit)), noise=measured.noise, measured=measured, computed=run,
     )  # fmt: skip
 
 

@@ -37,7 +37,9 @@ from delam_fem.results.overlay.alignment import (
     Pairs,
     aligned,
     best_start,
+    correlation,
     matched,
+    with_common_rate,
 )
 from delam_fem.results.overlay.comparison import (
     Comparison,
@@ -347,11 +349,15 @@ class Overlay:
     def _of_channel(self, own: Comparison) -> dict[str, Any]:
         """Return the numbers of one channel."""
         turn = None if self.frequency is None else 360.0 * self.frequency
+        drives = (channel.delay_error for channel in self.channels if channel.is_drive)
+        # phases count from the drive, which has an error of its own
+        of_drive = 0.0 if own.is_drive else min(drives, default=0.0)
+        error = float(np.hypot(own.delay_error, of_drive))
         found: dict[str, Any] = {
             "units": own.units, "gain": own.gain, "gain_error": own.gain_error,
             "delay": own.delay, "delay_error": own.delay_error,
             "phase_degrees": None if turn is None else turn * own.delay,
-            "phase_degrees_error": None if turn is None else turn * own.delay_error,
+            "phase_degrees_error": None if turn is None else turn * error,
             "correlation": own.correlation, "mean_difference": own.mean_difference,
             "residual_rms": own.residual, "misfit_rms": own.misfit, "noise_rms": own.noise,
         }  # fmt: skip
@@ -443,26 +449,55 @@ def overlay(
         summary = summary_of_run(history, case)
     course, rate, frequency = _course(pairs, case, summary.get("periodicity"))
     turn = case.period if case.is_periodic else None
-    drives = [k for k, is_drive in enumerate(pairs.is_drive) if is_drive]
-    tips = [k for k, is_drive in enumerate(pairs.is_drive) if not is_drive]
-    leaders = drives or tips
-    alignment = aligned(
-        pairs.time, pairs.measured[leaders], course.only(leaders), rate, is_rate_free=True
-    )
-    if drives and tips and turn is not None:  # the drive alone cannot tell its periods apart
-        low, high = course.starts(rate * (pairs.time - pairs.time[0]), COARSE)[[0, -1]]
-        first = alignment.start - turn * np.floor((alignment.start - low) / turn)
-        starts = np.arange(first, high + turn, turn)
-        start = best_start(
-            pairs.time, pairs.measured[tips], course.only(tips), alignment, starts, power=2
-        )
-        alignment = replace(alignment, start=start)
+    # most records are filtered before they are sampled, so that they cannot have all of the run
+    step = rate * float(np.median(np.diff(pairs.time)))
+    filtered = course.below(0.5 / step)
+    alignment = _alignment_with(pairs, course, rate, turn)
+    if filtered is not course:
+        of_filtered = _alignment_with(pairs, filtered, rate, turn)
+        if _likeness(pairs, filtered, of_filtered) > _likeness(pairs, course, alignment):
+            course, alignment = filtered, of_filtered
     channels = tuple(compared(pairs, k, course, alignment, turn) for k in range(len(pairs.names)))
     drive = 1.0 / turn if turn else None
     if frequency is not None and drive is not None:
         frequency = alignment.rate * drive
-    found = tuple(findings(channels, alignment, drive))
-    return Overlay(case, pairs, course, alignment, frequency, channels, found)
+    differences = tuple(findings(channels, alignment, drive))
+    return Overlay(case, pairs, course, alignment, frequency, channels, differences)
+
+
+def _alignment_with(pairs: Pairs, course: Course, rate: float, turn: float | None) -> Alignment:
+    """Return the alignment with a course of the run.
+
+    Args:
+        pairs: measurement and run.
+        course: course of all channels.
+        rate: s to begin with.
+        turn: period of the drive [s]; None: there is none.
+    """
+    drives = [k for k, is_drive in enumerate(pairs.is_drive) if is_drive]
+    others = [k for k, is_drive in enumerate(pairs.is_drive) if not is_drive]
+    leaders = drives or others
+    alignment = aligned(
+        pairs.time, pairs.measured[leaders], course.only(leaders), rate, is_rate_free=True
+    )
+    if not (drives and others and turn is not None):
+        return alignment
+    if course.period is not None:
+        alignment = with_common_rate(pairs.time, pairs.measured, course, alignment, drives)
+    # the drive alone cannot tell its periods apart
+    low, high = course.starts(rate * (pairs.time - pairs.time[0]), COARSE)[[0, -1]]
+    first = alignment.start - turn * np.floor((alignment.start - low) / turn)
+    starts = np.arange(first, high + turn, turn)
+    start = best_start(
+        pairs.time, pairs.measured[others], course.only(others), alignment, starts, power=2
+    )
+    return replace(alignment, start=start)
+
+
+def _likeness(pairs: Pairs, course: Course, alignment: Alignment) -> float:
+    """Return the sum of the squared correlations of all channels."""
+    computed = course.at(alignment.on_clock_of_run(pairs.time))
+    return correlation(pairs.measured, computed, power=2)
 
 
 def _course(

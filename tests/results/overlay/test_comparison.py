@@ -84,13 +84,13 @@ def test_a_record_is_fitted_with_its_mean_and_noise() -> None:
 @pytest.mark.parametrize(
     ("n", "rate", "multiple", "orders"),
     [
-        (600, 200.0, 1, 22),  # up to 0.9 of half the rate: 90 Hz
-        (601, 1000.0, 1, 40), (2000, 1000.0, 2, 80), (200, 1000.0, 1, 24), (201, 1000.0, 1, 24),
+        (600, 200.0, 1, 24),  # below half the rate, 100 Hz
+        (601, 1000.0, 1, 74), (2000, 1000.0, 2, 249), (200, 1000.0, 1, 24), (201, 1000.0, 1, 24),
         (204, 1000.0, 1, 25), (12, 1000.0, 1, 1), (8, 1000.0, 1, 1),
     ],
 )  # fmt: skip
 def test_how_many_harmonics_are_fitted(n: int, rate: float, multiple: int, orders: int) -> None:
-    """40 of the drive, or what the rate and a quarter of the samples allow, but one at least."""
+    """What the rate and a quarter of the samples allow, but one at least."""
     time = 1.0 + np.arange(n) / rate
     assert fitted(time, np.sin(time), F, multiple).coefficients.size == orders
 
@@ -167,7 +167,7 @@ def test_comparisons_are_exact() -> None:
             assert found.unlike < 1e-3
             assert (found.misfit is None) == (found.noise is None) == (period is None)
             if period is not None:
-                assert found.misfit == pytest.approx(rest.std(), rel=1e-3)
+                assert found.misfit == pytest.approx(rest.std(), rel=5e-3)  # of whole periods
                 assert found.measured is not None and found.computed is not None
                 ratio = found.measured.amplitudes[0] / found.computed.amplitudes[0]
                 assert ratio == pytest.approx(abs(gains[k]), rel=1e-4)
