@@ -113,6 +113,21 @@ def _require_some(data: xr.Dataset) -> None:
         fail(f"none of the {about['n_points']} points was completed; the first: {first}", FAILED)
 
 
+def _lost(data: xr.Dataset) -> str | None:
+    """Return in words how many points of a sweep were not completed, and why; None: all were."""
+    about = data.attrs
+    counts = [
+        f"{about[f'n_{name}']} {name}" for name in ("failed", "diverged") if about[f"n_{name}"]
+    ]
+    if not counts:
+        return None
+    first = next(text for text in data["error"].to_numpy().ravel() if text)
+    return (
+        f"{' and '.join(counts)} of {about['n_points']} points; the others are in the result. The "
+        f"first: {first}"
+    )
+
+
 def print_script(
     sweep: Sweep,
     sweep_file: Path,
@@ -218,9 +233,11 @@ def sweep_command(
             f"warning: {moving} of {data.attrs['n_completed']} completed points have not "
             'settled; try more time.periods, or time.periods = "settled"'
         )
-    page = write_page(data, directory)
+    page, lost = write_page(data, directory), _lost(data)
     data.close()
     say(quiet, [directory / "sweep.nc", page])
+    if lost is not None:
+        fail(lost, FAILED)
 
 
 def _shown_only(
@@ -279,8 +296,11 @@ def diagram_command(
     paths = [save_diagram(kind, data, directory / f"{kind}.png")]
     if (directory / "sweep.nc").is_file():
         paths.append(write_page(data, directory))
+    lost = _lost(data) if source.suffix == ".toml" else None
     data.close()
     say(quiet, paths)
+    if lost is not None:
+        fail(lost, FAILED)
 
 
 def _computed(

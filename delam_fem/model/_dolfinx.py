@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
@@ -22,6 +22,7 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system import caches
 from delam_fem.system.caches import ensure_home
 from delam_fem.system.errors import CaseError
+from delam_fem.system.imports import elsewhere
 from delam_fem.system.mpi import MPI, start_petsc
 
 ensure_home()  # dolfinx asks for it when it is imported
@@ -47,6 +48,11 @@ else:
     _JIT_DEFAULTS = dolfinx.jit.DOLFINX_DEFAULT_JIT_PARAMETERS
 _FORM_OPTIONS = {key: row[1] if len(row) > 2 else row[0] for key, row in _FORM_DEFAULTS.items()}
 _JIT_OPTIONS = {key: row[0] for key, row in _JIT_DEFAULTS.items() if key != "cache_dir"}
+with elsewhere():  # both read their files of options once: a damaged one would end every run
+    for _reader in (ffcx, dolfinx.jit):
+        _read = getattr(_reader, "get_options", None) or _reader.get_parameters
+        with suppress(ValueError):  # of the file in the home folder; the compilation tells it
+            _read()
 version: str = dolfinx.__version__
 has_adios2: bool = dolfinx.common.has_adios2
 

@@ -262,7 +262,16 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
 
 
 def intact(case: Case) -> Case:
-    """Return the case without its delaminations: one bonded beam on the same supports."""
+    """Return the case without its delaminations: one bonded beam on the same supports.
+
+    Raises:
+        CaseError: nothing is apart in the case.
+    """
+    if not case.delamination and case.gap is None:
+        raise CaseError(
+            "delamination: expected a case with [[delamination]], to compare it with the intact "
+            f"structure, given {len(case.lamina)} lamina{'e' * (len(case.lamina) > 1)} with none"
+        )
     data = tomllib.loads(case.to_toml())
     for key in ("delamination", "gap"):
         data.pop(key, None)
@@ -437,9 +446,9 @@ def detect(
     """
     options = options or Detect()
     scan, index = options.part(Scan), options.index
+    whole, surface = intact(case), surface_of(case, scan.lamina)
     if case.is_apart:
         raise CaseError("detect: expected a case with [[delamination]], given laminae apart")
-    whole, surface = intact(case), surface_of(case, scan.lamina)
     without = simulated(whole, scan, kept)
 
     def shapes(own: Measurement) -> Shapes:

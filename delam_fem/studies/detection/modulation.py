@@ -143,10 +143,11 @@ def modulation(case: Case, options: Modulate, context: RunContext | None = None)
         seed=options.seed,
     )  # fmt: skip
     frequency, amplitude = options.pump_frequency, options.pump_amplitude
+    whole = intact(case)
     pump = pump_of(case, frequency, amplitude)
     kept = None if context is None else context.kept
     pure = simulated(case, scan, kept, pump=pump)
-    bare = simulated(intact(case), scan, kept, pump=intact(pump))
+    bare = simulated(whole, scan, kept, pump=intact(pump))
     noise = pure.noise_of(scan)
     inside = np.ptp(pure.field, axis=0) > 1e-9 * np.ptp(pure.field)  # a clamp may be at rest
 

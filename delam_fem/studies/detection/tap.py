@@ -209,9 +209,9 @@ def tap(case: Case, options: Tap, context: RunContext | None = None) -> Taps:
     Raises:
         CaseError: the case has no delamination or not one impactor, or the points do not fit.
     """
+    lamina, whole = surface_of(case, options.lamina), intact(case)
     if case.is_apart:
         raise CaseError("tap: expected a case with [[delamination]], given laminae apart")
-    lamina = surface_of(case, options.lamina)
     if options.measured:
         field = read_field(options.measured, options, "force", lamina)
         x, when, force = field["position"].to_numpy(), field["time"].to_numpy(), field.to_numpy()
@@ -219,7 +219,7 @@ def tap(case: Case, options: Tap, context: RunContext | None = None) -> Taps:
         x = scan_positions(case.length, options.spacing, options.first)
         x = x[(x > 0.0) & (x < case.length)]
         when, force = taps(case, lamina, x)
-    times, without = taps(intact(case), lamina, x)
+    times, without = taps(whole, lamina, x)
     sound, rng = lengths(without, times), np.random.default_rng(options.seed)
     limit = limits(without, times, options.noise_db, rng)
     if not options.measured:

@@ -15,6 +15,7 @@ on the disk than was known. Both have the same numbers; if not, that is reported
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import logging
@@ -405,7 +406,9 @@ class Journal(ExitStack):
 
         Raises:
             CaseError: a part belongs to another sweep.
+            FileNotFoundError: the part of this process was deleted.
         """
+        self._require_part()
         pattern = f"*{_SUFFIX}" if self.shard.is_whole else f"{self.shard.name}.*{_SUFFIX}"
         return Joined(self.path.glob(pattern), self._identity, _versions())
 
@@ -415,7 +418,8 @@ class Journal(ExitStack):
         The file is made at the first call and begins with a record of what it belongs to.
 
         Raises:
-            OSError: the file cannot be written; what was there before stays readable.
+            OSError: the file cannot be written, or was deleted; what was there before stays
+                readable.
         """
         data = b"".join(packed(result) for result in done)
         try:
@@ -438,7 +442,19 @@ class Journal(ExitStack):
                 view = view[os.write(self._handle, view) :]
             os.fsync(self._handle)
         except OSError as error:
+            self._require_part()
             raise OSError(error.errno, error.strerror, str(self._part)) from None
+        self._require_part()
+
+    def _require_part(self) -> None:
+        """Stop if somebody has deleted what this process has written, or its folder."""
+        written = self.path if self._handle < 0 else self._part
+        if not written.exists():
+            raise FileNotFoundError(
+                errno.ENOENT,
+                "was deleted while the sweep was computed; the sweep stops, as its points are lost",
+                str(written),
+            )
 
     def _lock(self, patience: float) -> None:
         """Lock the journal until it is closed, if the file system has locks.

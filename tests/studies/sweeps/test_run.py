@@ -244,6 +244,23 @@ def test_an_unfinished_sweep_is_not_lost_by_mistake(tmp_path: Path) -> None:
     assert same(resumed, run_sweep(small(), tmp_path / "whole", "serial"))
 
 
+@pytest.mark.parametrize("after", [0, 1, 4])
+def test_a_sweep_whose_folder_is_deleted_says_so_and_stops(after: int, tmp_path: Path) -> None:
+    folder, seen = tmp_path / "out", list[int]()
+
+    def delete(done: int, total: int) -> None:
+        seen.append(done)
+        if done >= after:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    values = np.linspace(3.0, 4.0, 40).tolist()
+    made = small({"key": "excitation.frequency", "values": values}, order="up")
+    with pytest.raises(FileNotFoundError, match="was deleted while the sweep was computed"):
+        run_sweep(made, folder, "serial", progress=delete)
+    assert seen[-1] < 40
+    assert not folder.exists()
+
+
 def test_a_track_goes_on_with_all_that_its_state_has(tmp_path: Path) -> None:
     """The compiled engine has unknowns of its own, and energies count from the first point on."""
     amplitude = {"key": "excitation.amplitude", "values": [1e-4, 2e-4, 3e-4, 4e-4]}
