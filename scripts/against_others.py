@@ -1,4 +1,4 @@
-"""Compute cases that others published, and write docs/against_others.md.
+"""Compute cases that others published, and write docs/evidence/against_others.md.
 
     .venv/bin/python scripts/against_others.py [FILE]
 
@@ -28,7 +28,7 @@ from delam_fem.model.beams import closed_form
 
 ROOT = Path(__file__).parents[1]
 CASES = Path("docs", "examples", "others")
-PAGE = ROOT / "docs" / "against_others.md"
+PAGE = ROOT / "docs" / "evidence" / "against_others.md"
 BAR = 1e-3
 """Largest difference from what others print, relative, where nothing else is said."""
 KEPT = "<!-- by hand -->\n"

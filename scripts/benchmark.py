@@ -1,6 +1,6 @@
 """Measure the cost of a time step for all engines, schemes and mesh sizes in one run.
 
-    .venv/bin/python scripts/benchmark.py [--short] [--limit PROGRAM] [-o docs]
+    .venv/bin/python scripts/benchmark.py [--short] [--limit PROGRAM] [-o docs/evidence]
 
 All numbers come from one run on one machine, so that their ratios are meaningful. Each time is the
 fastest of several repeats, because machines are noisy. The script prints tables; with -o it also
@@ -546,14 +546,14 @@ def refined_section(rows: list[dict[str, Any]]) -> str:
 
 
 def markdown(figures: dict[str, Any]) -> str:
-    """Return the text of docs/performance.md."""
+    """Return the text of docs/evidence/performance.md."""
     parts = [
         "# Performance\n",
         "For those who ask how long a step takes: both engines by mesh, law and scheme, beside a "
-        "bare loop and a readable one. [The continuum](continuum.md#cost) has the cost of solids "
-        "by dofs and ranks, in time and memory.\n",
-        "`scripts/benchmark.py -o docs` writes this page; `--limit PROGRAM` adds the table beside "
-        "a bare loop. All numbers are from one run on "
+        "bare loop and a readable one. [The continuum](../continuum.md#cost) has the cost of "
+        "solids by dofs and ranks, in time and memory.\n",
+        "`scripts/benchmark.py -o docs/evidence` writes this page; `--limit PROGRAM` adds the "
+        "table beside a bare loop. All numbers are from one run on "
         "one machine, each the fastest of several repeats. Times are in µs per step of processor "
         "time of the thread that steps (threads of OpenBLAS use a processor while they wait), "
         "at 1000 steps per period and 3.25 Hz from rest, with ledger and record. When the "

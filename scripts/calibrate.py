@@ -1,11 +1,11 @@
-"""Measure how often verdicts and intervals are right, and write docs/calibration.md.
+"""Measure how often verdicts and intervals are right, and write docs/evidence/calibration.md.
 
     .venv/bin/python scripts/calibrate.py [--part infer …] [--short] [--folder DIR] [-o docs]
 
 Each module of scripts/calibration with a function `rows(is_long, folder)` is a part. It computes
 truths that the program does not know, in a folder that it may fill, and returns its rows. A part
-that runs replaces its own rows of docs/calibration.json alone; the page is written from that file.
-The first lines of a part's docstring are its text on the page.
+that runs replaces its own rows of docs/evidence/calibration.json alone; the page is written
+from that file. The first lines of a part's docstring are its text on the page.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--short", action="store_true", help="few truths, in seconds")
     parser.add_argument("--redraw", action="store_true", help="write the page; compute nothing")
     parser.add_argument("--folder", type=Path, help="keeps simulations, from which a part goes on")
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "evidence")
     given = parser.parse_args(arguments)
     given.output.mkdir(parents=True, exist_ok=True)
     path = given.output / "calibration.json"

@@ -3,7 +3,7 @@
     .venv/bin/python scripts/contact_trials.py [--periods 160] [--workers 2] [--redraw]
 
 The script replaces the table between `<!-- table trials -->` and `<!-- end -->` in
-docs/convergence.md and writes the figure of the comparison.
+docs/evidence/convergence.md and writes the figure of the comparison.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from trials.compare import (
 from delam_fem.api import style
 
 ROOT = Path(__file__).parents[1]
-DOCUMENT = ROOT / "docs" / "convergence.md"
+DOCUMENT = ROOT / "docs" / "evidence" / "convergence.md"
 FIGURE = ROOT / "docs" / "figures" / "convergence_trials.png"
 
 

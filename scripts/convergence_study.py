@@ -1,4 +1,4 @@
-"""Compute the ladders for docs/convergence.md and update its tables and figures.
+"""Compute the ladders for docs/evidence/convergence.md and update its tables and figures.
 
     .venv/bin/python scripts/convergence_study.py [--folder runs/convergence] [--workers 2]
 
@@ -22,7 +22,7 @@ from delam_fem.cli.console import progress
 from delam_fem.studies.convergence.run import run_ladder
 
 ROOT = Path(__file__).parents[1]
-DOCUMENT = ROOT / "docs" / "convergence.md"
+DOCUMENT = ROOT / "docs" / "evidence" / "convergence.md"
 FIGURES = ROOT / "docs" / "figures"
 
 

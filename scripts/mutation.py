@@ -436,7 +436,7 @@ def page(
     reasons: Mapping[str, str],
     since: Mapping[str, str],
 ) -> str:
-    """Return docs/mutation.md.
+    """Return docs/evidence/mutation.md.
 
     Args:
         drawn: mutants.
@@ -473,7 +473,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--sample", type=int, default=200, help="number of mutants")
     parser.add_argument("--seed", type=int, default=1, help="of the draw")
     parser.add_argument("-o", "--directory", type=Path, default=ROOT / "runs" / "mutation")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "mutation.md")
+    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "evidence" / "mutation.md")
     options = parser.parse_args(arguments)
     os.environ |= ENVIRONMENT
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -1,4 +1,4 @@
-"""Write docs/paper.md and the table of README.md from the numbers of `delam-fem paper`.
+"""Write docs/paper.md and a sentence of README.md from the numbers of `delam-fem paper`.
 
 Run these commands in this order:
 
@@ -29,18 +29,8 @@ from delam_fem.paper.reproduce import (
 )
 
 ROOT = Path(__file__).parents[1]
-IN_SHORT = ("figure", "the paper says", "what came out", "verdict")
-"""Columns of the short table."""
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
-"""Marks in README.md; the short table stands between them."""
-HEADLINES = (
-    ("3", "1.60 Hz: the thin lamina beats the thick one"),
-    ("3", "3.25 Hz gives the maximum strike of all"),
-    ("3", "3.65 Hz: period doubling, one contact in two periods"),
-    ("14", "50 elements: considerably less high-frequency velocity"),
-    ("15", "the classical penalty law is far more sensitive"),
-)
-"""Figure and text of the claims of the short table. A test keeps README below 8 kB."""
+"""Marks in README.md; a sentence that counts the claims stands between them."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -60,7 +50,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Path]:
-    """Write docs/paper.md and the short table of README.md, and copy the pictures for the docs.
+    """Write docs/paper.md and a sentence of README.md, and copy the pictures for the docs.
 
     Args:
         directory: folder of the figures.
@@ -90,10 +80,8 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
                 shutil.copyfile(directory / name, temporary)
             lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
     readme = root / "README.md"
-    short = markdown_table(headlines(claims), IN_SHORT)
-    text = between(
-        readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} Five of them:\n\n{short}"
-    )
+    sentence = f"Of I. Müller's paper {tally(claims)}"
+    text = between(readme.read_text("utf-8"), README_MARKS, sentence)
     page = write_text(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
     return [page, write_text(readme, text), *paths]
 
@@ -111,18 +99,11 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
     return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
 
 
-def headlines(claims: Sequence[Claim]) -> list[Claim]:
-    """Return the claims of the short table, those that are there, in the order of `HEADLINES`."""
-    found = {(claim.figure, claim.text): claim for claim in claims}
-    return [found[key] for key in HEADLINES if key in found]
-
-
-def markdown_table(claims: Iterable[Claim], columns: tuple[str, ...] = HEADING) -> str:
-    """Return claims as a Markdown table with some of the columns of `HEADING`."""
-    keep = [HEADING.index(name) for name in columns]
+def markdown_table(claims: Iterable[Claim]) -> str:
+    """Return claims as a Markdown table."""
     rows = [HEADING, *(claim.row for claim in claims)]
-    lines = ["| " + " | ".join(row[k].replace("|", "\\|") for k in keep) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + "---|" * len(keep), *lines[1:]]) + "\n"
+    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(HEADING), *lines[1:]]) + "\n"
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
     .venv/bin/python scripts/reduced_study.py [--redraw]
 
-It writes docs/reduced.json and docs/figures/reduced.png. docs/massless.md quotes the numbers.
+It writes reduced.json and figures/reduced.png in docs/evidence, whose massless.md quotes the
+numbers.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ import delam_fem as df
 from delam_fem.api import Case, FloatArray, style
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, ModalMap, PeriodMap
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1] / "docs" / "evidence"
 RESONANT = 3.25
 ELEMENTS = {
     "stiffness": {20: -19.73, 40: -18.79, 80: -17.99, 160: -17.65, 320: -17.5},
     "two-mode": {20: -22.80, 40: -21.51, 80: -20.42, 160: -19.43, 320: -18.9},
 }
-"""Limits of finite elements with so many contact points [mm]: docs/convergence.md."""
+"""Limits of finite elements with so many contact points [mm]: docs/evidence/convergence.md."""
 SIZES = tuple(10.0**-k for k in range(1, 11))
 
 

@@ -35,8 +35,8 @@ def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_page_of_performance_is_that_of_its_numbers() -> None:
-    numbers = json.loads((ROOT / "docs" / "performance.json").read_text("utf-8"))
-    page = (ROOT / "docs" / "performance.md").read_text("utf-8")
+    numbers = json.loads((ROOT / "docs" / "evidence" / "performance.json").read_text("utf-8"))
+    page = (ROOT / "docs" / "evidence" / "performance.md").read_text("utf-8")
     assert page == script("benchmark").markdown(numbers)
 
 

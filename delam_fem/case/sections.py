@@ -393,8 +393,8 @@ class Model(Section):
 
     Attributes:
         kind: "beam" (Euler-Bernoulli), "plane-stress" (two dimensions), "solid" (three dimensions)
-            or "modes": those of a file (docs/reduced.md), or of beams with
-            time.mass = "massless" (docs/massless.md).
+            or "modes": those of a file (docs/modes.md), or of beams with
+            time.mass = "massless" (docs/modes.md).
         poisson: Poisson's ratio of all laminae [-]. Without it solids have 0, and the contact of a
             ball that of the material of its lamina.
         degree: degree of the elements.
@@ -452,7 +452,7 @@ class Contact(Section):
     """The contact law and its parameters.
 
     Attributes:
-        law: "none", "newton", "newton-penalty" or "penalty"; see docs/method.md.
+        law: "none", "newton", "newton-penalty" or "penalty"; see docs/theory.md.
         impulse: "lumped" (acts on the hit nodes alone) or "consistent" (acts through the mass
             matrix).
         restitution: coefficient of restitution e [-].
@@ -481,7 +481,7 @@ class TimeStepping(Section):
     Attributes:
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
         mass: "consistent" or "lumped" mass matrix; "massless": beams or modes whose contact points
-            have no mass and are rigid (docs/massless.md).
+            have no mass and are rigid (docs/modes.md).
         steps_per_period: time steps per period, N; in a sweep, a period is that of the
             highest frequency.
         step: longest time step [s]; instead of steps_per_period where the excitation does not

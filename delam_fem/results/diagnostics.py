@@ -2,7 +2,7 @@
 
 Warnings say how much energy impacts have added to a run, and what helps. An impulse that acts
 through another mass matrix than that of the time integration may do work on the motion instead of
-taking from it; see docs/convergence.md.
+taking from it; see docs/evidence/convergence.md.
 
 Each lamina has one reference probe, at the node `tip_node` of the dataset. Functions that need
 whole periods of the excitation use the last whole periods of the window, so that an interrupted run

@@ -318,7 +318,7 @@ def operators(case: Case, path: str | Path) -> Path:
 def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
     """Write the operators of a structure to a file that ends in .npz or .mat.
 
-    docs/reduced.md explains them. Its arrays are `M`, `C`, `K` of shape (n, n); `m_b`, `c_b`, `k_b`
+    docs/modes.md explains them. Its arrays are `M`, `C`, `K` of shape (n, n); `m_b`, `c_b`, `k_b`
     of shape (n,), `M_bb`, `C_bb`, `K_bb`; `H` of shape (n_pairs, n) and `g0`; `P` of shape
     (n_probes, n), the rows of the tips; `lamina` (from 0), `x` [m] and `component` (0 displacement,
     1 slope) of each dof, -1 for the coordinates of a reduced model, shape (n,); `pair_x` [m];

@@ -1,4 +1,4 @@
-"""Make the tables and figures of docs/convergence.md from the ladders of `study.py`."""
+"""Make the tables and figures of docs/evidence/convergence.md from the ladders of `study.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Define the ladders from which docs/convergence.md is made."""
+"""Define the ladders from which docs/evidence/convergence.md is made."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make the tables of docs/convergence.md from the computed ladders of `study.py`."""
+"""Make the tables of docs/evidence/convergence.md from the computed ladders of `study.py`."""
 
 from __future__ import annotations
 

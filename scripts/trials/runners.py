@@ -1,4 +1,4 @@
-"""Run the trial methods for contact that docs/convergence.md compares, each by its name."""
+"""Run the trial methods for contact of docs/evidence/convergence.md, each by its name."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import paper_docs
 import pytest
-from paper_docs import IN_SHORT, README_MARKS, between, headlines, markdown_table, write_docs
+from paper_docs import README_MARKS, between, markdown_table, write_docs
 from PIL import Image
 from prescribed import Prescribed
 from typer.testing import CliRunner
@@ -270,10 +270,7 @@ def test_page_links_to_what_is_there(folder: Path) -> None:
     }  # fmt: skip
 
 
-def test_documentation_is_written_from_the_numbers(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(paper_docs, "HEADLINES", (("1", "c"), ("2a", "not computed")))
+def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path) -> None:
     root = tmp_path / "root"
     root.mkdir()
     (root / "README.md").write_text(f"head\n{README_MARKS[0]}\noutdated\n{README_MARKS[1]}\ntail\n")
@@ -283,7 +280,7 @@ def test_documentation_is_written_from_the_numbers(
     assert {readme, docs} <= set(paths)
     text = readme.read_text("utf-8")
     assert "outdated" not in text and text.startswith("head") and text.endswith("tail\n")
-    assert "| 1 | c | no | does not hold |" in text and "a \\| b" not in text
+    assert re.search(r"\d+ statements: \d+ hold", text)
     assert "a \\| b" in docs.read_text("utf-8")
     pictures = re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8"))
     assert "figures/paper_fig02a.gif" in pictures
@@ -293,17 +290,14 @@ def test_documentation_is_written_from_the_numbers(
     assert readme.read_text("utf-8") == text
 
 
-def test_readme_has_the_headlines_of_the_page() -> None:
+def test_readme_counts_the_claims_of_the_page() -> None:
     root = Path(__file__).parents[2]
     page, readme = ((root / name).read_text("utf-8") for name in ("docs/paper.md", "README.md"))
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
     fields = [row for row in rows[1:] if len(row) == len(HEADING)]
     table = [Claim(*row[:4], row[5], row[4]) for row in fields]  # type: ignore[arg-type]
     assert all(claim.margin for claim in table)
-    main = headlines(table)
-    assert [(claim.figure, claim.text) for claim in main] == list(paper_docs.HEADLINES)
     assert tally(table) in page and tally(table) in readme
-    assert markdown_table(main, IN_SHORT) in readme
 
 
 def test_script_of_the_documentation_wants_all_figures(
@@ -322,7 +316,7 @@ def test_marks_must_be_there() -> None:
 def test_tables_count_and_columns() -> None:
     claim = Claim("1", "t", "s", "m", "open", "–")
     assert tally([claim]) == "1 statements: 0 hold, 0 do not, 0 are undecided, 1 are open."
-    assert markdown_table([claim], IN_SHORT).splitlines()[2] == "| 1 | t | m | open |"
+    assert markdown_table([claim]).splitlines()[2].startswith("| 1 | t |")
 
 
 def test_command_writes_figures_numbers_and_page(tmp_path: Path) -> None:

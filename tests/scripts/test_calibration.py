@@ -22,7 +22,7 @@ from delam_fem.studies.detection.study import Scan
 from delam_fem.studies.sweeps import point
 
 page = script("calibrate")
-PUBLISHED = json.loads((ROOT / "docs" / "calibration.json").read_text("utf-8"))
+PUBLISHED = json.loads((ROOT / "docs" / "evidence" / "calibration.json").read_text("utf-8"))
 SHORT = "**falls short**"
 
 
@@ -56,7 +56,9 @@ def test_undecided_truths_do_not_count() -> None:
 
 
 def test_the_page_is_that_of_its_numbers() -> None:
-    assert (ROOT / "docs" / "calibration.md").read_text("utf-8") == page.page(PUBLISHED)
+    assert (ROOT / "docs" / "evidence" / "calibration.md").read_text("utf-8") == page.page(
+        PUBLISHED
+    )
     assert set(PUBLISHED) == set(page.PARTS)
 
 

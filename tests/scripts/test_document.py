@@ -1,4 +1,4 @@
-"""docs/convergence.md on made-up results: its tables, the text, and the script that writes it."""
+"""docs/evidence/convergence.md on made-up results: tables, text, and the script behind it."""
 
 from __future__ import annotations
 
@@ -79,10 +79,10 @@ def test_the_document_is_filled(tables: dict[str, Table]) -> None:
 
 
 def test_the_document_asks_for_what_there_is(tables: dict[str, Table]) -> None:
-    text = (ROOT / "docs" / "convergence.md").read_text("utf-8")
+    text = (ROOT / "docs" / "evidence" / "convergence.md").read_text("utf-8")
     asked = set(re.findall(r"<!-- table ([\w. -]+?) -->", text))
     assert asked == {*tables, "trials"}
-    pictures = re.findall(r"\]\((figures/[\w.]+)\)", text)
+    pictures = re.findall(r"\]\(\.\./(figures/[\w.]+)\)", text)
     assert pictures
     assert [name for name in pictures if not (ROOT / "docs" / name).is_file()] == []
 
@@ -109,7 +109,7 @@ def test_the_script_writes_tables_and_figures(
     assert "old" not in text
     assert "| newton@moreau-jean | -20.63 | -20.32 |" in text
     shown = re.findall(
-        r"\]\(figures/(convergence_\w+\.png)\)",
-        (ROOT / "docs" / "convergence.md").read_text("utf-8"),
+        r"\]\(\.\./figures/(convergence_\w+\.png)\)",
+        (ROOT / "docs" / "evidence" / "convergence.md").read_text("utf-8"),
     )
     assert {*shown} - {"convergence_trials.png"} <= {path.name for path in figures.iterdir()}

@@ -3,8 +3,8 @@
 The bar is that of D. Doyen, A. Ern and S. Piperno, SIAM J. Sci. Comput. 33 (2011) 223: E = 900,
 ρ = 1, L = 10 (so waves run at 30), 5 above the ground, falling with 10. It touches the ground at
 0.5 with the pressure 300 and leaves it undeformed at 1.16667, for ever and as fast as it came. A
-body that deforms bounces by its waves: all impacts have e = 0. docs/against_others.md has these
-numbers.
+body that deforms bounces by its waves: all impacts have e = 0. docs/evidence/against_others.md has
+these numbers.
 """
 
 from __future__ import annotations

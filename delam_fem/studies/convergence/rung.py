@@ -132,7 +132,7 @@ def converging(n_laminae: int) -> tuple[Statistic, ...]:
 
 
 def may_be_judged(n_laminae: int) -> tuple[Statistic, ...]:
-    """Return the statistics whose intervals hold as often as they say (docs/calibration.md)."""
+    """Return the statistics whose intervals hold (docs/evidence/calibration.md)."""
     return (*extrema(n_laminae), *amplitudes(n_laminae, 1), IMPULSE)
 
 

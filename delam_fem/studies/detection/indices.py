@@ -237,7 +237,7 @@ def _largest_of_noise(
 
 
 CONFIDENCE = 0.95
-"""Share of the true ends within their bounds (docs/calibration.md)."""
+"""Share of the true ends within their bounds (docs/evidence/calibration.md)."""
 
 
 @dataclass(frozen=True)

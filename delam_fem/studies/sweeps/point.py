@@ -16,7 +16,7 @@ hit in the same step. The result is then the exponent of the discrete map, so a 
 followed, too, at twice the distance or at that of a few steps, whichever is larger.
 
 The error has two parts: that of the mean, and the difference between the exponents of both
-distances. The page docs/calibration.md says how often two errors contain the true value.
+distances. The page docs/evidence/calibration.md says how often two errors contain the true value.
 
 Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9–20; for impacts Stefański,
 Chaos, Solitons & Fractals 11 (2000) 2443–2451.

@@ -190,7 +190,7 @@ def test_keys_without_an_effect_are_named() -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize(("rayleigh", "limit"), [("stiffness", -19.73), ("two-mode", -22.81)])
 def test_with_twenty_modes_it_is_near_the_rigid_limit(rayleigh: str, limit: float) -> None:
-    """The limits of docs/convergence.md at 3.25 Hz with 20 contact points; margin 3 %."""
+    """The limits of docs/evidence/convergence.md at 3.25 Hz with 20 contact points; margin 3 %."""
     case = massless(20, 256, damping__rayleigh=rayleigh, time__periods=190)
     lows = 1e3 * df.run(case).history["envelope_min"][0, -40:]
     assert float(lows.mean()) == pytest.approx(limit, rel=0.03)
