@@ -121,8 +121,8 @@ def _two_stiffnesses(lamina: Lamina) -> Iterator[str]:
         EI, E = lamina.flexural_rigidity, lamina.young_modulus
         yield (
             f"lamina.{lamina.name}.bending_stiffness = {EI:.4g} N m2 counts, not the "
-            f"{E * lamina.second_moment:.4g} N m2 of young_modulus = {E:.4g} Pa with this width and "
-            "thickness; remove the one that is not meant"
+            f"{E * lamina.second_moment:.4g} N m2 of young_modulus = {E:.4g} Pa with this width "
+            "and thickness; remove the one that is not meant"
         )
 
 
