@@ -166,7 +166,12 @@ if TYPE_CHECKING:
     from delam_fem.plugins.study import Kinds as Kinds, RunContext as RunContext, Study as Study
     from delam_fem.results import diagnostics as diagnostics
     from delam_fem.results.figures import style as style
-    from delam_fem.results.folder import Result as Result, write_dataset as write_dataset
+    from delam_fem.results.folder import Result as Result
+    from delam_fem.results.netcdf import (
+        open_dataset as open_dataset,
+        require_alone as require_alone,
+        write_dataset as write_dataset,
+    )
     from delam_fem.results.pages import html as html
     from delam_fem.results.quality import (
         OPEN as OPEN,
@@ -213,7 +218,11 @@ if TYPE_CHECKING:
         signals as signals,
         steps_of as steps_of,
     )
-    from delam_fem.system.errors import CaseError as CaseError, require as require
+    from delam_fem.system.errors import (
+        CaseError as CaseError,
+        reason_of as reason_of,
+        require as require,
+    )
     from delam_fem.system.files import (
         atomic as atomic,
         atomic_file as atomic_file,
@@ -284,7 +293,8 @@ _HOMES = {
     "simulation.refinement": "Span",
     "simulation.signals": "Signal frames_of signals steps_of",
     # Results
-    "results.folder": "Result write_dataset",
+    "results.folder": "Result",
+    "results.netcdf": "open_dataset require_alone write_dataset",
     "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
     "results.schema": (
         "MEASURES SENSOR SHOWN Variable occasion origin processor provenance versions"
@@ -294,7 +304,7 @@ _HOMES = {
     "plugins.report": "Finding Picture Report Table number",
     "plugins.study": "Kinds RunContext Study",
     # House
-    "system.errors": "CaseError require",
+    "system.errors": "CaseError reason_of require",
     "system.files": (
         "atomic atomic_file json_ready read_arrays rewritten write_arrays write_json write_text"
     ),

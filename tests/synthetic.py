@@ -89,6 +89,8 @@ def synthetic_history(
     add(data, strobe_velocity=v / T)
     add(data, envelope_min=q - 0.01)
     add(data, envelope_max=q + 0.01)
+    add(data, impulse_sum=np.zeros(PERIODS))
+    add(data, impact_count=np.zeros(PERIODS, dtype=np.int64))
     _add_frames(data, case, frames, x)
     _add_events(data, strikes * T)
     for name, value in LEDGER.items():

@@ -27,7 +27,7 @@ from delam_fem.case.toml import Data, toml_value
 from delam_fem.case.values import Expected, Section
 from delam_fem.system.docstrings import meanings, summary
 
-_UNIT = re.compile(r"\[([^\]]+)\]")
+_UNIT = re.compile(r"\[([^\[\]]++)\]")
 _PLAIN = {str: "text", float: "a number", int: "a whole number", bool: "true or false"}
 
 

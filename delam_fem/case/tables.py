@@ -15,7 +15,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from itertools import pairwise
@@ -51,10 +51,12 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b\x7f]")
 """Characters that no text has."""
 DAY = 86400.0
 """Seconds of a day."""
-_BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
-"""A unit in brackets at the end of a heading."""
-_NAME = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?")
-"""A heading among headings that blanks separate."""
+_OPENING = {"]": "[", ")": "("}
+"""The brackets about a unit, by the closing one."""
+_NAME = re.compile(r"[^\s\[(]++")
+"""A name among headings that blanks separate."""
+_UNIT_BEGINS = re.compile(r"\s*+[\[(]")
+_UNIT_ENDS = re.compile(r"[\])]")
 _BARE_UNITS = frozenset(
     "m mm cm dm km µm μm um nm inch ft s ms µs μs us min h N mN kN g m/s2 m/s^2 m/s²".split()
 )
@@ -93,11 +95,21 @@ class Columns:
         if not self.headings:
             return None
         text = self.headings[column].strip().strip("\"'")
-        found = _BRACKETS.search(text)
-        if found is not None:
-            return found[1]
+        _, unit = heading(text)
+        if unit is not None:
+            return unit
         *names, last = re.split(r"[\s_/]+", text) if "/s" not in text else text.split()
         return last if names and last in _BARE_UNITS else None
+
+
+def heading(text: str) -> tuple[str, str | None]:
+    """Return name and unit of a heading such as "gap [mm]" or "gap (mm)"; None: no unit."""
+    bare = text.strip().strip('"').strip()
+    closing = bare[-1:]
+    start = bare.find(_OPENING.get(closing, "]"), 1 + bare.rfind(closing, 0, -1))
+    if closing not in _OPENING or start < 0:
+        return bare, None
+    return bare[:start].strip(), bare[start + 1 : -1].strip()
 
 
 def read_columns(
@@ -235,7 +247,7 @@ def _require_heading(
     line, cells = last
     if len(cells) == n and is_number(cells[0]):
         raise CaseError(f"{label}, line {line}: expected numbers or names, found both")
-    n_units = sum(_BRACKETS.search(cell) is not None for cell in cells)
+    n_units = sum(heading(cell)[1] is not None for cell in cells)
     if names is None and len(cells) != n and n_units > len(cells) / 2 and len(cells) > 1:
         raise CaseError(
             f"{label}, line {line}: expected a heading with {n} names, as the rows have {n} "
@@ -492,7 +504,20 @@ def _headings(text: str, separator: str | None, names: Sequence[str] | None) -> 
         cells = tuple(_cells(text, choice))
         if choice is not None and len(cells) > 1 and len(cells) == len(names or cells):
             return cells
-    return tuple(_NAME.findall(text))
+    return tuple(_names(text))
+
+
+def _names(text: str) -> Iterator[str]:
+    """Yield the headings that blanks separate, each with the unit in brackets behind it."""
+    last = max(text.rfind("]"), text.rfind(")"))
+    place = 0
+    while (name := _NAME.search(text, place)) is not None:
+        place = name.end()
+        begin = _UNIT_BEGINS.match(text, place)
+        if begin is not None and begin.end() <= last:
+            end = _UNIT_ENDS.search(text, begin.end())
+            place = place if end is None else end.end()
+        yield text[name.start() : place]
 
 
 def _commented_heading(
@@ -502,7 +527,7 @@ def _commented_heading(
     for number, text in reversed(comments):
         if lines and number < lines[0]:
             cells = _headings(text, None if "," not in text else ",", ("",) * n)
-            if len(cells) == n and any(_BRACKETS.search(cell) for cell in cells):
+            if len(cells) == n and any(heading(cell)[1] for cell in cells):
                 return [(number, [*cells])]
     return []
 

@@ -30,7 +30,9 @@ MOST_BYTES = 16_000_000
 """Largest TOML file; a sweep with a million listed values is smaller."""
 MOST_PROBLEMS = 8
 """Number of problems that a message lists."""
-_LONG_KEY = re.compile(r"""(?:[\w"'-]+[ \t]*\.[ \t]*){64}""")
+_MOST_SHOWN = 200
+"""Length of the longest line of which a message shows words."""
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){64}""")
 """A key of so many levels that to parse it would take long."""
 _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 """Pattern of a key that TOML accepts without quotes."""
@@ -75,6 +77,8 @@ def _remedy(text: str, error: str) -> str:
     """Return what may be wrong in the line that an error of TOML names; "" if that is not seen."""
     place = re.search(r"at line (\d+)", error)
     line = text.splitlines()[int(place[1]) - 1] if place else ""
+    if len(line) > _MOST_SHOWN:
+        return ""
     word = re.match(r"\s*([\w.-]+)\s*=\s*([A-Za-z][\w@/-]*)\s*(#.*)?$", line)
     if word:
         return f'; a text stands in quotes: {word[1]} = "{word[2]}"'

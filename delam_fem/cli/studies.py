@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from delam_fem.plugins.study import Study
 
 
-_UNIT = re.compile(r"\[([^\]]+)\]")
+_UNIT = re.compile(r"\[([^\[\]]++)\]")
 COMMON: dict[str, tuple[Any, Any]] = {
     "workers": (Workers, None),
     "resume": (Resume, False),

@@ -9,24 +9,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5netcdf
 import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, save_case
 from delam_fem.case.identity import differences, identity, located, require_same
 from delam_fem.model.discretise import has_dolfinx
+from delam_fem.results.netcdf import read_dataset, write_dataset
+from delam_fem.results.schema import require_history, require_summary
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import (
     UNFINISHED,
-    atomic_file,
     require_finished,
     rewritten,
     write_arrays,
     write_json,
 )
+from delam_fem.system.memory import bounded
 
 if TYPE_CHECKING:
     from delam_fem.results.fields.derived import Frames
@@ -226,18 +227,6 @@ class OperatorsResult(Result):
         )
 
 
-def write_dataset(data: xr.Dataset | Mapping[str, xr.Dataset], path: Path) -> Path:
-    """Write a dataset as NetCDF-4, or several as the groups of one file."""
-    groups = {"/": data} if isinstance(data, xr.Dataset) else data
-    with atomic_file(path) as temporary:
-        file = h5netcdf.File(temporary, "w")
-        for name, group in groups.items():
-            store: Any = xr.backends.H5NetCDFStore(file, group=name)  # type: ignore[no-untyped-call]
-            group.dump_to_store(store)
-        file.close()
-    return path
-
-
 def save_views(
     history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory: Path
 ) -> list[Path]:
@@ -306,16 +295,9 @@ def load_numbers(
     require_finished(directory)
     if not path.is_file():
         raise CaseError(f"{directory}: expected the folder of a run, found no {RESULT} there")
-    try:
-        history = xr.load_dataset(path, engine="h5netcdf")
-        text = (directory / SUMMARY).read_text("utf-8") if (directory / SUMMARY).exists() else "{}"
-        summary = json.loads(text)
-    except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
-        raise CaseError(
-            f"{path}: damaged, or not the result of a run ({reason_of(error)})"
-        ) from None
-    if "outcome" not in history.attrs or "tip_displacement" not in history:
-        raise CaseError(f"{path}: expected the result of a run, found another dataset")
+    history = read_dataset(path, is_ours=True)
+    require_history(history, str(path))
+    summary = _read_summary(directory / SUMMARY, history.sizes["lamina"])
     case, found = _case_of(history, directory)
     if found:
         said = f"{directory / 'case.toml'} is not the case of {RESULT}: {'; '.join(found)}"
@@ -323,7 +305,30 @@ def load_numbers(
             raise CaseError(f"{said}. Put the case back, or run it into another folder with -o DIR")
         _log.warning("%s; the result counts", said)
         summary["warnings"] = [f"{said}; the result counts", *summary.get("warnings", ())]
+    names = [lamina.name for lamina in case.lamina]
+    if history["lamina"].to_numpy().tolist() != names:
+        raise CaseError(f"{path}: expected the laminae {', '.join(names)[:80]} of its case")
     return case, history, summary
+
+
+def _read_summary(path: Path, n_laminae: int) -> dict[str, Any]:
+    """Return the numbers of a run; without the file there are none.
+
+    Raises:
+        CaseError: the file is damaged, or it has other numbers.
+    """
+    if not path.exists():
+        return {}
+    try:
+        with bounded(path):
+            summary = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, CaseError):
+            raise
+        raise CaseError(
+            f"{path}: damaged, or not the summary of a run ({reason_of(error)})"
+        ) from None
+    return require_summary(summary, n_laminae, str(path))
 
 
 def _case_of(history: xr.Dataset, directory: Path) -> tuple[Case, list[str]]:
@@ -373,9 +378,8 @@ def is_complete(directory: str | Path, case: Case, engine: str | None = None) ->
     if (path.parent / UNFINISHED).exists():
         return False
     try:
-        with xr.open_dataset(path, engine="h5netcdf") as history:
-            about = history.attrs
-    except Exception:  # a damaged file; see `load_numbers`
+        about = read_dataset(path).attrs
+    except CaseError:  # a damaged file; see `load_numbers`
         return False
     if about.get("outcome") != "completed":
         return False

@@ -15,7 +15,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
@@ -27,6 +27,9 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 import scipy
+
+from delam_fem.numerics.settling import LONGEST
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -137,6 +140,8 @@ def _git(root: Path, *arguments: str) -> str:
 
 
 INTERFACE = "interface"
+SENSOR = "sensor_"
+"""Beginning of the names of sensors' variables."""
 
 DIMENSIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -279,6 +284,103 @@ _ALL = (
 
 VARIABLES: Mapping[str, Variable] = MappingProxyType({entry.name: entry for entry in _ALL})
 """The variables by name, in the order of the dataset."""
+OPTIONAL = frozenset({
+    "force", "probe_displacement", "probe_velocity", "probe_lamina", "probe_node",
+    "dof_displacement", "dof_velocity", "stop_number", "stop_lamina", "stop_node", "stop_height",
+    "stop_on_base", "impactor_displacement", "impactor_velocity", "stop_state", "event_interface",
+    "event_stop", "event_pair", "heat", "stop_heat",
+})  # fmt: skip
+"""Variables that the result of a case may do without."""
+NUMBERING: Mapping[str, str] = MappingProxyType({
+    "tip_node": "node", "probe_lamina": "lamina", "probe_node": "node", "stop_lamina": "lamina",
+    "stop_node": "node", "event_interface": INTERFACE, "event_stop": "stop", "event_node": "node",
+})  # fmt: skip
+"""Variables whose values number the entries of a dimension, from 0, and that dimension."""
+NONE_HIT = ("event_interface", "event_stop")
+"""Those of them that are -1 where there is none."""
+OUTCOMES = ("completed", "diverged", "interrupted")
+"""How a run may end."""
+RISING = ("time", "frame", "x", "period")
+"""Coordinates that increase."""
+
+
+def require_history(data: xr.Dataset, label: str) -> None:
+    """Require that a dataset is one of a run: names, dimensions, types, and finite numbers.
+
+    Numbers of a run that has diverged need not be finite, except coordinates.
+
+    Args:
+        data: the dataset, as it was read from a file.
+        label: name of the file in messages.
+
+    Raises:
+        CaseError: it is not.
+    """
+    problem = next(_problems(data), None)
+    if problem is not None:
+        raise CaseError(f"{label}: expected the result of a run, found {problem}")
+
+
+def _problems(data: xr.Dataset) -> Iterator[str]:
+    """Yield in words what the dataset of a run must not have."""
+    if data.attrs.get("outcome") not in OUTCOMES:
+        yield f"no outcome that is one of {', '.join(OUTCOMES)}"
+    yield from (
+        f"no text in the attribute {k}"
+        for k in ("case", "title")
+        if not isinstance(data.attrs.get(k, ""), str)
+    )
+    yield from (
+        f"no {name}"
+        for name in ("lamina", *VARIABLES)
+        if name not in data.variables and name not in OPTIONAL
+    )
+    yield from (f"no {dim}" for dim in ("lamina", "time", "period", "node") if not data.sizes[dim])
+    has_interfaces = INTERFACE in data.dims
+    is_finite = data.attrs["outcome"] != "diverged"
+    for name, variable in data.variables.items():
+        key = str(name)
+        if key in ("lamina", INTERFACE, "probe"):
+            dims: tuple[str, ...] = (key,)
+            kinds = "OUT" if variable.size else "OUTf"
+        elif key in VARIABLES:
+            dims = tuple(d for d in VARIABLES[key].dims if has_interfaces or d != INTERFACE)
+            kinds = "iu" if key in NUMBERING else "fiub"
+        elif key.startswith(SENSOR):
+            yield from _sensor_problems(key, variable)
+            dims = tuple(map(str, variable.dims))
+            kinds = "f"
+        else:
+            dims = ()
+            kinds = ""
+        if variable.dtype.kind not in kinds or variable.dims != dims:
+            yield f"{key[:40]!r} with the dimensions {variable.dims} and values of another kind"
+        if "U" in kinds:
+            names = variable.values.tolist()
+            if not all(isinstance(text, str) for text in names) or len(set(names)) < len(names):
+                yield f"no names in {key}"
+        elif (is_finite or key in RISING) and not np.isfinite(variable.values).all():
+            yield f"{key} with numbers that are not finite"
+        if key in RISING and np.any(np.diff(variable.values) <= 0):
+            yield f"{key} that does not increase"
+        if key in NUMBERING:
+            first = -1 if key in NONE_HIT else 0
+            size = max(data.sizes.get(NUMBERING[key], 1), 0)
+            if np.any((variable.values < first) | (variable.values >= size)):
+                yield f"{key} that numbers no {NUMBERING[key]}"
+    n_interfaces = data.sizes.get(INTERFACE, 1)
+    if n_interfaces != data.sizes["lamina"] - 1:
+        yield f"{n_interfaces} interfaces of {data.sizes['lamina']} laminae"
+
+
+def _sensor_problems(name: str, variable: xr.Variable) -> Iterator[str]:
+    """Yield in words what the variable of a sensor, or its time, must not have."""
+    time = name if name.endswith("_time") else f"{name}_time"
+    if variable.dims not in (("time",), (time,)):
+        yield f"{name[:40]!r} with the dimensions {variable.dims}"
+    for key in ("units", "long_name"):
+        if not isinstance(variable.attrs.get(key), str):
+            yield f"{name[:40]!r} without {key}"
 
 
 SHOWN = {"m": ("mm", 1e3), "J": ("mJ", 1e3), "1": ("", 1.0)}
@@ -373,6 +475,86 @@ MEASURES: Mapping[str, Measure] = MappingProxyType({entry.name: entry for entry 
 `diagnostics.summary_of` computes those of the motion. Tips are the reference probes."""
 
 
+LISTS = ("unread_keys", "warnings", "probes")
+"""Entries of summary.json that are lists of texts."""
+TABLES = ("settling", "intervals")
+"""Entries that are tables."""
+_OF_INTERVALS = {"mean", "half_width", "windows", "periods"}
+
+
+def require_summary(summary: object, n_laminae: int, label: str) -> dict[str, Any]:
+    """Return what was read from summary.json, if it is what `MEASURES` says.
+
+    Args:
+        summary: what was read.
+        n_laminae: number of laminae of the run.
+        label: name of the file in messages.
+
+    Raises:
+        CaseError: it is not.
+    """
+    if not isinstance(summary, dict):
+        raise CaseError(f"{label}: expected a table of numbers, found another value")
+    entries: dict[str, Any] = summary
+    for key, value in entries.items():
+        if not _is_entry(key, value, n_laminae):
+            raise CaseError(f"{label}: {key[:40]!r}: expected {_entry_words(key)}")
+    return entries
+
+
+def _is_entry(key: str, value: object, n_laminae: int) -> bool:
+    """Return whether an entry of summary.json has the type that its measure says."""
+    measure = MEASURES.get(key)
+    if value is None:
+        return True
+    if key in LISTS:
+        return isinstance(value, list) and all(isinstance(text, str) for text in value)
+    if key == "settling":
+        return isinstance(value, dict) and all(
+            _is_number(entry) or entry is None for entry in value.values()
+        )
+    if key == "intervals":
+        return isinstance(value, dict) and all(map(_is_interval, value.values()))
+    if measure is None:  # of another version
+        return isinstance(value, str | list | dict) or _is_number(value)
+    if measure.dims:
+        if not isinstance(value, list):
+            return False
+        size = n_laminae if measure.dims == _LAMINA else LONGEST
+        is_fitting = 0 < len(value) <= max(size, 1)
+        return is_fitting and all(_is_number(entry) or entry is None for entry in value)
+    return _is_number(value) if measure.units else isinstance(value, str)
+
+
+def _entry_words(key: str) -> str:
+    """Return in words what an entry of summary.json is."""
+    measure = MEASURES.get(key)
+    if key in LISTS:
+        return "a list of texts"
+    if key in TABLES:
+        return "a table of finite numbers"
+    if measure is None or not measure.units:
+        return "a text"
+    return "a list of finite numbers" if measure.dims else "a finite number"
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a finite number."""
+    if isinstance(value, bool):
+        return True
+    return isinstance(value, int | float) and abs(value) < 1e300
+
+
+def _is_interval(entry: object) -> bool:
+    """Return whether a value is an interval of a mean, or several."""
+    if not isinstance(entry, dict) or set(entry) != _OF_INTERVALS:
+        return False
+    rows = [np.ravel(entry[key]).tolist() for key in ("mean", "half_width")]
+    are_numbers = all(_is_number(value) or value is None for row in rows for value in row)
+    counts = all(_is_number(entry[key]) for key in ("windows", "periods"))
+    return are_numbers and counts and len(rows[0]) == len(rows[1])
+
+
 ELSEWHERE = ("warnings", "message")
 """Entries that a page shows above its tables."""
 LAST = ("outcome", "periods", "engine", "steps", "wall_seconds", "microseconds_per_step",
@@ -409,7 +591,10 @@ def _row(
     widths = [""]
     if interval is not None:
         value = np.atleast_1d(interval["mean"]).astype(float).tolist()
-        widths = [f" ± {factor * w:.2g}" for w in np.atleast_1d(interval["half_width"]).tolist()]
+        widths = [
+            f" ± {factor * w:.2g}"
+            for w in np.atleast_1d(interval["half_width"]).astype(float).tolist()
+        ]
         about = f"{interval['windows']} windows in {interval['periods']} periods"
         meaning = f"mean and 95 % interval, {about}: {meaning}"
     is_list = isinstance(value, (list, tuple, np.ndarray))
@@ -482,10 +667,6 @@ def add(data: xr.Dataset, **variables: Any) -> None:
         if INTERFACE in dims and array.ndim == len(dims) - 1:
             dims = tuple(dim for dim in dims if dim != INTERFACE)
         data[name] = (dims, array, {"units": row.units, "long_name": row.long_name})
-
-
-SENSOR = "sensor_"
-"""Beginning of the names of sensors' variables."""
 
 
 def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:

@@ -33,7 +33,14 @@ from delam_fem.case.definition import Case
 from delam_fem.case.identity import belong, identity, require_same
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import Engine, Outcome, State
-from delam_fem.simulation.recorder import Columns, Jumps, PeriodRecord, Recorder
+from delam_fem.simulation.recorder import (
+    LEVEL,
+    N_BASE,
+    Columns,
+    Jumps,
+    PeriodRecord,
+    Recorder,
+)
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import read_arrays, write_arrays
 
@@ -333,6 +340,62 @@ def _damaged(path: Path, error: Exception) -> CaseError:
     )
 
 
+def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) -> None:
+    """Require that every array of a checkpoint has the shape and the type that a run gives it.
+
+    Args:
+        data: the arrays, by name.
+        state: the state among them, whose size is right.
+        recorder: recorder of the run, still empty.
+
+    Raises:
+        ValueError: an array has another shape or type, or names pairs that do not exist.
+        KeyError: one is missing.
+    """
+    if str(data["outcome"]) not in ("running", "completed", "diverged"):
+        raise ValueError("no outcome")
+    k = int(data["n_closed"])
+    n_pairs = state.resting.size
+    rows = recorder.steps_per_period + 1
+    shapes: dict[str, tuple[int, ...]] = {
+        "motion": state.motion.shape,
+        "resting": (n_pairs,),
+        "losses": (2,),
+        **{name: getattr(recorder, name)[:k].shape for name in _PERIOD_ARRAYS},
+    }
+    window = [f"window_{j}_" for j in range(min(k, recorder.window_periods))]
+    for prefix in window:
+        n_frames = recorder.frame_steps.size
+        sizes = data[f"{prefix}jump_sizes"]
+        n_hits = int(sizes.sum())
+        if sizes.dtype.kind not in "iu" or sizes.min(initial=0) < 0:
+            raise ValueError("impacts of a negative size")
+        of_record: dict[str, tuple[int, ...]] = {
+            "base_states": (rows, 3),
+            "u": (rows, N_BASE + recorder.n_observed),
+            "v": (rows, recorder.n_observed),
+            "frame_steps": (n_frames,),
+            "start": (len(LEVEL),),
+            "contact": (n_frames, n_pairs) if n_frames else data[f"{prefix}contact"].shape,
+            "resting": (n_pairs,),
+            "damped": (n_pairs,),
+            "totals": (4,),
+            "frames": (n_frames, 2, state.motion.shape[1]) if n_frames else (0,),
+        }
+        columns = dict.fromkeys(Columns._fields[:3], (sizes.size,))
+        columns |= dict.fromkeys(Columns._fields[3:], (n_hits,))
+        of_record |= {f"jump_{name}": shape for name, shape in columns.items()}
+        shapes |= {f"{prefix}{name}": shape for name, shape in of_record.items()}
+    for name, shape in shapes.items():
+        values = np.asarray(data[name])
+        if values.shape != shape or values.dtype.kind not in "fiub":
+            raise ValueError(f"{name} of another size or type")
+    for prefix in window:
+        hit = data[f"{prefix}jump_hit"]
+        if hit.size and (hit.dtype.kind not in "iu" or not 0 <= hit.min() <= hit.max() < n_pairs):
+            raise ValueError("impacts of pairs that do not exist")
+
+
 def _restored(
     data: Mapping[str, Any],
     engine: Engine,
@@ -347,6 +410,7 @@ def _restored(
     shapes = (present.motion.shape, present.resting.shape)
     if (state.motion.shape, state.resting.shape) != shapes or not 0 < k <= recorder.n_periods:
         raise ValueError("arrays of another size")
+    _require_fitting(data, state, recorder)
     for name in _PERIOD_ARRAYS:
         getattr(recorder, name)[:k] = data[name]
     for j in range(min(k, recorder.window.maxlen or k)):

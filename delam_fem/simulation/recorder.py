@@ -429,7 +429,7 @@ class Recorder:
         """
         self._parts, self._span = (base, n_probes, n_sensors), span
         self.coupling, self.time_step = np.array([*base.corner, base.is_force]), span.time_step
-        self._n_observed = n_probes + n_sensors
+        self.n_observed = n_probes + n_sensors
         self.is_forced = base.is_force
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
         self.limit, self.n_closed, n = span.limit, 0, span.periods
@@ -488,7 +488,7 @@ class Recorder:
             stepper: stepper with the state.
             base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
         """
-        rows, n_observed = self.steps_per_period + 1, self._n_observed
+        rows, n_observed = self.steps_per_period + 1, self.n_observed
         record = PeriodRecord(
             base_states,
             np.empty((rows, N_BASE + n_observed)),

@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 
 class CaseError(ValueError):
     """Report bad input; the message names the key, what was expected and what was given."""
 
 
-def reason_of(error: Exception) -> str:
-    """Return the first line of a foreign error, shortened; its type if it has no text."""
-    return str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+_ADDRESS = re.compile(r"(?<![\w/])/[\w.+-]++(?:/[\w.+-]++)++")
+"""The address of a file."""
+
+
+def reason_of(error: Exception, path: Path | None = None) -> str:
+    """Return the first line of a foreign error, shortened; its type if it has no text.
+
+    Args:
+        error: the error.
+        path: the file that is read, whose address, and that of others, is left out; None: all of
+            the text is told.
+    """
+    text = str(error)
+    if path is not None:
+        text = text.replace(str(path.resolve()), "the file").replace(str(path), "the file")
+        text = _ADDRESS.sub("a file", text)
+    return text.splitlines()[0][:80] if text.strip() else type(error).__name__
 
 
 def require(is_met: bool, key: str, expected: str, given: object) -> None:

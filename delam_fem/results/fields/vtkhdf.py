@@ -17,7 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.results.netcdf import opened
+from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import atomic
+from delam_fem.system.memory import bounded
 
 TENSOR_CELLS = ("quadrilateral", "hexahedron")
 VTK_ORDER = {2: (0, 1, 3, 2), 3: (0, 1, 3, 2, 4, 5, 7, 6)}
@@ -78,6 +81,8 @@ CELL_TYPES = {"triangle": 5, "quadrilateral": 9, "tetrahedron": 10, "hexahedron"
 """VTK's numbers of the types of cells."""
 POINTS_AT_ONCE = 2**15
 """Number of points of successive frames that are compressed together."""
+MOST_CHUNK = 2**30
+"""Largest array that is one block of HDF5 [bytes]; a block has less than 4 GB."""
 
 
 Values = Mapping[str, npt.NDArray[Any]]
@@ -124,7 +129,7 @@ def write(grid: Grid, times: FloatArray, point_data: Callable[[int], Values], pa
         root.attrs["Version"] = VERSION
         root.attrs.create("Type", b"UnstructuredGrid", dtype=h5py.string_dtype("ascii", 16))
         for name, values in _fixed(grid, times).items():
-            root[name] = values
+            _write_checked(root, name, values)
         root["Steps"].attrs["NSteps"] = times.size
         _write_point_data(root, len(grid.points), times.size, point_data)
         file.flush()
@@ -132,6 +137,13 @@ def write(grid: Grid, times: FloatArray, point_data: Callable[[int], Values], pa
     with atomic(path) as temporary, temporary.open("wb") as target:
         target.write(content)
     return path
+
+
+def _write_checked(root: h5py.Group, name: str, values: npt.NDArray[Any]) -> None:
+    """Write an array with a sum that HDF5 checks when it is read (Fletcher-32)."""
+    is_one = 0 < values.nbytes < MOST_CHUNK
+    chunks = values.shape if is_one else bool(values.size) or None
+    root.create_dataset(name, data=values, chunks=chunks, fletcher32=bool(values.size))
 
 
 def _fixed(grid: Grid, times: FloatArray) -> Values:
@@ -174,10 +186,22 @@ def _write_point_data(
                 group.create_dataset(
                     name, (n_frames * n_points, *first.shape[1:]), first.dtype,
                     chunks=(block * n_points, *first.shape[1:]), compression="gzip", shuffle=True,
+                    fletcher32=True,
                 )  # fmt: skip
                 begins = n_points * np.arange(n_frames, dtype=np.int64)
-                root[f"Steps/PointDataOffsets/{name}"] = begins
+                _write_checked(root, f"Steps/PointDataOffsets/{name}", begins)
             group[name][rows] = np.concatenate([data[name] for data in frames])
+
+
+NEEDED = ("displacement", "velocity", "stress_xx", "von_mises")
+"""Fields that pictures of a solid show."""
+
+
+def _damaged(path: Path, error: Exception) -> CaseError:
+    """Return the error for a file that is damaged or of another kind."""
+    return CaseError(
+        f"{path}: damaged, or not the fields of a solid ({reason_of(error)}); compute the run again"
+    )
 
 
 KINDS = {number: kind for kind, number in CELL_TYPES.items()}
@@ -213,27 +237,77 @@ class Series:
         """Read the mesh, the times and the names of the fields from a file.
 
         Raises:
-            OSError: there is no such file, or it is damaged.
+            CaseError: there is no such file, it is damaged, or it is of another kind.
         """
-        with h5py.File(path) as file:
-            root = file["VTKHDF"]
-            return cls(
-                path,
-                root["Steps/Values"][:],
-                root["Points"][:],
-                root["PointData/rise"][:],
-                root["Connectivity"][:].reshape(-1, int(root["Offsets"][1])),
-                KINDS[int(root["Types"][0])],
-                root["CellData/lamina"][:],
-                tuple(name for name in root["PointData"] if name != "rise"),
-            )
+        try:
+            with bounded(path), opened(path) as file:
+                root = file["VTKHDF"]
+                series = cls(
+                    path,
+                    root["Steps/Values"][:],
+                    root["Points"][:],
+                    root["PointData/rise"][:],
+                    root["Connectivity"][:].reshape(-1, int(root["Offsets"][1])),
+                    KINDS[int(root["Types"][0])],
+                    root["CellData/lamina"][:],
+                    tuple(name for name in root["PointData"] if name != "rise"),
+                )
+                shapes = {name: root[f"PointData/{name}"].shape for name in series.names}
+            series._require(shapes)
+        except CaseError:
+            raise
+        except Exception as error:  # HDF5 raises whatever it pleases
+            raise _damaged(path, error) from None
+        return series
+
+    def _require(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
+        """Require that the arrays fit one another and are finite.
+
+        Args:
+            shapes: shapes of the fields of all frames, by their names.
+
+        Raises:
+            ValueError: they do not.
+        """
+        n = len(self.points)
+        vertices = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+        expected: dict[str, tuple[npt.NDArray[Any], tuple[int, ...], str]] = {
+            "Points": (self.points, (n, 3), "f"),
+            "rise": (self.rise, (n,), "f"),
+            "Steps/Values": (self.times, (self.times.size,), "f"),
+            "Connectivity": (self.cells, (len(self.cells), vertices[self.cell]), "iu"),
+            "lamina": (self.lamina, (len(self.cells),), "iu"),
+        }
+        for name, (values, shape, kinds) in expected.items():
+            if values.shape != shape or values.dtype.kind not in kinds or not values.size:
+                raise ValueError(f"{name} of another size or type")
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name} with numbers that are not finite")
+        if self.cells.min() < 0 or self.cells.max() >= n or self.lamina.min() < 0:
+            raise ValueError("cells with corners that do not exist")
+        for name in NEEDED:
+            if shapes.get(name, ())[:1] != (n * self.times.size,):
+                raise ValueError(f"no {name}, or of another size")
+        for name, (rows, *components) in shapes.items():
+            if rows != n * self.times.size or components not in ([], [3]):
+                raise ValueError(f"{name[:40]!r} of another size")
 
     def field(self, name: str, frame: int) -> FloatArray:
-        """Return a field at the points at a frame, shape (n_points,) or (n_points, 3)."""
+        """Return a field at the points at a frame, shape (n_points,) or (n_points, 3).
+
+        Raises:
+            CaseError: the file is damaged.
+        """
         n = len(self.points)
-        with h5py.File(self.path) as file:
-            values = file[f"VTKHDF/PointData/{name}"][frame * n : (frame + 1) * n]
-        return np.asarray(values, dtype=np.float64)
+        try:
+            with h5py.File(self.path) as file:
+                values = file[f"VTKHDF/PointData/{name}"][frame * n : (frame + 1) * n]
+            field = np.asarray(values, dtype=np.float64)
+            if not np.isfinite(field).all():
+                raise ValueError(f"{name} with numbers that are not finite")
+        except Exception as error:  # HDF5 raises whatever it pleases
+            raise _damaged(self.path, error) from None
+        return field
 
     def drawn(self, displacement: FloatArray, thickness: float, deflection: float) -> FloatArray:
         """Return the places at which a picture shows the points, shape (n_points, 3) [m].

@@ -24,8 +24,6 @@ TIMES = {"t", "time", "zeit", "temps", "tempo", "seconds", "sekunden", "elapsed 
 FREQUENCIES = {"f", "freq", "frequency", "frequenz", "frequencies"}
 POSITIONS = {"x", "position", "pos"}
 """Names of columns that are axes of the others, in lower case."""
-HEADING = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))?\s*$")
-"""A name with its unit behind it."""
 AXES = {"time": TIMES, "frequency": FREQUENCIES, "x": POSITIONS}
 COUNTERS = frozenset(
     "sample samples index idx no no. nr nr. n # number row point scan count i k".split()
@@ -94,15 +92,6 @@ def axis_of(name: str, unit: str | None) -> str:
     return "frequency" if unit in ("Hz", "kHz") and word.startswith("freq") else ""
 
 
-def heading(text: str) -> tuple[str, str | None]:
-    """Return name and unit of a heading such as "thick [mm]" or "thick (mm)"; None: no unit."""
-    found = HEADING.match(text.strip().strip('"'))
-    if found is None:
-        return text, None
-    unit = found["square"] if found["square"] is not None else found["round"]
-    return found["name"].strip(), unit if unit is None else unit.strip()
-
-
 def matrix_columns(
     name: str, values: Values, names: list[str] | None = None, unit: str | None = None
 ) -> list[Column]:
@@ -128,13 +117,12 @@ SI = "SI"
 """Text in place of a unit: the SI unit of the quantity, which the file names."""
 
 
-SPECIFICATION = re.compile(
-    r"(?P<source>.+?)(?::(?P<unit>[^@]*))?(?:@(?P<place>[^/]+)(?:/(?P<lamina>.+))?)?"
+PLACE = re.compile(r"@\s*+(?=[-+.\d])")
+"""Where a position begins behind a name in a file, as in `v@0.12/upper`."""
+LENGTH = re.compile(
+    r"(?P<number>[-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d{1,3}+)?+)\s*+(?P<unit>\D*+)"
 )
-PLACE = re.compile(r"(?P<name>.+?)\s*@\s*(?P<place>[-+.\d][^/]*)(?:/(?P<lamina>.+))?")
-"""A name in a file with a position behind it, as in `v@0.12/upper`."""
-LENGTH = re.compile(r"(?P<number>[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(?P<unit>\D*)")
-NUMBERED = re.compile(r"col(\d+)")
+NUMBERED = re.compile(r"col(\d{1,9})")
 Assignment = tuple[str, dict[str, Any]]
 AXIS_UNITS = {"time": "s", "frequency": "Hz"}
 """Units of axes that name none."""
@@ -148,15 +136,20 @@ def assignment(text: str, label: str) -> Assignment:
         The source: the name of the column in the file, or colN, or setN; and the attributes of the
         column that differ from what the file says: unit, position [m] and lamina.
     """
-    found = SPECIFICATION.fullmatch(text.strip())
-    if found is None:
+    said, at, where = text.strip().partition("@")
+    source, colon, unit = said.partition(":")
+    length, slash, lamina = where.partition("/")
+    if not source or bool(at) != bool(length) or bool(slash) != bool(lamina):
         raise CaseError(
             f"{label}: expected SOURCE, SOURCE:UNIT or SOURCE:UNIT@POSITION/LAMINA, given "
             f"{shown(text)}"
         )
-    place = None if found["place"] is None else length_of(found["place"], label)
-    says = {"unit": found["unit"], "position": place, "lamina": found["lamina"]}
-    return found["source"].strip(), {key: v for key, v in says.items() if v is not None}
+    says: dict[str, Any] = {"unit": unit} if colon else {}
+    if at:
+        says["position"] = length_of(length, label)
+    if slash:
+        says["lamina"] = lamina
+    return source.strip(), says
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -382,7 +375,7 @@ def _points(sheet: Sheet, column: Column, kind: str, units: str | None) -> Float
         raise CaseError(
             f"{label}: expected the {kind} in a unit such as {AXIS_UNITS.get(kind, 'm')}, given "
             f"{shown(text)}, a {unit.quantity or 'number'}; --channel "
-            f"{kind}={column.name}:UNIT gives another"
+            f"{kind}={column.name[:40]}:UNIT gives another"
         )
     points = np.asarray(column.values.real * factor, dtype=np.float64)
     steps = np.flatnonzero(~(np.diff(points) > 0.0))
@@ -466,8 +459,8 @@ def _without_holes(
 def _no_unit(label: str, column: Column) -> CaseError:
     """Return the error that a column has no unit."""
     return CaseError(
-        f"{label}: no unit; expected one in the heading, as in '{column.name} [mm]', or an option "
-        "such as --units mm"
+        f"{label}: no unit; expected one in the heading, as in {shown(column.name + ' [mm]')}, "
+        "or an option such as --units mm"
     )
 
 
@@ -477,9 +470,10 @@ def _channel(
     """Return a column as a channel in SI; its name may say where it was measured."""
     label = f"{sheet.label}, column {shown(column.name)}"
     place, lamina = column.position, column.lamina
-    if found := PLACE.fullmatch(column.name):
-        place = length_of(found["place"], label) if place is None else place
-        lamina = lamina or found["lamina"] or ""
+    if match := PLACE.search(column.name, 1):
+        length, _, other = column.name[match.end() :].partition("/")
+        place = length_of(length, label) if place is None else place
+        lamina = lamina or other
     text = column.unit or units
     if text is None:
         raise _no_unit(label, column)
@@ -521,14 +515,24 @@ def _si(column: Column, kind: str, label: str) -> Unit:
 
 
 PART = re.compile(
-    r"(?P<name>.+?)[\s_.-]+(?P<part>real|re|imaginary|imag|im|amplitude|magnitude|mag|phase|coherence"
-    r"|coh)",
+    r"[\s_.-](real|re|imaginary|imag|im|amplitude|magnitude|mag|phase|coherence|coh)\Z",
     re.IGNORECASE,
 )
-"""The name of a response with the part of it that a column is."""
+"""The part of a response that a column is, behind the name of the response."""
 PARTS = {"real": "real", "re": "real", "imaginary": "imag", "imag": "imag", "im": "imag",
          "amplitude": "size", "magnitude": "size", "mag": "size", "phase": "phase",
          "coherence": "coherence", "coh": "coherence"}  # fmt: skip
+
+
+def part_of(text: str) -> tuple[str, str]:
+    """Return the name of a response and which part of it a column with some name is."""
+    found = PART.search(text)
+    if found is None:
+        return text, "whole"
+    end = found.start()
+    while end and (text[end - 1].isspace() or text[end - 1] in "_.-"):
+        end -= 1
+    return (text[:end], PARTS[found[1].lower()]) if end else (text, "whole")
 
 
 def joined(channels: Sequence[Channel]) -> list[Channel]:
@@ -541,13 +545,9 @@ def joined(channels: Sequence[Channel]) -> list[Channel]:
     result = [channel for channel in channels if channel.axis != "frequency"]
     parts: dict[str, dict[str, Channel]] = {}
     for channel in (channel for channel in channels if channel.axis == "frequency"):
-        match = PART.fullmatch(channel.name)
+        name, part = part_of(channel.name)
         if channel.kind == "coherence":
             name, part = channel.name, "coherence"
-        elif match is None:
-            name, part = channel.name, "whole"
-        else:
-            name, part = match["name"], PARTS[match["part"].lower()]
         if part in parts.setdefault(name, {}):
             raise same_names(name, parts[name][part].source, channel.source)
         parts[name][part] = channel

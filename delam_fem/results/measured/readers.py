@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 import tempfile
-import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,14 +19,13 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.tables import DAY, Columns, read_columns
+from delam_fem.case.tables import DAY, Columns, heading, read_columns
 from delam_fem.results.measured.channels import (
     AXES,
     Column,
     Sheet,
     Values,
     axis_of,
-    heading,
     matrix_columns,
 )
 from delam_fem.results.measured.units import unit_of
@@ -132,7 +130,7 @@ def read_labview(path: Path) -> list[Sheet]:
     except CaseError:
         raise
     except Exception as error:  # the library raises whatever Python does
-        reason = _reason(error, path)
+        reason = reason_of(error, path)
         raise CaseError(
             f"{path}: damaged, or no text file of LabVIEW ({reason}); export it as CSV"
         ) from None
@@ -169,35 +167,6 @@ def _signals(names: list[str], rows: Values, units: list[str | None]) -> list[Co
         bare, said = heading(name)
         columns.append(Column(bare, row, unit or said))
     return columns
-
-
-def load_netcdf(path: Path) -> xr.Dataset:
-    """Return the dataset of a NetCDF file as it is.
-
-    Raises:
-        CaseError: the file is no NetCDF, or damaged.
-    """
-    with path.open("rb") as file:
-        engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is wrong is in the error
-            return xr.load_dataset(path, engine=engine, decode_times=False)
-    except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
-        reason = _reason(error, path)
-        raise CaseError(
-            f"{path}: damaged, or no NetCDF file ({reason}); store it anew, or as CSV"
-        ) from None
-
-
-def _reason(error: Exception, path: Path) -> str:
-    """Return why a library failed, without the address of the file or of one beside it."""
-    text = str(error).replace(str(path.resolve()), "the file").replace(str(path), "the file")
-    return reason_of(OSError(PATHS.sub("a file", text))) if text else reason_of(error)
-
-
-PATHS = re.compile(r"(?<![\w/])/[\w.+-]+(?:/[\w.+-]+)+")
-"""Addresses of files."""
 
 
 def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
@@ -280,7 +249,7 @@ def read_matlab(path: Path) -> list[Sheet]:
             is_hdf5 = HDF5 in file.read(516)
         tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
     except Exception as error:  # both libraries raise whatever they please
-        reason = _reason(error, path)
+        reason = reason_of(error, path)
         raise CaseError(
             f"{path}: damaged, or no MATLAB file ({reason}); store it anew, or as CSV"
         ) from None
@@ -439,9 +408,11 @@ def _value(node: Any, file: Any) -> Any:
 TAG = b"    -1"
 TAG_LINE = re.compile(rb"(?:^|(?<=\n)|(?<=\r)) {4}-1[ \t]*(?:\r\n|\n|\r|\Z)")
 """A line that begins or ends a set."""
-END_TAG = re.compile(rb"(?P<before>[\r\n]*) {4}-1[ \t]*(?:\r\n|\n|\r|\Z)")
+END_TAG = re.compile(rb" {4}-1[ \t]*+(?:\r\n|\n|\r|\Z)")
 """The end of binary data: the tag may follow the last byte at once."""
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
+MOST_STRAYS = 16
+"""Number of places at which binary data among stray line ends is looked for."""
 HEADER_LINES = 13
 """Lines of a set 58 before its data: the tag, the type, eleven records."""
 NUMBER_WIDTHS = {2: 4, 4: 8, 5: 8, 6: 16}
@@ -523,7 +494,7 @@ def _binary(content: bytes, start: int, number: int, path: Path) -> tuple[Block,
             f"{path}: set {number} (type 58b): expected {size} bytes of data and its end, found "
             f"{len(content) - place} bytes; the file is cut off"
         )
-    data, notes = content[place : end_tag.end("before")], list[str]()
+    data, notes = content[place : end_tag.start()], list[str]()
     before, behind = _strays(data, size, ">" if lines[1][7:13].strip() == b"2" else "<")
     if before or behind:
         notes.append(f"{before + behind} stray bytes about its binary data left out")
@@ -539,9 +510,9 @@ def _strays(data: bytes, size: int, order: str) -> tuple[int, int]:
     powers of ten.
     """
     extra = len(data) - size
-    starts = [k for k in range(extra + 1) if not (data[:k] + data[k + size :]).strip(b"\r\n")] or [
-        0
-    ]
+    before = len(data) - len(data.lstrip(b"\r\n"))
+    behind = len(data) - len(data.rstrip(b"\r\n"))
+    starts = list(range(max(0, extra - behind), min(before, extra) + 1))[:MOST_STRAYS] or [0]
     if len(starts) > 1 and size % 8 == 0:
         largest = [np.frombuffer(data[k : k + size], f"{order}f8") for k in starts]
         with np.errstate(all="ignore"):

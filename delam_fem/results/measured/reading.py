@@ -22,7 +22,6 @@ from scipy.interpolate import CubicSpline
 
 from delam_fem.case.toml import shown
 from delam_fem.numerics.types import FloatArray
-from delam_fem.results.folder import write_dataset
 from delam_fem.results.measured import readers
 from delam_fem.results.measured.channels import (
     Channel,
@@ -34,6 +33,7 @@ from delam_fem.results.measured.channels import (
     joined,
     same_names,
 )
+from delam_fem.results.netcdf import read_dataset, write_dataset
 from delam_fem.results.schema import VARIABLES, add, by_interface
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import write_text
@@ -279,9 +279,9 @@ READERS: dict[str, Callable[[Path], list[Sheet]]] = {
     ".unv": readers.read_universal,
     ".uf": readers.read_universal,
     ".58b": readers.read_universal,
-    ".nc": lambda path: readers.netcdf_sheets(readers.load_netcdf(path), path),
-    ".nc4": lambda path: readers.netcdf_sheets(readers.load_netcdf(path), path),
-    ".cdf": lambda path: readers.netcdf_sheets(readers.load_netcdf(path), path),
+    ".nc": lambda path: readers.netcdf_sheets(read_dataset(path), path),
+    ".nc4": lambda path: readers.netcdf_sheets(read_dataset(path), path),
+    ".cdf": lambda path: readers.netcdf_sheets(read_dataset(path), path),
 }
 """Readers by the suffix of the file."""
 
@@ -339,7 +339,7 @@ def read_measured(
         and files[0].suffix in (".nc", ".nc4")
         and files[0].is_file()
     ):
-        data = readers.load_netcdf(files[0])
+        data = read_dataset(files[0])
         if data.attrs.get("schema") == SCHEMA:
             return _with_complex(data)
     sheets = [sheet for path in files for sheet in sheets_of(path)]

@@ -28,8 +28,9 @@ from delam_fem.results.figures.style import (
     stacked,
     time_axis,
 )
-from delam_fem.results.folder import Result, load_numbers, write_dataset
+from delam_fem.results.folder import Result, load_numbers
 from delam_fem.results.measured.reading import read_measured
+from delam_fem.results.netcdf import write_dataset
 from delam_fem.results.overlay.alignment import (
     COARSE,
     Alignment,

@@ -379,15 +379,21 @@ class PointJournal:
         self.folder.mkdir(parents=True, exist_ok=True)
         belong(self.folder, identity(case, **plan))
 
-    def points(self, branch: int) -> list[Point]:
-        """Return the points of a branch, up to the first that is missing or damaged."""
+    def points(self, branch: int, n_state: int) -> list[Point]:
+        """Return the points of a branch, up to the first that is missing or damaged.
+
+        Args:
+            branch: number of the branch.
+            n_state: number of entries of a state of the map.
+        """
         found: list[Point] = []
         while (path := self._path(branch, len(found))).is_file():
             try:
                 values = read_arrays(path)
                 numbers = {name: float(values[name]) for name in _NUMBERS}
-                kept = {**values, **numbers, "iterations": int(values["iterations"])}
-                found.append(Point(**kept))
+                point = Point(**{**values, **numbers, "iterations": int(values["iterations"])})
+                _require_fitting(point, n_state)
+                found.append(point)
             except (ValueError, KeyError, TypeError) as error:
                 _log.warning("%s: computed anew (%s)", path, error)
                 break
@@ -403,6 +409,33 @@ class PointJournal:
 
     def _path(self, branch: int, number: int) -> Path:
         return self.folder / f"{branch:02d}-{number:04d}.npz"
+
+
+def _require_fitting(point: Point, n_state: int) -> None:
+    """Require that the arrays of a point have the shapes of `Point` and are finite.
+
+    Raises:
+        ValueError: they do not.
+    """
+    m = point.slow.size
+    shapes: dict[str, tuple[int, ...]] = {
+        "state": (n_state,),
+        "slow": (m,),
+        "by_parameter": (m,),
+        "tangent": (m + 1,),
+        "derivatives": (point.derivatives.shape[0], m, m),
+        "decays": (*point.decays.shape[:3], m),
+        "strobes": (len(point.gaps), len(point.low)),
+        "low": (len(point.low),),
+        "high": (len(point.low),),
+        "gaps": (len(point.gaps),),
+    }
+    for name, shape in shapes.items():
+        values = getattr(point, name)
+        if values.shape != shape or values.dtype.kind != "f":
+            raise ValueError(f"{name} of another size or type")
+    if not all(np.isfinite(values).all() for values in (point.state, point.slow, point.tangent)):
+        raise ValueError("numbers that are not finite")
 
 
 RESULT = "branch.nc"
@@ -521,7 +554,7 @@ def _branches(
     while ready and (not branches or branches[-1].ending != "interrupted"):
         (periods, doubled, begin), number = ready.pop(0), len(branches)
         ensemble = Ensemble(map_, periods, plan.perturbations)
-        points = journal.points(number)
+        points = journal.points(number, state.size)
 
         def keep(point: Point, count: int, number: int = number) -> None:
             journal.keep(number, count - 1, point)

@@ -542,7 +542,7 @@ class KeptMap:
         """Return the states one period later; see `PeriodMap`."""
         asked = [states, np.array(parameter), np.zeros(0) if shifts is None else shifts]
         key = hashlib.sha256(b"".join(values.tobytes() for values in asked)).hexdigest()
-        if key not in self._known:
+        if key not in self._known or self._known[key].shape != states.shape:
             self._known[key] = self._new[key] = self._map.after(states, parameter, shifts)
             if time.monotonic() - self._last > CHECKPOINT_SECONDS:
                 write_arrays(self._folder / f"{key}.npz", self._new)

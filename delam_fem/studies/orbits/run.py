@@ -26,12 +26,12 @@ from delam_fem.api import (
     Report,
     RunContext,
     Table,
-    atomic_file,
     find_case,
     identity,
     require,
     style,
     versions,
+    write_arrays,
 )
 from delam_fem.studies.orbits.maps import FREQUENCY, KeptMap, Nature, Passage, PeriodMap
 from delam_fem.studies.orbits.newton import EXACT, Perturbations
@@ -296,11 +296,8 @@ class Orbit(Finding):
             OSError: the folder cannot be written.
         """
         written, path = super().save(directory), Path(directory) / "orbit.npz"
-        with atomic_file(path) as temporary:
-            np.savez(
-                temporary, tip_displacement=self.passage.history, **self.nature.split(self.state)
-            )
-        return [*written, path]
+        arrays = {"tip_displacement": self.passage.history, **self.nature.split(self.state)}
+        return [*written, write_arrays(path, arrays)]
 
 
 def _shown(value: object) -> str:

@@ -29,6 +29,7 @@ from delam_fem.api import (
     Layout,
     atomic_file,
     occasion,
+    open_dataset,
     origin,
     require_same,
     save_case,
@@ -68,10 +69,12 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
     Raises:
         CaseError: the file is damaged, or not the result of a sweep.
     """
-    import xarray as xr
-
     try:
-        data = xr.open_dataset(path, engine="h5netcdf")
+        require_alone(path)
+    except OSError:
+        raise _damaged(path) from None
+    try:
+        data = open_dataset(path)
         try:
             _require_sweep(data)
             data.attrs |= _occasion(path.with_name(OCCASION))
@@ -81,10 +84,15 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
             raise
     except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
         _log.debug("%s cannot be read", path, exc_info=True)
-        raise CaseError(
-            f"{path}: expected the result of a sweep, as delam-fem sweep writes it; this file is "
-            "damaged or another one"
-        ) from error
+        raise _damaged(path) from error
+
+
+def _damaged(path: Path) -> CaseError:
+    """Return the error for a file that is not the result of a sweep."""
+    return CaseError(
+        f"{path}: expected the result of a sweep, as delam-fem sweep writes it; this file is "
+        "damaged or another one"
+    )
 
 
 def _occasion(path: Path) -> dict[str, str | int | float]:

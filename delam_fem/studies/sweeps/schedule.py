@@ -25,7 +25,7 @@ from delam_fem.api import CaseError, IntArray, State
 from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
 
 MOST_SHARDS = 100_000
-_NAME = re.compile(r"(\d+)-of-(\d+)")
+_NAME = re.compile(r"(\d{1,6})-of-(\d{1,6})")
 # constants of the hash splitmix64, which change the shares for ever if they are changed
 _STEP, _FIRST, _SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
 

@@ -148,6 +148,7 @@ def test_a_run_with_nothing_to_show_is_refused(tmp_path: Path) -> None:
             animate(tmp_path, solid=True)
         assert str(error.value) == f"{tmp_path}: {told}"
     history["displacement"][:] = np.nan
+    history.attrs["outcome"] = "diverged"
     history.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
     with pytest.raises(CaseError) as error:
         animate(tmp_path)
