@@ -29,7 +29,6 @@ from delam_fem.api import (
     Layout,
     atomic_file,
     occasion,
-    open_dataset,
     origin,
     require_same,
     save_case,
@@ -69,6 +68,8 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
     Raises:
         CaseError: the file is damaged, or not the result of a sweep.
     """
+    from delam_fem.api import open_dataset, require_alone
+
     try:
         require_alone(path)
     except OSError:

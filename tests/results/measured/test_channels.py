@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from kit import refusal as message
 
+from delam_fem.case.tables import heading
 from delam_fem.results.measured.channels import (
     Column,
     Sheet,
@@ -13,7 +14,6 @@ from delam_fem.results.measured.channels import (
     assignment,
     axis_of,
     channels_of,
-    heading,
     length_of,
     matrix_columns,
 )
