@@ -220,7 +220,6 @@ if TYPE_CHECKING:
     )
     from delam_fem.system.errors import (
         CaseError as CaseError,
-        reason_of as reason_of,
         require as require,
     )
     from delam_fem.system.files import (
@@ -304,7 +303,7 @@ _HOMES = {
     "plugins.report": "Finding Picture Report Table number",
     "plugins.study": "Kinds RunContext Study",
     # House
-    "system.errors": "CaseError reason_of require",
+    "system.errors": "CaseError require",
     "system.files": (
         "atomic atomic_file json_ready read_arrays rewritten write_arrays write_json write_text"
     ),
