@@ -27,7 +27,7 @@ from delam_fem.system.files import (
     write_arrays,
     write_json,
 )
-from delam_fem.system.memory import bounded
+from delam_fem.system.footprint import bounded
 
 if TYPE_CHECKING:
     from delam_fem.results.fields.derived import Frames

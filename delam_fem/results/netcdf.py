@@ -22,7 +22,7 @@ import xarray as xr
 
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import atomic_file
-from delam_fem.system.memory import bounded, require_room
+from delam_fem.system.footprint import bounded, require_room
 
 DIGEST = "digest"
 """Attribute with the digest of all other content."""

@@ -20,7 +20,7 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.netcdf import opened
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import atomic
-from delam_fem.system.memory import bounded
+from delam_fem.system.footprint import bounded
 
 TENSOR_CELLS = ("quadrilateral", "hexahedron")
 VTK_ORDER = {2: (0, 1, 3, 2), 3: (0, 1, 3, 2, 4, 5, 7, 6)}
