@@ -39,6 +39,7 @@ from delam_fem.engines.session import (
     solve,
 )
 from delam_fem.model import discretise
+from delam_fem.model.attached import overlap_at_start
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import DistributedOperators, Operators
@@ -402,8 +403,8 @@ def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[s
     structure, engine = discretise.assemble(case), available(engine, case)
     with session_of(case, structure.operators, engine=engine):
         pass
-    opening = never_opens(case)
-    warnings = [] if opening is None else [opening]
+    texts = never_opens(case), overlap_at_start(structure, case)
+    warnings = [text for text in texts if text is not None]
     return structure, warnings + quality.quality_warnings(case, structure, residual=0.0)
 
 
@@ -493,6 +494,7 @@ def _result(
     }
     texts = [
         remark,
+        overlap_at_start(structure, case),
         diagnostics.gain_warning(recorder, may_add=diagnostics.may_add_energy(case)),
         unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:]),
         never_opens(case),

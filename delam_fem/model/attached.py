@@ -46,6 +46,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import drive
 from delam_fem.case.gap import opening_at_rest
 from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Sensor, Stop
 from delam_fem.model.layout import (
@@ -63,7 +64,7 @@ from delam_fem.model.layout import (
     place_of,
     selection,
 )
-from delam_fem.model.linear import lowest
+from delam_fem.model.linear import mode_of, n_rigid
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
@@ -86,9 +87,58 @@ def struck(structure: Structure, case: Case) -> Structure:
         case: the case.
 
     Raises:
-        CaseError: one of them is at a place where it cannot be.
+        CaseError: one of them is at a place where it cannot be, or something begins inside
+            something else.
     """
-    return in_moving_frame(with_impactors(with_start(with_stops(structure, case), case), case))
+    complete = in_moving_frame(with_impactors(with_start(with_stops(structure, case), case), case))
+    overlap = overlap_at_start(complete, case)
+    if overlap is not None and case.contact.law != "penalty":
+        raise CaseError(overlap)
+    return complete
+
+
+def overlap_at_start(structure: Structure, case: Case) -> str | None:
+    """Return what is wrong with an initial state in which one thing is inside another.
+
+    Springs of the law "penalty" can push them apart, rigid contact cannot.
+
+    Args:
+        structure: the structure of the case.
+        case: the case.
+
+    Returns:
+        The pair that overlaps most, and by how much; None if no gap is closed at t = 0, or if
+        there is no contact.
+    """
+    o, layout = structure.operators, structure.layout
+    start = getattr(o, "start", None)
+    if start is None or case.contact.law == "none" or not o.n_pairs:
+        return None
+    q = float(drive(case.excitation).states(np.zeros(1))[0, 0])
+    place = start[0] if o.base.shift is None else start[0] - q * o.base.shift
+    gap = o.gap_matrix @ place + o.gap0
+    pair = int(gap.argmin())
+    if gap[pair] >= -_ROUND_OFF * np.abs(start[0]).max():
+        return None
+    return (
+        f"initial: expected displacements that leave all gaps open, given pair {pair + 1} "
+        f"({_words(layout, case, pair)}) closed by {-gap[pair]:.4g} m; take a smaller "
+        'initial.1.displacement, a larger gap, or contact.law = "none"'
+    )
+
+
+def _words(layout: Layout, case: Case, pair: int) -> str:
+    """Return what a pair is between, and where."""
+    for interface in layout.interfaces:
+        if interface.pairs.start <= pair < interface.pairs.stop:
+            lower, upper = (layout.names[part] for part in interface.parts)
+            x = layout.parts[interface.parts[0]].positions(interface.places)
+            return f"{lower} and {upper} at x = {x[pair - interface.first_pair]:.4g} m"
+    stop = next(stop for stop in layout.stops if stop.pairs.start <= pair < stop.pairs.stop)
+    number = stop.number - len(case.stop)
+    other = f"stop {stop.number + 1}" if number < 0 else f"impactor {number + 1}"
+    x = layout.parts[stop.part].positions(stop.places)[pair - stop.first_pair]
+    return f"{layout.names[stop.part]} and {other} at x = {x:.4g} m"
 
 
 def striking_rows(structure: Structure, case: Case) -> sp.csr_matrix:
@@ -378,28 +428,31 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
     else:
         dofs = body.moving(case, numbers)
     shape = np.zeros(o.n_dofs)
+    if body is None:
+        shape[read.indices] = 1.0
+    else:
+        assert o.near_null is not None
+        shape[dofs] = o.near_null[dofs, UP]
     if own.shape == "uniform":
-        if body is None:
-            shape[read.indices] = 1.0
-        else:
-            assert o.near_null is not None
-            shape[dofs] = o.near_null[dofs, UP]
         return shape
     K, M = o.stiffness[dofs][:, dofs], o.mass[dofs][:, dofs]
     if own.shape == "mode":
         require(own.mode <= dofs.size, f"{key}.mode", f"at most {dofs.size}", own.mode)
-        shape[dofs] = lowest(K, M, own.mode)[1][:, -1]
+        shape[dofs] = mode_of(K, M, own.mode, shape[dofs])
     else:
         assert own.position is not None
+        if n_rigid(K):
+            raise CaseError(
+                f'{key}.shape: expected "uniform" or "mode" of laminae that are not held, given '
+                '"force", under which they would not stay'
+            )
         place = np.array([place_of(parts[0], own.position)])
         load = layout.of_dofs(interpolation_rows(parts[0], place, numbered)).toarray()[0, dofs]
-        try:
-            shape[dofs] = splu(sp.csc_matrix(K)).solve(load)
-        except RuntimeError:
-            text = f"{key}.shape: expected laminae that are held, given free ones"
-            raise CaseError(text) from None
-    seen = read @ shape
-    largest = float(seen[np.abs(seen).argmax()])
+        shape[dofs] = splu(sp.csc_matrix(K)).solve(load)
+    deflection = read @ shape
+    size = np.abs(deflection)
+    # the first of several that are equal but for round-off gives the sign
+    largest = float(deflection[np.argmax(size >= (1.0 - _ROUND_OFF) * size.max())])
     if not largest:
         raise CaseError(f"{key}.position: expected a point that can move, given {own.position} m")
     return np.asarray(shape / largest)

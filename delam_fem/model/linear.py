@@ -27,6 +27,13 @@ DECAYING = 12
 """Number of lowest modes among which the slowest decay is looked for."""
 DENSE_DOFS = 400
 """Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
+MOST_RIGID = 6
+"""Largest number of rigid motions of a body."""
+NEAR_ZERO = 1e-9
+"""Shift at which the smallest eigenvalues of a large scaled stiffness are sought."""
+NO_STIFFNESS = 1e-13
+"""Eigenvalue of a stiffness, scaled to a unit diagonal, below which it is round-off; the smallest
+one of a cantilever of 200 elements is 3e-10."""
 NO_MASS = 1e-15
 """Share of the largest 1/omega^2 that is round-off of motions without mass."""
 
@@ -60,6 +67,48 @@ def lowest(
         order = np.argsort(squares)
         omega, vectors = np.sqrt(np.maximum(squares[order], 0.0)), vectors[:, order]
     return omega / (2.0 * np.pi), vectors
+
+
+def n_rigid(K: sp.csr_matrix) -> int:
+    """Return the number of motions against which a structure has no stiffness.
+
+    They are the eigenvalues of K, scaled to a unit diagonal, that are round-off.
+
+    Args:
+        K: stiffness, symmetric and positive semidefinite.
+    """
+    diagonal = K.diagonal()
+    is_held = diagonal > 0.0
+    scale = sp.diags(1.0 / np.sqrt(np.where(is_held, diagonal, 1.0)))
+    scaled = sp.csc_matrix(scale @ K @ scale)
+    if K.shape[0] <= DENSE_DOFS:
+        values = eigh(scaled.toarray(), eigvals_only=True)
+    else:
+        values = eigsh(
+            scaled, MOST_RIGID, sigma=-NEAR_ZERO, v0=np.ones(K.shape[0]), return_eigenvectors=False
+        )
+    return int(np.count_nonzero(np.abs(values) <= NO_STIFFNESS))
+
+
+def mode_of(K: sp.csr_matrix, M: sp.csr_matrix, n: int, translation: FloatArray) -> FloatArray:
+    """Return mode n of a structure that may float, shape (n_dofs,).
+
+    Rigid motions have the frequency 0 and are the first modes. As any mixture of several of them
+    would do, the first one is the translation, or what they have of it.
+
+    Args:
+        K: stiffness.
+        M: mass.
+        n: number of the mode, from 1.
+        translation: the dofs of a unit translation, shape (n_dofs,).
+    """
+    count = n_rigid(K)
+    vectors = lowest(K, M, max(n, count), is_floating=count > 0)[1]
+    if n > count or count == 1:
+        return np.asarray(vectors[:, n - 1])
+    rigid = vectors[:, :count]  # of equal size and orthogonal, by M
+    turn, _ = np.linalg.qr(np.column_stack([rigid.T @ (M @ translation), np.eye(count)]))
+    return np.asarray(rigid @ turn[:, n - 1])
 
 
 def normalised(vectors: FloatArray, M: sp.spmatrix) -> FloatArray:
