@@ -42,6 +42,9 @@ counts how often what is printed is right.
 - Where the program says "undecided", a truth counts neither as right nor as wrong.
 - "**Falls short**": do not rely on it there.
 
+A line of a table has all rigs of a verdict: the least and the largest share that was right. `calibration.json`
+beside this page has the counts of each rig.
+
 Not all truths are blind. Rules of `orbit` (the least distance of a doubled orbit, kicks of orbits
 of period 2, what small kicks say), of `converge` (a small last difference may be chance), of
 `resonance`, of `identify` (its regression's coefficients, and the chance of a misfit that is
@@ -170,21 +173,37 @@ def title_of(name: str) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Return rows as a table of a page."""
+    """Return rows as a table of a page: a line for each verdict over all of its rigs."""
     lines = [
-        "| what is printed | rig | promised | right | undecided | allowed | | note |",
-        "|" + "---|" * 8,
+        "| what is printed | promised | rigs | truths | right | does not hold |",
+        "|" + "---|" * 6,
     ]
-    for given in rows:
-        row = Row(**given)
-        share = f" ({100 * row.contained / row.decided:.0f} %)" if row.decided else ""
-        low, high = row.band
+    by_verdict: dict[str, list[Row]] = {}
+    for numbers in rows:
+        row = Row(**numbers)
+        by_verdict.setdefault(row.verdict, []).append(row)
+    for verdict, rigs_of_verdict in by_verdict.items():
+        first = rigs_of_verdict[0]
+        shares = [share(row) for row in rigs_of_verdict if row.decided]
+        ends = sorted({f"{min(shares):.0f}", f"{max(shares):.0f}"}, key=float) if shares else ["–"]
+        exceptions = [row for row in rigs_of_verdict if row.judgement != "holds"]
         lines.append(
-            f"| {row.verdict} | {row.rig} | {'≥ ' * row.at_least}{100 * row.nominal:g} % "
-            f"| {row.contained} of {row.decided}{share} | {row.undecided or ''} "
-            f"| {low} … {high} | {row.judgement} | {row.note} |"
+            f"| {verdict} | {'≥ ' * first.at_least}{100 * first.nominal:g} % "
+            f"| {len(rigs_of_verdict)} | {sum(row.truths for row in rigs_of_verdict)} "
+            f"| {' … '.join(ends)} % | {'; '.join(map(exception, exceptions))} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def share(row: Row) -> float:
+    """Return how many of the decided truths of a row are right [%]."""
+    return 100.0 * row.contained / row.decided
+
+
+def exception(row: Row) -> str:
+    """Return a rig on which a verdict does not hold, with its share and what is said of it."""
+    right = f" {share(row):.0f} %" if row.decided else ""
+    return f"{row.rig}:{right} ({row.judgement.replace('**', '')})"
 
 
 if __name__ == "__main__":
