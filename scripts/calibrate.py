@@ -42,8 +42,8 @@ counts how often what is printed is right.
 - Where the program says "undecided", a truth counts neither as right nor as wrong.
 - "**Falls short**": do not rely on it there.
 
-A line of a table has all rigs of a verdict: the least and the largest share that was right. `calibration.json`
-beside this page has the counts of each rig.
+A line of a table has all rigs of a verdict: the least and the largest share that was right.
+`calibration.json` beside this page has the counts of each rig.
 
 Not all truths are blind. Rules of `orbit` (the least distance of a doubled orbit, kicks of orbits
 of period 2, what small kicks say), of `converge` (a small last difference may be chance), of
