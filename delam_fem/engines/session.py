@@ -40,7 +40,7 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.checkpoint import Watch, stop_signals
 from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_initial, simulate
-from delam_fem.simulation.recorder import LEDGER, PeriodRecord, Recorder
+from delam_fem.simulation.recorder import LEDGER, PeriodRecord, Recorder, energy_round_off
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement, Span
 from delam_fem.simulation.signals import steps_of
 from delam_fem.system.errors import CaseError, require
@@ -169,8 +169,10 @@ def initialise_petsc_alone() -> MPI.Intracomm:
     return MPI.COMM_SELF
 
 
-DIVERGED_LENGTHS = 10.0
-"""Gap or displacement, in lengths of the laminae, beyond which a motion has no meaning any more."""
+DIVERGED = 10.0
+"""Gap or displacement, in sizes of a case, beyond which a motion has no meaning any more."""
+SAMPLES = 2001
+"""Instants at which the course of a drive is looked at for its largest values."""
 
 
 class Prescribed(Protocol):
@@ -192,9 +194,36 @@ def span_of(case: Case) -> Span:
         case.n_periods,
         case.n_window_periods,
         case.frames_per_period,
-        DIVERGED_LENGTHS * case.lamina[0].length,
+        DIVERGED * _size_of(case),
         Refinement(case.time.refine, case.time.refine_velocity),
     )
+
+
+def _size_of(case: Case) -> float:
+    """Return the size of the motion that a case describes [m].
+
+    What is held moves by a fraction of its length. What floats, and points, which have no length,
+    go as far as the start, the base or the force can take them in the time of the run.
+    """
+    lengths = [lamina.length for lamina in case.lamina if not lamina.is_point]
+    if lengths and not case.is_floating:
+        return lengths[0]
+    duration = case.n_periods * case.period
+    times = np.linspace(0.0, case.period if case.is_periodic else duration, SAMPLES)
+    largest = np.abs(drive(case.excitation).states(times)).max(axis=0)
+    speed = sum(abs(start.velocity) for start in case.initial)
+    speed += sum(impactor.velocity for impactor in case.impactor)
+    reach = sum(abs(start.displacement) for start in case.initial)
+    if case.excitation.acts_on == "force":
+        masses = [own.mass or own.mass_per_length * own.length for own in case.lamina]
+        reach += 0.5 * float(largest[0]) / min(masses) * duration**2
+    else:
+        reach += float(largest[0])
+        speed += float(largest[1])
+    gaps = [own.gap for own in (*case.stop, *case.impactor)]
+    if case.gap is not None:
+        gaps += [case.gap.tip or 0.0, case.gap.root or 0.0]
+    return max(*lengths, *gaps, reach + speed * duration, 0.0) or math.inf
 
 
 def motion_of(case: Case) -> BaseStates:
@@ -435,7 +464,13 @@ def session(
         initial = start_of(operators, motion(0)[0])
     try:
         set_initial(computing, initial, motion(0)[0])
-        recorder = Recorder(operators.base, span, operators.n_probes, operators.n_sensors)
+        recorder = Recorder(
+            operators.base,
+            span,
+            operators.n_probes,
+            operators.n_sensors,
+            round_off=energy_round_off(operators),
+        )
         yield Session(computing, recorder, motion)
     except BaseException:
         if comm is None or comm.size == 1:  # to free what ranks share, all must take part

@@ -38,7 +38,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.contact.laws import Decision
-from delam_fem.model.operators import BaseCoupling
+from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, ByteArray, FloatArray, IntArray
 from delam_fem.simulation.refinement import Span
 from delam_fem.system.caches import kept, njit
@@ -252,7 +252,10 @@ LEDGER = (
 EXCHANGED = slice(LEDGER.index("base_work"), LEDGER.index("residual"))
 """Columns of what is exchanged within a period."""
 
-LEAST_EXCHANGED = 1e-6
+ROUND_OFFS = 64.0
+"""Round-offs of the largest terms that a sum of energies may have, over steps and dofs."""
+
+LEAST_EXCHANGED = 1e-2
 """Share of the stored energy that counts as exchanged at least, where the residual is scaled.
 Otherwise the round-off of a free motion without damping would be judged by itself."""
 
@@ -413,12 +416,21 @@ class Recorder:
         effort: numbers of steps and contacts within each period, in the order of `EFFORT`, shape
             (n_periods, 5).
         refine: r, the number of fine steps in a step.
+        round_off: round-off of the strain energy over the square of the largest displacement [N/m].
         window_periods: number of last periods whose records are kept.
         frame_steps: steps of a period at which the whole state is recorded (the frames).
         coupling: corner terms of the base, and whether a force drives, as compiled code reads them.
     """
 
-    def __init__(self, base: BaseCoupling, span: Span, n_probes: int, n_sensors: int = 0) -> None:
+    def __init__(
+        self,
+        base: BaseCoupling,
+        span: Span,
+        n_probes: int,
+        n_sensors: int = 0,
+        *,
+        round_off: float = 0.0,
+    ) -> None:
         """Allocate the rows of all periods.
 
         Args:
@@ -426,8 +438,9 @@ class Recorder:
             span: length of the run, and what it records.
             n_probes: number of probes, which are recorded at every step.
             n_sensors: number of functionals of sensors, which are recorded behind the probes.
+            round_off: see `energy_round_off`.
         """
-        self._parts, self._span = (base, n_probes, n_sensors), span
+        self._parts, self._span, self.round_off = (base, n_probes, n_sensors), span, round_off
         self.coupling, self.time_step = np.array([*base.corner, base.is_force]), span.time_step
         self.n_observed = n_probes + n_sensors
         self.is_forced = base.is_force
@@ -479,7 +492,7 @@ class Recorder:
         """Return a recorder of one period of the same quantities."""
         base, n_probes, n_sensors = self._parts
         span = replace(self._span, periods=1, window_periods=1)
-        return Recorder(base, span, n_probes, n_sensors)
+        return Recorder(base, span, n_probes, n_sensors, round_off=self.round_off)
 
     def open(self, stepper: Stepper, base_states: FloatArray) -> PeriodRecord:
         """Return a new record of a period that begins at the present state.
@@ -546,21 +559,41 @@ class Recorder:
     def energy_residual(self, n_periods: int | None = None) -> float:
         """Return the largest residual of a period over the largest energy exchanged in one [-].
 
-        It is NaN if any number of the ledger is not finite, and 1 if there is a residual but no
-        energy was stored or exchanged.
+        What the round-off of the strain energy explains does not count: of a body that flies, or
+        rests apart from where it began, that energy is the difference of large numbers. Where next
+        to nothing is exchanged, a share of the stored energy is the scale. The residual is NaN if
+        any number of the ledger is not finite, and 1 if no energy was stored or exchanged.
 
         Args:
             n_periods: number of the first periods that count; None: all that are recorded.
         """
-        rows = np.abs(self.ledger[: self.n_closed if n_periods is None else n_periods])
+        n = self.n_closed if n_periods is None else n_periods
+        rows = np.abs(self.ledger[:n])
         if not np.isfinite(rows).all():
             return math.nan
         stored = rows[:, : EXCHANGED.start].sum(axis=1).max(initial=0.0)
         exchanged = rows[:, EXCHANGED].sum(axis=1).max(initial=0.0)
-        residual = float(rows[:, -1].max(initial=0.0))
+        moved = float(np.fmax.reduce(np.abs(self.envelope[:n]), None, initial=0.0))
+        residual = float(rows[:, -1].max(initial=0.0)) - self.round_off * moved**2
+        if residual <= 0.0:
+            return 0.0
         return residual / (
             max(float(exchanged), LEAST_EXCHANGED * float(stored)) or residual or 1.0
         )
+
+
+def energy_round_off(operators: Operators | DistributedOperators) -> float:
+    """Return the round-off of the strain energy over the square of the largest displacement [N/m].
+
+    A rigid motion r of a body has the strain energy rᵀ K r / 2 = 0, a sum of numbers as large as
+    the stiffness p K pᵀ at a probe p times the square of its displacement. Ranks that share the
+    dofs do not know it; then it is 0.
+    """
+    if isinstance(operators, DistributedOperators) or not operators.n_probes:
+        return 0.0
+    p = operators.probes
+    stiffness = np.asarray(p.multiply(p @ operators.stiffness).sum(axis=1))
+    return ROUND_OFFS * float(np.finfo(np.float64).eps) * float(stiffness.max())
 
 
 def _level(stepper: Stepper) -> FloatArray:

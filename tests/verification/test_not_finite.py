@@ -81,7 +81,8 @@ def test_no_column_of_the_ledger_hides(bad: float, column: str) -> None:
 def test_a_residual_of_nothing_and_one_of_a_free_motion() -> None:
     """Nothing is exchanged: round-off of 1 J stored passes, a thousandth of it does not."""
     ledger = np.zeros((1, len(LEDGER)))
-    kept: Any = SimpleNamespace(ledger=ledger, n_closed=1)
+    still = np.zeros((1, 2, 1))
+    kept: Any = SimpleNamespace(ledger=ledger, n_closed=1, envelope=still, round_off=0.0)
     assert Recorder.energy_residual(kept) == 0.0
     ledger[0, -1] = 1e-18
     assert is_lost(Recorder.energy_residual(kept))

@@ -275,6 +275,11 @@ MANY = 8
 """Mean number of unknowns in a gap above which dense rows are taken."""
 _REFINEMENTS = 2
 """Steps of Ogita and Aishima; each squares the error of the modes."""
+_FIRST_ORDER = 0.1
+"""Largest mix of two modes that the first order corrects; modes that are closer, as the rigid ones
+of a free body, are a cluster, in which any mix that is orthonormal serves."""
+_NORMALISATIONS = 3
+"""Steps that make modes orthonormal, also those of a cluster; each squares what is lacking."""
 
 Long = npt.NDArray[np.longdouble]
 
@@ -444,6 +449,7 @@ def _modes(K: FloatArray, M: FloatArray) -> tuple[Long, Long]:
         T. Ogita, K. Aishima, Iterative refinement for symmetric eigenvalue decomposition, Japan J.
         Indust. Appl. Math. 35 (2018).
     """
+    K, M = (0.5 * (A + A.T) for A in (K, M))  # else their round-off tilts modes of one frequency
     first, vectors = eigh(K, M)
     shapes, squares = vectors.astype(np.longdouble), first.astype(np.longdouble)
     identity = np.eye(len(first), dtype=np.longdouble)
@@ -454,11 +460,13 @@ def _modes(K: FloatArray, M: FloatArray) -> tuple[Long, Long]:
         squares = stiff.diagonal() / (1.0 - lacking.diagonal())
         apart = squares - squares[:, None]
         off = stiff - np.diag(stiff.diagonal())
-        is_cluster = abs(apart) <= 2.0 * abs(off + squares * lacking)
+        is_cluster = _FIRST_ORDER * abs(apart) <= abs(off + squares * lacking)
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.where(is_cluster, 0.5 * lacking, (off + squares * lacking) / apart)
         np.fill_diagonal(change, 0.5 * lacking.diagonal())
         shapes = shapes + shapes @ change
+    for _ in range(_NORMALISATIONS):
+        shapes = shapes + 0.5 * shapes @ (identity - _congruent(M, shapes))
     stiff = _congruent(K, shapes)
     return np.maximum(stiff.diagonal() / _congruent(M, shapes).diagonal(), 0.0), shapes
 
