@@ -44,7 +44,7 @@ import numpy.typing as npt
 import scipy  # loads its parts when they are used
 from scipy.special import fdtrc, stdtrit
 
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 LOWEST_ORDER, HIGHEST_ORDER = 0.2, 8.0
 """Range of credible orders: below it a sequence hardly converges, above it the order is chance."""
@@ -227,6 +227,10 @@ EDGE = 1e-6
 """Smallest distance of parameters from their bounds, relative to the range, in the logits."""
 
 
+IDENTIFIED = 0.5
+"""Largest width of an interval over that of the prior at which a parameter counts as identified."""
+
+
 def uniform(bounds: FloatArray, n: int, seed: int) -> FloatArray:
     """Return n values of parameters with bounds, shape (n_parameters, 2): (n, n_parameters)."""
     low, high = bounds.T
@@ -258,6 +262,16 @@ class Posterior:
         """Return the central interval of each parameter, shape (n_parameters, 2)."""
         tail = 0.5 * (1.0 - level)
         return np.stack([self.quantile(tail), self.quantile(1.0 - tail)], axis=1)
+
+    def is_identified(self, prior: FloatArray) -> BoolArray:
+        """Return which parameters the observation tells more of than the prior, (n_parameters,).
+
+        Args:
+            prior: central 90 % interval of each parameter before the observation, shape
+                (n_parameters, 2).
+        """
+        widths = np.diff(self.interval(0.9), axis=1)[:, 0]
+        return np.asarray(widths <= IDENTIFIED * (prior[:, 1] - prior[:, 0]))
 
     def correlation(self) -> FloatArray:
         """Return the correlations of the parameters, shape (n_parameters, n_parameters)."""

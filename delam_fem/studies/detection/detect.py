@@ -322,7 +322,14 @@ class Detection(Finding):
         return [(own.start, own.end) for own in self.case.delamination]
 
     def contrast(self, name: str) -> float:
-        """Return the largest value within the delaminations over that outside; NaN without any."""
+        """Return the largest value within the delaminations over that outside; NaN without any.
+
+        Of a measured scan it is that of the marked interval, as nobody knows where the delamination
+        is.
+        """
+        if self.is_measured:
+            mark = self.marks[name]
+            return mark.contrast(mark.start, mark.end)
         if not self.spans:
             return math.nan
         starts, ends = zip(*self.spans, strict=True)

@@ -230,9 +230,22 @@ class Inferred(Finding):
         return np.full(3, np.nan) if self.is_measured else truth_of(self.case)
 
     @property
+    def prior(self) -> FloatArray:
+        """A sample of start, end and depth before the scans, shape (20000, 3) [m]."""
+        return edges(statistics.uniform(prior_of(self.case), 20_000, 1))
+
+    @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
         middle, bounds = self.posterior.quantile(0.5), self.posterior.interval()
+        prior = np.quantile(self.prior, (0.05, 0.95), axis=0).T
+        is_identified = self.posterior.is_identified(prior)
+        sentences = [f"{self.n_structures} structures from the prior."]
+        if lost := [name for name, known in zip(NAMES, is_identified, strict=True) if not known]:
+            sentences.append(
+                f"The scans do not identify {', '.join(lost)}: the 90 % interval is more than "
+                f"{statistics.IDENTIFIED:g} times as wide as that of the prior."
+            )
         numbers = {
             "case": self.case.name,
             "structures": self.n_structures,
@@ -243,6 +256,7 @@ class Inferred(Finding):
             "truth": None if self.is_measured else self.truth,
             "median": middle,
             "interval_90": bounds,
+            "identified": is_identified.tolist(),
             "correlation": self.posterior.correlation(),
         }
         every = zip(NAMES, self.truth, middle, bounds.tolist(), strict=True)
@@ -264,7 +278,7 @@ class Inferred(Finding):
             is_sweep=True,
             title=f"Delamination of {self.case.name}",
             tables=[Table(f"posterior, {self.case.name}", heading, rows)],
-            sentences=[f"{self.n_structures} structures from the prior."],
+            sentences=[" ".join(sentences)],
             remarks=[self.mismatch] if self.mismatch else [],
             pictures={"figures/posterior": (self.figure, caption)},
         )
@@ -274,7 +288,7 @@ class Inferred(Finding):
         figure = Figure(figsize=(style.WIDTH, 6.0), layout="constrained")
         panels = figure.subplots(2, 2).ravel()
         samples, weights = 1e3 * self.posterior.samples, self.posterior.weights
-        prior = 1e3 * edges(statistics.uniform(prior_of(self.case), 20_000, 1))
+        prior = 1e3 * self.prior
         for k, (axes, name) in enumerate(zip(panels, NAMES, strict=False)):
             bins = np.linspace(prior[:, k].min(), prior[:, k].max(), 60)
             axes.hist(prior[:, k], bins=bins, density=True, color="0.85", label="prior")

@@ -494,7 +494,7 @@ def _discrepancy(
     return np.asarray(share * change[whole[chosen]])
 
 
-HEADING = ("key", "median", "90 % interval", "prior", "truth", "covered")
+HEADING = ("key", "median", "90 % interval", "prior", "identified", "truth", "covered")
 SEPARATED = 0.5
 """Two unknowns with a larger correlation than this are hardly separated."""
 
@@ -527,11 +527,18 @@ class Identification(Finding):
         return self.experiment.truth if self.is_synthetic else None
 
     @property
+    def prior(self) -> FloatArray:
+        """Central 90 % interval of each unknown before the measurement, shape (n_unknowns, 2)."""
+        low, high = self.experiment.bounds.T
+        return np.stack([low + 0.05 * (high - low), high - 0.05 * (high - low)], axis=1)
+
+    @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
         experiment, posterior, truth = self.experiment, self.posterior, self.truth
         middle, interval = posterior.quantile(0.5), posterior.interval(0.9)
         correlation, keys = posterior.correlation(), experiment.unknowns
+        is_identified = posterior.is_identified(self.prior)
         found: dict[str, dict[str, Any]] = {}
         rows = []
         for k, unknown in enumerate(keys):
@@ -539,6 +546,7 @@ class Identification(Finding):
                 "median": middle[k],
                 "interval_90": interval[k],
                 "prior": [unknown.low, unknown.high],
+                "identified": bool(is_identified[k]),
                 "truth": None if truth is None else truth[k],
                 "coverage_of_90": None if self.coverage is None else self.coverage[k],
             }
@@ -546,18 +554,21 @@ class Identification(Finding):
             known = "" if truth is None else f"{truth[k]:.4g}"
             span = f"{interval[k, 0]:.4g} … {interval[k, 1]:.4g}"
             prior = f"{unknown.low:g} … {unknown.high:g}"
-            rows.append((unknown.key, f"{middle[k]:.4g}", span, prior, known, covered))
+            word = "yes" if is_identified[k] else "no"
+            rows.append((unknown.key, f"{middle[k]:.4g}", span, prior, word, known, covered))
         pairs = [
             f"{keys[j].key} and {keys[i].key} (correlation {correlation[i, j]:+.2f})"
             for i in range(len(keys))
             for j in range(i)
             if abs(correlation[i, j]) > SEPARATED
         ]
-        text = (
-            f"These motions hardly separate {'; '.join(pairs)}."
-            if pairs
-            else "These motions separate the unknowns."
-        )
+        sentences = [f"These motions hardly separate {'; '.join(pairs)}."] if pairs else []
+        if lost := [keys[k].key for k in np.flatnonzero(~is_identified)]:
+            sentences.append(
+                f"These motions do not identify {', '.join(lost)}: the 90 % interval is more than "
+                f"{statistics.IDENTIFIED:g} times as wide as that of the prior."
+            )
+        text = " ".join(sentences) or "These motions separate the unknowns."
         numbers = {
             "unknowns": found,
             "correlation": correlation,

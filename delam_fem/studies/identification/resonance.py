@@ -6,10 +6,11 @@ compares the record with the response of one mode to the same sweep, so that the
 
     x(t) = g z(u) + r z''(u) + Γ w(t) + Re(c e^{λt}) + m,   u = t - a - b (t - t_m)/T          (R1)
 
-z is the displacement of the base, w the response of the mode to z'' (`driven`), r the quasi-static
-part of higher modes, λ the pole of the mode, c what still vibrates from before, m a constant. a and
-b say when the record began and how fast its clock runs; t_m is the middle of the record and T its
-length.
+z is the displacement of the base, w the response of the mode to z'' + α z' (`driven`), r the
+quasi-static part of higher modes, λ the pole of the mode, c what still vibrates from before, m a
+constant. a and b say when the record began and how fast its clock runs; t_m is the middle of the
+record and T its length. α is the damping by mass: it acts against what rests, so that the base
+pushes by it, too. Without it the phases would be late or early by up to α/ω² = 2 D/ω.
 """
 
 from __future__ import annotations
@@ -168,11 +169,13 @@ class _Band:
         time: equidistant times, shape (n,) [s].
         displacement: absolute displacement, shape (n,) [m].
         motion: motion of the base.
+        by_mass: α of (R1) [1/s].
     """
 
     time: FloatArray
     displacement: FloatArray
     motion: SweptMotion
+    by_mass: float = 0.0
 
     def on_sweep(self, at: FloatArray, delays: FloatArray) -> FloatArray:
         """Return u of (R1) at given times for the delays a and b [s]."""
@@ -187,7 +190,11 @@ class _Band:
         """
         t, root = self.time, harmonics.pole(2.0 * math.pi * p[0], p[1])
         base = self.motion.states(self.on_sweep(t, p[2:]))
-        y = harmonics.driven(t, lambda at: self.motion.states(self.on_sweep(at, p[2:]))[:, 2], root)
+
+        def push(at: FloatArray) -> FloatArray:
+            return _push(self.motion.states(self.on_sweep(at, p[2:])), self.by_mass)
+
+        y = harmonics.driven(t, push, root)
         free = np.exp(root * (t - t[0]))
         columns = np.stack(
             [base[:, 0], 2.0 * y.real, base[:, 2], free.real, free.imag, np.ones_like(t)]
@@ -197,13 +204,21 @@ class _Band:
         return (found / size) @ columns, found / size
 
 
-def fit(time: FloatArray, displacement: FloatArray, motion: SweptMotion) -> Resonance:
+def _push(states: FloatArray, by_mass: float) -> FloatArray:
+    """Return z'' + α z' of states (z, z', z'') of the base, shape (n,) [m/s2]."""
+    return np.asarray(states[:, 2] + by_mass * states[:, 1])
+
+
+def fit(
+    time: FloatArray, displacement: FloatArray, motion: SweptMotion, *, by_mass: float = 0.0
+) -> Resonance:
     """Fit natural frequency, damping ratio, participation, start and clock to a record.
 
     Args:
         time: times since the sweep began, by the clock of the record, shape (n,) [s].
         displacement: absolute displacement of the point, shape (n,) [m].
         motion: motion of the base.
+        by_mass: α of (R1), the damping by mass over the mass [1/s].
 
     Raises:
         CaseError: there are fewer than `FEWEST` cycles near the peak, or samples in a cycle.
@@ -220,8 +235,8 @@ def fit(time: FloatArray, displacement: FloatArray, motion: SweptMotion) -> Reso
         )
     first, last = np.flatnonzero(near)[[0, -1]]
     own = slice(cycles.edges[first], cycles.edges[last + 1])
-    band = _Band(time[own], displacement[own], motion)
-    start, m = _by_amplitudes(time, cycles, a, near, motion)
+    band = _Band(time[own], displacement[own], motion, by_mass)
+    start, m = _by_amplitudes(time, cycles, a, near, band)
     phase, to_peak = np.angle(a[near] / m), np.argmax(abs(a[near])) + 1  # later it beats
     delays = [np.zeros(2)] + [
         _by_phases(band, cycles.time[near][:n], np.unwrap(phase[:n]))
@@ -262,18 +277,17 @@ def _even(
 
 
 def _by_amplitudes(
-    time: FloatArray, cycles: _Cycles, a: beams.ComplexArray, near: BoolArray, motion: SweptMotion
+    time: FloatArray, cycles: _Cycles, a: beams.ComplexArray, near: BoolArray, band: _Band
 ) -> tuple[FloatArray, beams.ComplexArray]:
     """Return frequency [Hz] and D by the sizes of the cycles, and the amplitudes that follow.
 
     The size of a cycle hardly depends on when the record begins. Only the cycles `near` are fitted.
     """
-    measured, size = a[near], motion.amplitude
+    measured, motion, size = a[near], band.motion, band.motion.amplitude
 
     def of_mode(p: FloatArray) -> beams.ComplexArray:
-        y = harmonics.driven(
-            time, lambda at: motion.states(at)[:, 2], harmonics.pole(2.0 * math.pi * p[0], p[1])
-        )
+        root = harmonics.pole(2.0 * math.pi * p[0], p[1])
+        y = harmonics.driven(time, lambda at: _push(motion.states(at), band.by_mass), root)
         return cycles.amplitudes(2.0 * y.real)[near]
 
     def away(p: FloatArray) -> FloatArray:
@@ -355,7 +369,8 @@ def _judged(
             f"{rms / noise:.2g} times the noise of a sample: something else moves too, and all "
             "numbers, start and clock included, may be off by more than ±"
         )
-    if abs(late) > max(SIGNIFICANT * late_error, t[1] - t[0]):
+    by_damping = p[1] / (math.pi * p[0])  # 2 D/ω, see (R1): by mass or not is not in the record
+    if abs(late) > max(SIGNIFICANT * late_error, t[1] - t[0], by_damping):
         remarks.append(
             f"the record begins {abs(late):.4g} ± {late_error:.1g} s "
             f"{'after' if late > 0.0 else 'before'} the sweep, which the fit takes into account"
@@ -477,7 +492,9 @@ def identified(case: Case, options: Options, context: RunContext | None = None) 
         time, tips = tips_of(case, options.measured)
     tips = tips + options.noise * np.random.default_rng(options.seed).standard_normal(tips.shape)
     motion = swept_motion(given, given.amplitude)
-    found = (fit(time, tip, motion) for tip in tips)
+    found = (
+        fit(time, tip, motion, by_mass=case.rayleigh(lamina)[0]) for lamina, tip in enumerate(tips)
+    )
     if options.measured is None:
         pairs = zip(found, ratios, strict=True)
         found = (_exact(one, case.time_step, ratio) for one, ratio in pairs)

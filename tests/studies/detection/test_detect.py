@@ -96,6 +96,22 @@ def test_a_measured_field_is_judged_like_a_simulated_one() -> None:
     assert not found.intact_marks["curvature"].is_detected
 
 
+@pytest.mark.parametrize("start", [0.02, 0.12])
+def test_the_contrast_of_a_measured_field_is_that_of_the_find(start: float) -> None:
+    """The case's delamination is no truth of a measurement, wherever it is."""
+    rig, scan = embedded(80.0), Scan()
+    pure = simulated(rig, scan)
+    case = embedded(80.0, **{"delamination.1.start": start, "delamination.1.end": start + 0.08})
+    measured = pure.noisy(pure.noise_of(scan), 9)
+    found = detect(case, measured=measured, repetitions=20)
+    marked = (found.mark.x >= found.mark.start) & (found.mark.x <= found.mark.end)
+    exact = found.mark.values[marked].max() / found.mark.values[~marked].max()
+    assert found.report.numbers["contrast"] == pytest.approx(exact, rel=1e-9)
+    assert exact == pytest.approx(
+        detect(rig).contrast("curvature"), rel=0.2
+    )  # of a rig as its case
+
+
 def test_the_noise_of_samples_and_of_shapes() -> None:
     assert per_shape(0.5, 400) == pytest.approx(0.05)
     assert per_sample(per_shape(0.3, 17), 17) == pytest.approx(0.3)

@@ -35,4 +35,16 @@ def test_a_posterior_is_written_and_drawn(tmp_path: Path) -> None:
     low, high = np.array(numbers["interval_90"]).T
     np.testing.assert_allclose((high - low) / truth_of(CASE), 2 * 1.645 * 0.02, rtol=0.2)
     assert found.report.tables[0].rows[0][:2] == ("start", "120")
+    assert numbers["identified"] == [True] * 3
     assert picture == tmp_path / "figures" / "posterior.png" and picture.is_file()
+
+
+def test_what_the_scans_do_not_tell_is_named() -> None:
+    """The depth is drawn from its prior, start and end are known: only the depth is named."""
+    rng = np.random.default_rng(2)
+    samples = truth_of(CASE) * rng.normal(1.0, 0.02, size=(400, 3))
+    samples[:, 2] = rng.uniform(*prior_of(CASE)[2], 400)
+    report = Inferred(CASE, Posterior(samples, np.full(400, 1 / 400)), 400).report
+    assert report.numbers["identified"] == [True, True, False]
+    (text,) = report.sentences
+    assert "depth" in text and "start" not in text

@@ -7,9 +7,10 @@ import pytest
 from delam_fem.case.files import preset
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.statistics import uniform
+from delam_fem.numerics.statistics import Posterior, uniform
 from delam_fem.studies.identification.identify import (
     Experiment,
+    Identification,
     Unknown,
     drawn,
     identify,
@@ -171,3 +172,27 @@ def test_every_draw_has_a_seed_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(Experiment, "simulate", simulated)
     identify(experiment(), tmp_path, simulations=110, finer=0, checks=0, seed=7)
     assert seeds[:4] == [7, 10, 8, 9]
+
+
+@pytest.mark.parametrize(
+    ("shares", "identified"),
+    [((0.4, 0.4), [True, True]), ((0.6, 0.4), [False, True]), ((1.0, 1.0), [False, False])],
+)
+def test_an_interval_as_wide_as_the_prior_identifies_nothing(
+    shares: tuple[float, float], identified: list[bool]
+) -> None:
+    """Posteriors that fill a share of the prior; half is the limit."""
+    given = experiment()
+    low, high = given.bounds.T
+    spread = np.random.default_rng(5).uniform(-0.5, 0.5, size=(4000, 2)) * shares
+    samples = 0.5 * (low + high) + spread * (high - low)
+    posterior = Posterior(samples, np.full(4000, 1 / 4000))
+    report = Identification(given, posterior, None, 0, False, 4000).report
+    about = report.numbers["unknowns"]
+    assert [about[unknown.key]["identified"] for unknown in UNKNOWNS] == identified
+    text = " ".join(report.sentences)
+    assert ("separate" in text) == all(identified)
+    for unknown, is_identified in zip(UNKNOWNS, identified, strict=True):
+        assert (unknown.key in text) != is_identified
+    words = [row[4] for row in report.tables[0].rows]
+    assert words == ["yes" if one else "no" for one in identified]
