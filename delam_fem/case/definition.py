@@ -27,6 +27,7 @@ from delam_fem.case.excitation import (
 )
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
+    POINT_LENGTH,
     Contact,
     Damping,
     Delamination,
@@ -47,7 +48,7 @@ from delam_fem.case.sections import (
 )
 from delam_fem.case.toml import Data, apply_overrides, message, set_key, toml_text
 from delam_fem.case.unread import idle_keys, read_of_contact
-from delam_fem.case.values import Expected, Section, inconsistent
+from delam_fem.case.values import Expected, Section, in_si, inconsistent
 from delam_fem.contact.laws import combination, combined_name
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.beams import transmissibility
@@ -84,6 +85,13 @@ def _tables(value: object) -> object:
             {"count": "none" if isinstance(value, list | tuple) else "something else"},
         )
     return value
+
+
+def _placed(table: object, end: object) -> object:
+    """Return a table that acts on a point, with its place at the end if it needs one."""
+    if not isinstance(table, Mapping) or "lamina" not in table or "position" in table:
+        return table
+    return {**table, "position": end} if table.get("shape", "force") == "force" else table
 
 
 class Case(Section):
@@ -162,6 +170,26 @@ class Case(Section):
             time = {**time, "scheme": scheme}
         return {**data, "contact": {**data["contact"], "law": law}, "time": time}
 
+    @model_validator(mode="before")
+    @classmethod
+    def _points_have_no_places(cls, data: object) -> object:
+        """Place what acts on points, or is read there, at their end if no place is given."""
+        if not isinstance(data, Mapping):
+            return data
+        laminae = data.get("lamina")
+        if not isinstance(laminae, list | tuple) or not laminae:
+            return data
+        first = laminae[0]
+        if not isinstance(first, Mapping) or "mass" not in first:
+            return data
+        end = in_si(first.get("length", POINT_LENGTH), "m", "length")
+        changed = {
+            key: [_placed(table, end) for table in data[key]]
+            for key in ("sensor", "initial")
+            if isinstance(data.get(key), list | tuple)
+        }
+        return {**data, **changed, "excitation": _placed(data.get("excitation"), end)}
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         """Check conditions that involve several sections."""
@@ -217,6 +245,11 @@ class Case(Section):
             )
         for end in ("position", "end"):
             x = getattr(own, end, None)
+            if x is not None and self.is_of_points and (end == "end" or x != self.length):
+                raise inconsistent(
+                    f"{key}.{end}",
+                    f"expected none on a point, which has no places, given {x!r}; leave it out",
+                )
             if x is not None and x > self.length * (1.0 + tolerance):
                 raise inconsistent(
                     f"{key}.{end}", f"expected at most the length {self.length!r} m, given {x!r}"
@@ -423,6 +456,14 @@ class Case(Section):
                 "gap",
                 "missing, but required for laminae that are apart; give [[delamination]] tables "
                 "for a bonded stack, or [support] alone for one without delaminations",
+            )
+        elif self.gap is not None and self.support.inside:
+            raise inconsistent(
+                "support.position",
+                "expected no [[support]] inside the span beside [gap], whose laminae are "
+                "cantilevers, given "
+                f"{', '.join(f'{own.position:g} m' for own in self.support.inside)}; give a "
+                "[[delamination]] from 0 to the length in place of [gap]",
             )
         elif self.gap is not None and self.support != Support():
             raise inconsistent(

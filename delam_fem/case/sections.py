@@ -231,7 +231,9 @@ class Lamina(Section):
         return np.asarray((cantilever_roots(n) / self.length) ** 2 * speed)
 
 
-_PICTURE = {"length": 1.0, "width": 0.1, "thickness": 0.05, "density": 2000.0,
+POINT_LENGTH = 1.0
+"""Length of the picture of a point whose length is not given [m]."""
+_PICTURE = {"length": POINT_LENGTH, "width": 0.1, "thickness": 0.05, "density": 2000.0,
             "young_modulus": 1e10}  # fmt: skip
 """What a point has besides its mass and its spring."""
 
@@ -577,6 +579,8 @@ class Support(Section):
         inside: supports inside the span.
     """
 
+    never_written: ClassVar[tuple[str, ...]] = ("inside",)
+
     start: SupportKind = "clamped"
     end: SupportKind = "free"
     rotational_stiffness: Annotated[Positive | None, Unit("N m")] = None
@@ -591,6 +595,9 @@ class Support(Section):
     @classmethod
     def _from_tables(cls, data: object) -> object:
         """Sort [[support]] tables into the ends and the others."""
+        for table in data if isinstance(data, list) else [data]:
+            if isinstance(table, Mapping) and "inside" in table:
+                raise cls.unknown("inside")
         if not isinstance(data, list):
             return data
         ends = [own for own in data if not (isinstance(own, Mapping) and "position" in own)]

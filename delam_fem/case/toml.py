@@ -79,6 +79,10 @@ def _remedy(text: str, error: str) -> str:
     line = text.splitlines()[int(place[1]) - 1] if place else ""
     if len(line) > _MOST_SHOWN:
         return ""
+    name = line.partition("#")[0].strip().strip("[]").strip()
+    headings = {text_line.partition("#")[0].strip() for text_line in text.splitlines()}
+    if {f"[{name}]", f"[[{name}]]"} <= headings:
+        return f"; [{name}] and [[{name}]] exclude one another: write [[{name}]] for each"
     word = re.match(r"\s*([\w.-]+)\s*=\s*([A-Za-z][\w@/-]*)\s*(#.*)?$", line)
     if word:
         return f'; a text stands in quotes: {word[1]} = "{word[2]}"'

@@ -154,10 +154,12 @@ class Section(BaseModel):
 
     Attributes:
         also_written: keys of the file, positive numbers, that become other fields when it is read.
+        never_written: fields that are no keys of the file.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     also_written: ClassVar[tuple[str, ...]] = ()
+    never_written: ClassVar[tuple[str, ...]] = ()
 
     @model_validator(mode="before")
     @classmethod
@@ -165,12 +167,17 @@ class Section(BaseModel):
         """Refuse a key that the section does not have, and suggest the most similar key."""
         for key in data if isinstance(data, Mapping) else ():
             if key not in cls.model_fields:
-                near = difflib.get_close_matches(str(key), cls.model_fields, n=1)
-                hint = f"did you mean {near[0]}?" if near else "expected one of "
-                raise inconsistent(
-                    str(key), f"unknown key; {hint}{'' if near else ', '.join(cls.model_fields)}"
-                )
+                raise cls.unknown(str(key))
         return data
+
+    @classmethod
+    def unknown(cls, key: str) -> PydanticCustomError:
+        """Return the error for a key that the section does not have, with the most similar one."""
+        names = [*(name for name in cls.model_fields if name not in cls.never_written)]
+        names += cls.also_written
+        near = difflib.get_close_matches(key, names, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(names)}"
+        return inconsistent(key, f"unknown key; {hint}")
 
     def require_just(self, key: str, is_needed: bool, by: str) -> None:
         """Check that a key is given if the value of another, `by`, needs it, and not otherwise.

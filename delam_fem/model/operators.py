@@ -202,7 +202,8 @@ class Operators(Recorded[sp.csr_matrix]):
     Two problems are equal if they are one object, so that what follows from one can be kept.
 
     Attributes:
-        mass: M, the mass matrix of the time integration, CSR (n, n).
+        mass: M, the mass matrix of the time integration, CSR (n, n); here and below a matrix of
+            PETSc on one rank is taken as well.
         damping: C, CSR (n, n).
         stiffness: K, CSR (n, n).
         base: coupling of the free dofs to the base.
@@ -238,6 +239,9 @@ class Operators(Recorded[sp.csr_matrix]):
         """
         for name in ("mass", "damping", "stiffness", "gap_matrix"):
             given = getattr(self, name)
+            if hasattr(given, "getValuesCSR"):
+                given = _of_one_rank(given, name)
+                object.__setattr__(self, name, given)
             if not sp.issparse(given):
                 raise CaseError(
                     f"operators: {name}: expected a sparse matrix, given {type(given).__name__}; "
@@ -389,8 +393,7 @@ class Operators(Recorded[sp.csr_matrix]):
             if near is not None:
                 with_near_null(parts[2], near)
             return DistributedOperators(*parts, comm=comm, **further)
-        arrays = [sp.csr_matrix(part.getValuesCSR()[::-1], shape=part.getSize()) for part in parts]
-        return Operators(arrays[0], arrays[1], arrays[2], near_null=near, **further)
+        return Operators(parts[0], parts[1], parts[2], near_null=near, **further)
 
     @property
     def n_dofs(self) -> int:
@@ -401,6 +404,21 @@ class Operators(Recorded[sp.csr_matrix]):
     def n_own(self) -> int:
         """Number of free dofs of this process, which has them all."""
         return self.n_dofs
+
+
+def _of_one_rank(matrix: PETSc.Mat, name: str) -> sp.csr_matrix:
+    """Return a matrix of PETSc as one of SciPy.
+
+    Raises:
+        CaseError: it is spread over several ranks.
+    """
+    require(
+        matrix.comm.size == 1,
+        f"operators: {name}",
+        "a matrix on one rank; Operators.from_petsc takes one on several",
+        f"{matrix.comm.size} ranks",
+    )
+    return sp.csr_matrix(matrix.getValuesCSR()[::-1], shape=matrix.getSize())
 
 
 @dataclass(frozen=True, eq=False)

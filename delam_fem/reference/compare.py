@@ -187,6 +187,12 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
     )
     require_mass(case, "compare", "its masses are at nodes; converge refines the case")
     require_plain(case, "compare")
+    require(
+        case.excitation.acts_on == "base",
+        "excitation: compare",
+        "a motion of the base, which the reference has",
+        case.excitation.kind,
+    )
     from delam_fem import pipeline  # dolfinx too; its HDF5 must come after that of the pipeline
 
     if not has_dolfinx():

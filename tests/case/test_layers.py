@@ -267,3 +267,32 @@ def test_a_point_is_written_without_its_picture() -> None:
     case = preset("default", {"lamina": [ball], "gap": None, "mesh.elements": 1})
     assert tomllib.loads(case.to_toml())["lamina"] == [ball]
     assert Case.from_toml(case.to_toml()) == case
+
+
+def test_support_in_one_and_in_two_brackets_is_explained(tmp_path: Path) -> None:
+    file = tmp_path / "both.toml"
+    text = preset_text("embedded").replace("[[delamination]]", "[[support]]\nposition = 0.05\n"
+                                           'kind = "pinned"\n\n[[delamination]]', 1)  # fmt: skip
+    for way in (text, text.replace("[support]", "[[support]]", 1)):
+        file.write_text(way, encoding="utf-8")
+        if way is not text:
+            assert load_case(file).support.inside[0].position == 0.05
+            continue
+        with pytest.raises(CaseError, match=r"\[support\] and \[\[support\]\].*\[\[support\]\]"):
+            load_case(file)
+
+
+def test_a_support_inside_the_span_of_laminae_that_are_apart_is_named() -> None:
+    message = refused({"support": [{"position": 0.12, "kind": "pinned"}]}, "default")
+    assert "0.12" in message
+    assert "[gap]" in message
+    assert "clamped" not in message
+
+
+@pytest.mark.parametrize("key", ["inside", "beginning"])
+def test_keys_that_supports_do_not_have_are_refused_without_words_of_the_program(key: str) -> None:
+    for tables in ({key: 3}, [{key: 3}, {"position": 0.1, "kind": "pinned"}]):
+        message = refused({"support": tables})
+        assert f"support.{key}" in message
+        assert "start, end, rotational_stiffness" in message
+        assert "inside" not in message.replace(f"support.{key}", "")

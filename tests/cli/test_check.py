@@ -60,6 +60,22 @@ quantity = "velocity"
 sampling_rate = "10 kHz"
 """
 
+POINT = """name = "point"
+[[lamina]]
+name = "beam"
+mass = 1.25
+stiffness = 300.0
+damping_ratio = 0.01
+[mesh]
+elements = 1
+[excitation]
+kind = "harmonic"
+frequency = 3.0
+acceleration = 0.1
+[contact]
+law = "none"
+"""
+
 
 def rows(output: str) -> dict[str, str]:
     """Return the rows of the table by their headings; lines that go on are joined."""
@@ -110,6 +126,15 @@ def test_the_numbers_that_a_law_reads_are_shown(
     numbers = rows(shown.stdout).get("numbers of the law", "")
     assert all(text in numbers for text in expected), numbers
     assert not any(text in numbers for text in others), numbers
+
+
+def test_a_point_is_shown_with_its_mass_and_without_sizes(tmp_path: Path) -> None:
+    file = tmp_path / "point.toml"
+    file.write_text(POINT, encoding="utf-8")
+    lamina = rows(invoke("check", file).stdout)["lamina beam"]
+    assert "1.25 kg" in lamina
+    assert "300 N/m" in lamina
+    assert "mm" not in lamina
 
 
 def test_a_case_that_needs_much_is_shown(tmp_path: Path) -> None:

@@ -153,6 +153,8 @@ def test_figure_of_equal_histories_can_be_drawn(comparison: Comparison, tmp_path
             },
             "excitation.kind: the reference has the first periods of a harmonic",
         ),
+        ("paper", {"initial": [{"lamina": "thin", "velocity": 0.1}]}, "initial: "),
+        ("paper", {"time.refine": 8}, "time.refine: "),
     ],
 )
 def test_matrices_and_frequencies_are_compared_where_the_motion_cannot_be(
@@ -166,6 +168,12 @@ def test_matrices_and_frequencies_are_compared_where_the_motion_cannot_be(
     (table,) = found.save(tmp_path)
     assert json.loads(table.read_text())["no_motion"] == found.refusal
     assert dict(found.rows())["motion"] == "not compared"
+
+
+def test_a_force_is_refused_whose_load_the_reference_does_not_have() -> None:
+    force = {"kind": "force", "lamina": "thin", "position": 0.5, "amplitude": 0.1, "frequency": 3.0}
+    with pytest.raises(CaseError, match=r"excitation: compare: .*'force'"):
+        compare(preset("paper", {"excitation": force}))
 
 
 @pytest.mark.parametrize("name", ["impacts", "periods"])
