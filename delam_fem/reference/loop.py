@@ -296,12 +296,12 @@ def refused_motion(case: Case) -> str:
             "excitation.kind: the reference has the first periods of a harmonic excitation; given "
             f"{case.excitation.kind!r}"
         )
-    if case.initial:
-        return f"initial: the reference begins at rest; given {len(case.initial)} initial states"
-    if case.time.refine > 1 and case.contact.law != "none":
-        return f"time.refine: the reference has steps of one length; given {case.time.refine}"
     if case.contact.law not in LAWS:
         return f"contact.law: the reference has {', '.join(LAWS)}; given {case.contact.law!r}"
     if case.time.scheme != "newmark":
         return f"time.scheme: the reference has newmark; given {case.time.scheme!r}"
+    if case.initial:
+        return f"initial: the reference begins at rest; given {len(case.initial)} initial states"
+    if case.time.refine > 1 and case.contact.law != "none":
+        return f"time.refine: the reference has steps of one length; given {case.time.refine}"
     return ""

@@ -1,5 +1,7 @@
 """Docstrings are read by rows, their further lines included."""
 
+import subprocess
+import sys
 from dataclasses import dataclass
 
 from delam_fem.system.docstrings import meanings, summary
@@ -53,3 +55,28 @@ def test_rows_are_those_of_a_class_and_of_what_it_extends() -> None:
     assert {name: found[name] for name in heavy} == heavy
     assert list(found)[:3] == ["length", "mass", "load_2"]
     assert meanings(Bare) == meanings(Named) == {}
+
+
+STRIPPED = """
+import json
+from delam_fem.case.sections import Lamina
+from delam_fem.studies.options import Pod
+from delam_fem.system.docstrings import meanings, summary
+print(json.dumps([[summary(own), meanings(own)] for own in (Lamina, Pod)]))
+"""
+
+
+def test_docstrings_that_python_strips_are_read_from_the_sources() -> None:
+    """What `python -OO` reads is what Python reads."""
+    texts = [
+        subprocess.run(
+            [sys.executable, *flags, "-c", STRIPPED],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=True,
+        ).stdout
+        for flags in ((), ("-OO",))
+    ]
+    assert texts[0] == texts[1]
+    assert "thickness h [m]" in texts[0]
