@@ -220,7 +220,7 @@ def _size_of(case: Case) -> float:
     else:
         reach += float(largest[0])
         speed += float(largest[1])
-    gaps = [own.gap for own in (*case.stop, *case.impactor)]
+    gaps = [*(stop.gap for stop in case.stop), *(impactor.gap for impactor in case.impactor)]
     if case.gap is not None:
         gaps += [case.gap.tip or 0.0, case.gap.root or 0.0]
     return max(*lengths, *gaps, reach + speed * duration, 0.0) or math.inf

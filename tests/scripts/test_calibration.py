@@ -78,9 +78,9 @@ def test_a_part_replaces_its_own_rows(tmp_path: Path, monkeypatch: pytest.Monkey
     found = json.loads(numbers.read_text())
     assert found["detect"]["rows"] == [vars(row)]
     assert found["other"] == {"cpu_s": 1, "rows": []}
-    assert "| a verdict | 99 % | 1 | 200 | 100 % |  |" in (
-        tmp_path / "calibration.md"
-    ).read_text("utf-8")
+    assert "| a verdict | 99 % | 1 | 200 | 100 % |  |" in (tmp_path / "calibration.md").read_text(
+        "utf-8"
+    )
 
 
 def falling_short(rows: list[dict[str, Any]]) -> set[tuple[str, str]]:

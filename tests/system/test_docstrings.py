@@ -59,10 +59,9 @@ def test_rows_are_those_of_a_class_and_of_what_it_extends() -> None:
 
 STRIPPED = """
 import json
-from delam_fem.case.sections import Lamina
-from delam_fem.studies.options import Pod
+from delam_fem.case.sections import Contact, Lamina
 from delam_fem.system.docstrings import meanings, summary
-print(json.dumps([[summary(own), meanings(own)] for own in (Lamina, Pod)]))
+print(json.dumps([[summary(own), meanings(own)] for own in (Lamina, Contact)]))
 """
 
 
