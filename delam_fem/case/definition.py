@@ -694,8 +694,9 @@ class Case(Section):
     def rayleigh(self, i: int) -> tuple[float, float]:
         """Return the damping coefficients of one lamina, C = alpha M + beta K.
 
-        The coefficients are those of a cantilever of its own; a bonded stack has those of its
-        modes, see `model.beams.network`.
+        The damping ratio holds at the modes of the lamina alone, as it is held. Where it carries
+        point masses, and in a bonded stack, these modes follow from the matrices, see
+        `model.beams.network`.
 
         Args:
             i: index of the lamina from 0.
@@ -703,7 +704,8 @@ class Case(Section):
         Returns:
             alpha [1/s], beta [s].
         """
-        first, second = self.lamina[i].angular_frequencies(2).tolist()
+        is_even = (self.support.start == "free") == (self.support.end == "free")
+        first, second = self.lamina[i].angular_frequencies(2, is_even=is_even).tolist()
         if self.is_of_points:
             return 0.0, 2.0 * self.lamina[i].damping_ratio / first if first else 0.0
         return harmonics.coefficients(

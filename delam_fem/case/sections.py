@@ -213,19 +213,21 @@ class Lamina(Section):
         """Poisson's ratio of the lamina's material; 0 without one [-]."""
         return POISSON.get(self.material or "", 0.0)
 
-    def angular_frequencies(self, n: int) -> FloatArray:
+    def angular_frequencies(self, n: int, *, is_even: bool = False) -> FloatArray:
         """Return the first natural frequencies, omega_k = (B_k/L)^2 sqrt(EI / rho A) of a beam.
 
         Args:
             n: number of frequencies.
+            is_even: whether both ends of a bar are held, or both are free.
 
         Returns:
-            Angular frequencies of the exact undamped cantilever, increasing, shape (n,) [rad/s].
+            Angular frequencies of the exact undamped cantilever, or of a bar that vibrates,
+            increasing, shape (n,) [rad/s].
         """
         if self.mass is not None and self.stiffness is not None:  # a point has one
             return np.full(n, np.sqrt(self.stiffness / self.mass))
         if self.motion == "axial":
-            waves = np.pi * (np.arange(n) + 0.5) / self.length
+            waves = np.pi * (np.arange(n) + (1.0 if is_even else 0.5)) / self.length
             return np.asarray(waves * np.sqrt(self.young_modulus / self.density))
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
         return np.asarray((cantilever_roots(n) / self.length) ** 2 * speed)

@@ -20,6 +20,7 @@ from the bottom, deflection before slope; those of laminae that are apart lamina
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -354,7 +355,7 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
             K[slope, slope] += case.support.rotational_stiffness
     H, gap0, weights = _pairs(stack)
     if case.is_apart:
-        own = [rayleigh(case, lamina) for lamina in case.lamina]
+        own = [_of_lamina(case, stack, i, (inertia, bending)) for i in range(len(case.lamina))]
         C = stack.summed(
             [(i, k, own[i][0] * block) for i, k, block in inertia]
             + [(i, k, own[i][1] * block) for i, k, block in bending]
@@ -377,6 +378,30 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
         pair_weights=weights,
         probes=sp.csr_matrix(eye[stack.dofs[:, observed, 0]]),
     )
+
+
+def _of_lamina(
+    case: Case, stack: Stack, i: int, blocks: Sequence[Sequence[tuple[int, int, FloatArray]]]
+) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] of a lamina; the modes are those with its point masses.
+
+    Args:
+        case: the case.
+        stack: its laminae.
+        i: number of the lamina.
+        blocks: lamina, element and matrix of the inertia and of the bending of all laminae.
+    """
+    lamina = case.lamina[i]
+    if all(mass.lamina != lamina.name for mass in case.point_mass):
+        return rayleigh(case, lamina)
+    dofs = np.unique(stack.dofs[i])
+    dofs = dofs[dofs >= 0]
+    M, K = (
+        stack.summed([block for block in each if block[0] == i]).toarray()[np.ix_(dofs, dofs)]
+        for each in blocks
+    )
+    squares = eigh(K, M, eigvals_only=True, subset_by_index=(0, 1))
+    return coefficients(case, lamina.damping_ratio, np.sqrt(squares))
 
 
 def lowest_frequencies(operators: Operators, n: int) -> FloatArray:

@@ -17,7 +17,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from scipy.linalg import eigh
 
 from delam_fem.case.definition import Case
 from delam_fem.model.beams.network import (
@@ -30,7 +29,7 @@ from delam_fem.model.beams.network import (
 )
 from delam_fem.model.layout import BASE, FIXED, Structure
 from delam_fem.model.mesh import node_coordinates, require_edges
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 
@@ -259,17 +258,13 @@ def _scaled(numbers: FloatArray, factor: FloatArray, h: npt.ArrayLike) -> FloatA
     return scaled
 
 
-_RIGID = 1e-12
-"""Square of a frequency over the largest, below which a motion is rigid but for round-off."""
-
-
 def axial(case: Case, x: FloatArray) -> Structure:
     """Return the operators and the layout of a case of bars or points with nodes at x [m]."""
     h, last, count = np.diff(x), x.size - 1, len(case.lamina)
     ends = ((0, case.support.start), (last, case.support.end))
     free = np.delete(np.arange(x.size), [node for node, kind in ends if kind != "free"])
     start, end = (sp.eye(last, x.size, k=k, format="csr") for k in (0, 1))  # nodes of cells
-    laminae, lumped, damping = [], [], []
+    laminae, lumped = [], []
     for own in case.lamina:
         masses = sp.diags(own.mass_per_length * h)
         k = own.axial_rigidity / h if own.stiffness is None else np.array([own.stiffness])
@@ -280,8 +275,6 @@ def axial(case: Case, x: FloatArray) -> Structure:
         if own.mass is not None or case.time.mass == "lumped":
             M = sp.diags(diagonal)
         K = (end - start).T @ sp.diags(k) @ (end - start)
-        if case.damping.rayleigh == "every mode":
-            damping.append(_damped(M, K, own.damping_ratio, free))
         laminae.append((M, K))
         lumped.append(diagonal)
     dofs = np.full((count, x.size, 2), FIXED)
@@ -292,18 +285,4 @@ def axial(case: Case, x: FloatArray) -> Structure:
     parts = parts_of(case, x, dofs, sections)
     straight = np.diag([1.0, 0.0])  # the slopes have no stiffness and no mass
     M, K = (sp.kron(sp.block_diag(own), straight) for own in zip(*laminae, strict=True))
-    C = sp.kron(sp.block_diag(damping), straight) if damping else None
-    return side_by_side(case, parts, (M, K), np.kron(np.concatenate(lumped), straight[0]), C)
-
-
-def _damped(M: sp.spmatrix, K: sp.spmatrix, ratio: float, free: IntArray) -> sp.csr_matrix:
-    """Return C = M Σ 2 D ω φ φᵀ M, which acts on motions relative to the base, with φᵀ M φ = 1."""
-    M_free, K_free = (sp.csr_matrix(A)[free][:, free].toarray() for A in (M, K))
-    squares, shapes = eigh(K_free, M_free)
-    momenta = M_free @ shapes
-    squares[squares < _RIGID * squares[-1]] = 0.0
-    C = momenta * (2.0 * ratio * np.sqrt(squares)) @ momenta.T
-    relative = np.eye(M.shape[0])[free]
-    for node in np.setdiff1d(np.arange(M.shape[0]), free)[:1]:  # all held nodes are the base
-        relative[:, node] = -1.0
-    return sp.csr_matrix(relative.T @ C @ relative)
+    return side_by_side(case, parts, (M, K), np.kron(np.concatenate(lumped), straight[0]))

@@ -43,6 +43,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import eigh
 
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap, opening_at_rest
@@ -76,7 +77,7 @@ from delam_fem.model.layout import (
     probe_rows,
     tributary_lengths,
 )
-from delam_fem.model.linear import elastic, kept_closed
+from delam_fem.model.linear import elastic, kept_closed, n_rigid
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -85,6 +86,8 @@ from delam_fem.system.errors import CaseError
 Group = tuple[int, ...]
 """Numbers of neighbouring laminae that are bonded, from bottom to top."""
 
+_RIGID_SHARE = 1e-12
+"""Square of a frequency over the largest, below which a motion is rigid but for round-off."""
 RIGID = 1e9
 """Stiffness of a support over that of the elements beside it from which on it counts as rigid: of
 the 16 digits of their sum, too few are theirs."""
@@ -523,12 +526,14 @@ def side_by_side(
 ) -> Structure:
     """Return laminae that are apart, with their point masses; each has its own damping.
 
+    The damping ratio of a lamina holds at its own modes, with its masses.
+
     Args:
         case: the case.
         parts: the laminae.
         matrices: M and K of all points of all laminae, point by point, held ones included.
         lumped: diagonal of the lumped mass of the same dofs.
-        damping: C of the same dofs; None: that of Rayleigh.
+        damping: C of the same dofs without point masses; None: it follows from M and K.
     """
     layout = layout_of(case, parts)
     whole = np.concatenate([part.dofs.ravel() for part in layout.parts])
@@ -538,17 +543,73 @@ def side_by_side(
     M, K = matrices
     if case.time.mass == "lumped":
         M = sp.diags(lumped, format="csr")
-    if damping is None:
-        each = [case.rayleigh(i) for i in range(len(parts))]
-        alpha, beta = map(sp.diags, np.repeat(each, [part.dofs.size for part in parts], axis=0).T)
-        damping = alpha @ M + beta @ K
-    M, C, K = (to.T @ matrix @ to for matrix in (M, damping, K))
+    of_points = M, K
     lumped = to.T @ lumped
-    for i, lamina in enumerate(case.lamina):
-        if masses := [own for own in case.point_mass if own.lamina == lamina.name]:
-            added, diagonal = added_mass(case, layout, n, masses)
-            M, C, lumped = M + added, C + case.rayleigh(i)[0] * added, lumped + diagonal
+    M, K = (sp.csr_matrix(to.T @ matrix @ to) for matrix in of_points)
+    added = []
+    for lamina in case.lamina:
+        masses = [own for own in case.point_mass if own.lamina == lamina.name]
+        matrix, diagonal = added_mass(case, layout, n, masses)
+        added.append(matrix)
+        M, lumped = sp.csr_matrix(M + matrix), lumped + diagonal
+    if case.damping.rayleigh == "every mode":
+        C = _of_every_mode(case, layout, M, K)
+    elif damping is None or case.point_mass:
+        each = [lamina_damping(case, layout, i, M, K) for i in range(len(parts))]
+        sizes = [part.dofs.size for part in parts]
+        alpha, beta = map(sp.diags, np.repeat(each, sizes, axis=0).T)
+        C = to.T @ (alpha @ of_points[0] + beta @ of_points[1]) @ to
+        C = C + sum(factor * matrix for (factor, _), matrix in zip(each, added, strict=True))
+    else:
+        C = to.T @ damping @ to
     return completed(Structure(_operators(case, layout, (M, C, K), lumped), layout), case)
+
+
+def lamina_damping(
+    case: Case, layout: Layout, i: int, M: sp.csr_matrix, K: sp.csr_matrix
+) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] of a lamina that is apart, by its modes with its masses.
+
+    Args:
+        case: the case.
+        layout: of the laminae as beams, bars or points.
+        i: number of the lamina.
+        M: mass of the free dofs, point masses included; it may have further rows and columns.
+        K: stiffness, likewise.
+    """
+    lamina, own = case.lamina[i], layout.parts[i].own_dofs
+    if all(point_mass.lamina != lamina.name for point_mass in case.point_mass):
+        return case.rayleigh(i)
+    K, M = K[own][:, own], M[own][:, own]
+    count = n_rigid(K)
+    if own.size == count:
+        return case.rayleigh(i)  # of what has no stiffness
+    omega = _TWO_PI * elastic(K, M, min(2, own.size - count), count)[0]
+    if case.is_of_points:
+        return 0.0, 2.0 * lamina.damping_ratio / float(omega[0])
+    first, second = float(omega[0]), float(omega[-1])
+    return harmonics.coefficients(lamina.damping_ratio, first, second, case.damping.kind)
+
+
+def _of_every_mode(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> sp.spmatrix:
+    """Return C = M Σ 2 D ω φ φᵀ M of free dofs and base, lamina by lamina, with φᵀ M φ = 1.
+
+    It acts on motions relative to the base.
+    """
+    C, n = sp.csr_matrix(M.shape), M.shape[0] - 1
+    for lamina, part in zip(case.lamina, layout.parts, strict=True):
+        own = part.own_dofs
+        inertia = M[own][:, own].toarray()
+        squares, shapes = eigh(K[own][:, own].toarray(), inertia)
+        momenta = inertia @ shapes
+        squares[squares < _RIGID_SHARE * squares[-1]] = 0.0
+        among = momenta * (2.0 * lamina.damping_ratio * np.sqrt(squares)) @ momenta.T
+        relative = np.zeros((own.size, n + 1))
+        relative[np.arange(own.size), own] = 1.0
+        if (part.dofs == BASE).any():
+            relative[:, n] = -1.0
+        C = C + sp.csr_matrix(relative.T @ among @ relative)
+    return C
 
 
 def _operators(

@@ -304,7 +304,14 @@ def _damping(
         C; alpha and beta at the own free dofs, each of shape (n_own,).
     """
     if case.is_apart:
-        of_lamina = np.array([case.rayleigh(i) for i in range(len(case.lamina))])
+        laminae = range(len(case.lamina))
+        of_lamina = np.array([case.rayleigh(i) for i in laminae])
+        if case.point_mass:
+            beam = closed_form.assemble(case.as_beams)
+            inertia, rigidity = beam.operators.mass, beam.operators.stiffness
+            of_lamina = np.array(
+                [network.lamina_damping(case, beam.layout, i, inertia, rigidity) for i in laminae]
+            )
         alpha, beta = of_lamina[unknowns.parts].T
     else:
         beam = closed_form.assemble(case.as_beams)
