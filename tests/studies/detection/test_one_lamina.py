@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 import delam_fem as df
-from delam_fem.studies.detection import detect, modulation, tap
 
 LAMINA = {
     "name": "only", "length": 0.4, "width": 0.02, "thickness": 0.002, "material": "aluminium",
@@ -17,13 +16,13 @@ LAMINA = {
 @pytest.mark.parametrize(
     ("study", "options"),
     [
-        (detect.STUDY, {}),
-        (modulation.STUDY, {"pump_frequency": 11.0, "pump_amplitude": 0.1}),
-        (tap.STUDY, {}),
+        ("detect", {}),
+        ("modulate", {"pump_frequency": 11.0, "pump_amplitude": 0.1}),
+        ("tap", {}),
     ],
     ids=["scan", "modulate", "tap"],
 )
-def test_one_lamina_is_refused(study: object, options: dict[str, float], end: str) -> None:
+def test_one_lamina_is_refused(study: str, options: dict[str, float], end: str) -> None:
     case = df.Case(
         name="one",
         lamina=[LAMINA],
@@ -35,7 +34,7 @@ def test_one_lamina_is_refused(study: object, options: dict[str, float], end: st
         impactor=[
             {"lamina": "only", "position": 0.2, "mass": 0.01, "gap": 0.001, "velocity": 1.0,
              "stiffness": 1e5}
-        ] if study is tap.STUDY else [],
+        ] if study == "tap" else [],
     )  # fmt: skip
-    with pytest.raises(df.CaseError, match=r"expected .*\[\[delamination\]\].* given 1 lamina"):
-        study(case, **options)  # type: ignore[operator]
+    with pytest.raises(df.CaseError, match=r"expected .*\[\[delamination\]\].*, given"):
+        getattr(df, study)(case, **options)
