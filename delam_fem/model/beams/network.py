@@ -462,7 +462,9 @@ def driven(structure: Structure, case: Case) -> Structure:
     if given.acts_on == "base" or name is None or position is None or operators.base.is_force:
         return structure
     load = point_load(structure.layout, name, position, operators.n_dofs)
-    if not load.any():
+    reading = structure.layout.reading
+    comm = None if reading is None else reading.comm  # ranks may have the point, or none of it
+    if not (load.any() if comm is None else any(comm.allgather(bool(load.any())))):
         raise CaseError(
             f"excitation.position: expected a point that can move, given {position!r} m, where "
             f"lamina {name} is held"
