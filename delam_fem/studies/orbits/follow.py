@@ -259,7 +259,8 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     unit = str(data["parameter"].attrs.get("units", "1")).replace("1", "–")
     style.label_x([*panels, lowest], f"{key}  [{unit}]")
     low, high = float(data["parameter"].min()), float(data["parameter"].max())
-    lowest.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
+    margin = 0.02 * (high - low or abs(low) or 1.0)  # there may be one point alone
+    lowest.set_xlim(low - margin, high + margin)
     figure.suptitle(f"{data.attrs['title']}, stability by 95 % intervals")
     return figure
 
