@@ -1,4 +1,4 @@
-"""Kills at random moments: runs, sweeps and ladders lose nothing that was on the disk.
+"""Kills at random moments: whatever goes on loses nothing that was on the disk.
 
 Each trial starts a command, kills it at a random moment, goes on with `--resume`, kills that again,
 and so on until a command ends by itself. The moments have a fixed seed; what they hit depends on
@@ -12,9 +12,11 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +26,7 @@ from attack.processes import (
     LIMIT,
     command,
     ended,
+    history,
     periods_kept,
     require_none_left,
     require_whole_files,
@@ -35,7 +38,10 @@ from attack.processes import (
 import delam_fem as df
 
 SEED = 12
-KILLS = {"run": 60, "sweep": 24, "converge": 20}
+KILLS = {
+    "run": 40, "extend": 16, "sweep": 20, "shard": 12, "converge": 16, "scan": 10, "modulate": 10,
+    "tap": 8, "excite": 10, "keys": 10, "resonance": 8, "orbit": 8, "follow": 12,
+}  # fmt: skip
 """Numbers of kills in the long form."""
 
 LADDER = (
@@ -51,26 +57,133 @@ LADDER = (
 LADDER_KEYS = {"mesh.elements": 4, "time.periods": 8, "output.window_periods": 4}
 
 
+SPAN = 20
+"""Periods of an extension."""
+BONDED = {"mesh.elements": 20, "time.steps_per_period": 100, "time.periods": 40}
+BLOW = {
+    **BONDED, "contact.law": "penalty", "contact.penalty_stiffness": 1e5, "time.scheme": "newmark",
+    "time.periods": 2,
+}  # fmt: skip
+FEW = {"mesh.elements": 3, "time.steps_per_period": 60, "time.periods": 20}
+SWEPT = {
+    "mesh.elements": 6, "excitation.kind": "sweep", "excitation.start_frequency": 2,
+    "excitation.end_frequency": 6, "excitation.duration": 60, "time.steps_per_period": 50,
+}  # fmt: skip
+
+
+def resumed(folder: Path) -> list[str]:
+    """Return --resume if a folder has anything to go on with."""
+    return ["--resume"] if seen(folder) else []
+
+
+def replaced(folder: Path) -> list[str]:
+    """Return --overwrite if a folder has anything."""
+    return ["--overwrite"] if seen(folder) else []
+
+
+def run_resumed(folder: Path) -> list[str]:
+    """Return --resume if a folder has a checkpoint or a result of a run."""
+    return ["--resume"] if run_progress(folder) else []
+
+
+def extended(folder: Path) -> list[str]:
+    """Return how an extension begins, or goes on once its checkpoint is there."""
+    if (folder / "checkpoint.npz").exists() or n_periods(folder) > CASE["time.periods"]:
+        return [f"--set=time.periods={CASE['time.periods'] + SPAN}", "--resume"]
+    return ["--extend", str(SPAN)]
+
+
+def n_periods(folder: Path) -> int:
+    """Return the number of periods in the result of a run."""
+    return int(history(folder).sizes["period"])
+
+
+def seen(folder: Path) -> int:
+    """Return 1 if a folder has anything but temporary files."""
+    return int(folder.exists() and any(not path.name.startswith(".") for path in folder.iterdir()))
+
+
+@dataclass(frozen=True)
+class Victim:
+    """A command that is killed.
+
+    Attributes:
+        words: its words; FOLDER is a folder with the files of the test.
+        keys: overrides of its case.
+        go_on: function of the folder that returns the options with which the command goes on.
+        progress: function that counts what is on the disk; it never falls.
+        before: words of the command that prepares the folder.
+        after: words of the commands that finish it.
+    """
+
+    words: tuple[object, ...]
+    keys: dict[str, Any]
+    go_on: Callable[[Path], list[str]] = resumed
+    progress: Callable[[Path], int] = seen
+    before: tuple[object, ...] = ()
+    after: tuple[tuple[object, ...], ...] = ()
+
+
+def victims() -> dict[str, Victim]:
+    """Return all commands that are killed, by name."""
+    run, sweep = ("run", "paper", "--checkpoint-seconds=0"), ("sweep", "FOLDER/s.toml")
+    long = {**CASE, "time.periods": CASE["time.periods"] + SPAN}
+    return {
+        "run": Victim(run, CASE, run_resumed, run_progress),
+        "extend": Victim(run, CASE, extended, n_periods, run),
+        "sweep": Victim((*sweep, "-j", 2), {}, resumed, sweep_progress),
+        "shard": Victim(
+            (*sweep, "--shard", "1/2", "-j", 1), {}, resumed, sweep_progress,
+            after=((*sweep, "--shard", "2/2", "-j", 1), (*sweep, "--merge")),
+        ),
+        "converge": Victim(
+            ("converge", "paper", "-j", 2, *LADDER), LADDER_KEYS, resumed, ladder_progress
+        ),
+        "scan": Victim(("detect", "scan", "embedded"), BONDED),
+        "modulate": Victim(
+            ("detect", "modulate", "embedded", "--pump-frequency", 49, "--pump-amplitude", 0.1,
+             "--periods", 1), BONDED,
+        ),
+        "tap": Victim(("detect", "tap", "FOLDER/blow.toml", "--spacing", 0.05), {}, replaced),
+        "excite": Victim(
+            ("detect", "excite", "embedded", "-n", 4, "--to", 100, "-j", 1), BONDED
+        ),
+        "keys": Victim(
+            ("identify", "keys", "paper", "--unknown", "gap.exponent=1:3", "--frequency", 3.25,
+             "--simulations", 100, "-j", 1), FEW,
+        ),
+        "resonance": Victim(("identify", "resonance", "paper"), SWEPT),
+        "orbit": Victim(
+            ("orbit", "find", "paper", "--settle", 20), {**FEW, "contact.law": "none"}
+        ),
+        "follow": Victim(
+            ("orbit", "follow", "paper", "--from", 3.7, "--to", 3.9, "--step", 0.2),
+            {**FEW, "contact.law": "none"},
+        ),
+        "longer": Victim(run, long),
+    }  # fmt: skip
+
+
 @dataclass
 class Attack:
     """A command that is killed again and again.
 
     Attributes:
-        line: the command.
+        victim: the command.
+        line: its words as a process gets them.
         folder: its results.
-        progress: function that counts what is on the disk.
         rng: gives the moments.
         stages: what the folder held when the kills came.
     """
 
+    victim: Victim
     line: list[str]
     folder: Path
-    progress: Callable[[Path], int]
     rng: np.random.Generator
     stages: dict[str, int] = field(default_factory=dict)
 
-    def run(self, most: int, duration: float) -> float:
-        """Kill the command up to `most` times, then let it end; return how long that took [s].
+    def run(self, most: int, duration: float) -> None:
+        """Kill the command up to `most` times, then let it end.
 
         Args:
             most: number of kills.
@@ -78,7 +191,7 @@ class Attack:
         """
         kept = 0
         for _ in range(most):
-            process = start([*self.line, *self._going_on()])
+            process = start([*self.line, *self.victim.go_on(self.folder)])
             try:
                 process.wait(timeout=float(self.rng.uniform(0.25, 1.05)) * duration)
             except subprocess.TimeoutExpired:
@@ -88,36 +201,23 @@ class Attack:
             require_whole_files(self.folder)
             if process.returncode != -signal.SIGKILL:
                 assert process.returncode == 0, errors
-                return duration
+                return
             self._note()
-            now = self.progress(self.folder)
+            now = self.victim.progress(self.folder)
             assert now >= kept, f"{kept} on the disk before, {now} now"
             kept = now
-        begin = time.monotonic()
-        status, errors = ended([*self.line, *self._going_on()])
+        status, errors = ended([*self.line, *self.victim.go_on(self.folder)])
         assert status == 0, errors
-        return max(time.monotonic() - begin, 0.5 * duration)
-
-    def _going_on(self) -> list[str]:
-        """Return --resume if there is anything to go on with."""
-        return ["--resume"] if self.progress(self.folder) else []
 
     def _note(self) -> None:
         """Count the stage that a kill has hit."""
         names = {path.name for path in self.folder.rglob("*")} if self.folder.exists() else set()
-        stage = "before anything was kept"
-        for name in ("checkpoint.npz", "sweep.journal", "convergence.json"):
-            stage = "while computing" if name in names else stage
-        final = {
-            "case.toml",
-            "result.nc",
-            "figures",
-            "fields",
-            "report.html",
-            "tables.md",
-            ".delam_fem-sweep.nc",
-        }
-        if (final & names and "sweep.toml" not in names) or ".delam_fem-sweep.nc" in names:
+        kept = {
+            "checkpoint.npz", "sweep.journal", "convergence.json", "points", "simulations",
+            "checkpoints",
+        }  # fmt: skip
+        stage = "while computing" if kept & names else "before anything was kept"
+        if {"unfinished.txt", ".delam_fem-sweep.nc"} & names:
             stage = "while the results were written"
         self.stages[stage] = self.stages.get(stage, 0) + 1
 
@@ -139,39 +239,77 @@ def ladder_progress(folder: Path) -> int:
     return 1 + len(json.loads(path.read_text())["rungs"]) if path.exists() else 0
 
 
-def results(folder: Path) -> object:
-    """Return what must be equal bit by bit."""
-    for name in ("result.nc", "sweep.nc"):
-        if (folder / name).exists():
-            return xr.load_dataset(folder / name, engine="h5netcdf").drop_attrs()
-    rungs = json.loads((folder / "convergence.json").read_text())["rungs"]
-    for rung in rungs:
-        for name in [name for name in rung if "seconds" in name or "cost" in name]:
-            del rung[name]
-    return sorted(json.dumps(rung, sort_keys=True) for rung in rungs)
+def results(folder: Path) -> dict[str, str]:
+    """Return what must be equal bit by bit, as texts by the names of files."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.name in ("result.nc", "sweep.nc", "branch.nc"):
+            data = xr.load_dataset(path, engine="h5netcdf").drop_attrs()
+            columns = {str(name): data[name].to_numpy() for name in data.variables}
+            found[str(path.relative_to(folder))] = str(
+                {name: own.tolist() if own.dtype.kind == "O" else own.tobytes()
+                 for name, own in columns.items()}
+            )  # fmt: skip
+        elif path.suffix == ".json" and path.name not in ("summary.json", "sweep.json"):
+            content = json.loads(path.read_text())
+            if "rungs" in content:  # in the order in which they were finished
+                content["rungs"].sort(key=lambda rung: str(rung["key"]))
+            found[str(path.relative_to(folder))] = json.dumps(lasting(content), sort_keys=True)
+    return found
+
+
+def lasting(value: Any) -> Any:
+    """Return what JSON says without times and counts of computing."""
+    if isinstance(value, dict):
+        return {
+            key: lasting(entry)
+            for key, entry in value.items()
+            if not any(word in key for word in ("second", "cost", "checksum", "evaluations"))
+            and key not in ORIGIN
+        }
+    return [lasting(entry) for entry in value] if isinstance(value, list) else value
+
+
+ORIGIN = ("created", "command", "host", "processor", "revision", "blas")
 
 
 def attack(kind: str, most: int, tmp_path: Path) -> dict[str, int]:
     """Kill a command `most` times in several trials; return the stages that were hit."""
     (tmp_path / "s.toml").write_text(sweep_text(periods=20, count=100))
-    first, progress, keys = {
-        "run": (("run", "paper", "--checkpoint-seconds=0"), run_progress, CASE),
-        "sweep": (("sweep", tmp_path / "s.toml", "-j", 2), sweep_progress, {}),
-        "converge": (("converge", "paper", "-j", 2, *LADDER), ladder_progress, LADDER_KEYS),
-    }[kind]
+    blow = {"lamina": "upper", "position": 0.2, "mass": 0.01, "gap": 1e-4, "velocity": 0.5,
+            "stiffness": 1e5, "side": "above"}  # fmt: skip
+    sections = tomllib.loads(df.preset("embedded", BLOW).to_toml())
+    (tmp_path / "blow.toml").write_text(df.Case(**sections, impactor=[blow]).to_toml())
+    victim = victims()[kind]
+
+    def line(words: Iterable[object], folder: Path, keys: dict[str, Any]) -> list[str]:
+        placed = (str(word).replace("FOLDER", str(tmp_path)) for word in words)
+        return command(*placed, "-q", "-o", folder, keys=keys)
+
+    def finish(folder: Path) -> None:
+        for words in victim.after:
+            status, errors = ended(line(words, folder, victim.keys))
+            assert status == 0, errors
+
+    whole = victims()["longer"] if kind == "extend" else victim
     begin = time.monotonic()
-    status, errors = ended(command(*first, "-q", "-o", tmp_path / "whole", keys=keys))
+    status, errors = ended(line(whole.words, tmp_path / "whole", whole.keys))
     assert status == 0, errors
-    duration, expected = time.monotonic() - begin, results(tmp_path / "whole")
-    rng, left, stages, trial = np.random.default_rng(SEED), most, {}, 0
+    duration = time.monotonic() - begin
+    finish(tmp_path / "whole")
+    expected = results(tmp_path / "whole")
+    rng, left, stages, trial = np.random.default_rng(SEED), most, dict[str, int](), 0
     while left > 0:
         folder = tmp_path / f"trial-{trial}"
-        line = command(*first, "-q", "-o", folder, keys=keys)
-        one = Attack(line, folder, progress, rng)
+        if victim.before:
+            status, errors = ended(line(victim.before, folder, victim.keys))
+            assert status == 0, errors
+        one = Attack(victim, line(victim.words, folder, victim.keys), folder, rng)
         one.run(min(left, 8), duration)
-        found = results(folder)
-        assert found == expected if isinstance(found, list) else found.identical(expected)
-        assert not list(folder.glob("*checkpoint*")) and not list(folder.glob("sweep.journal*"))
+        finish(folder)
+        assert results(folder) == expected
+        names = {path.name for path in folder.iterdir()}
+        assert not names & {"checkpoint.npz", "sweep.journal", "checkpoints", "unfinished.txt"}
         left, trial = left - sum(one.stages.values()), trial + 1
         assert trial <= most + 8  # the duration was measured too long
         for stage, count in one.stages.items():
