@@ -23,6 +23,7 @@ from delam_fem.case.excitation import HarmonicMotion
 from delam_fem.case.files import CaseSource, find_case
 from delam_fem.contact.laws import (
     COMBINATIONS,
+    SCHEMES,
     ContactLaw,
     Law,
     LawName,
@@ -76,7 +77,7 @@ def run(
     engine: EngineName = ...,
     *,
     law: ContactLaw | LawName | None = ...,
-    scheme: SchemeName | None = ...,
+    scheme: Scheme | SchemeName | None = ...,
     drive: HarmonicMotion | None = ...,
     until: float | None = ...,
     directory: str | Path | None = ...,
@@ -126,7 +127,7 @@ def run(what: Any, engine: EngineName = "petsc", **options: Any) -> Result:
     Options:
         law: the contact law: a name, a `Law`, or a law of your own (`contact.laws.ContactLaw`),
             which needs the engine "petsc". With a case: in place of its own.
-        scheme: name of the time integration, or with operators a `Scheme`. With a case: in place of
+        scheme: name of the time integration, or a `Scheme`. With a case: in place of
             its own.
         drive: motion of the base. With a case: a `HarmonicMotion` in place of its own; with
             operators None: the base rests.
@@ -191,7 +192,7 @@ def _run_case(
     engine: EngineName,
     *,
     law: ContactLaw | LawName | None = None,
-    scheme: SchemeName | None = None,
+    scheme: Scheme | SchemeName | None = None,
     drive: HarmonicMotion | None = None,
     until: float | None = None,
     directory: str | Path | None = None,
@@ -288,7 +289,7 @@ def _run_case(
 def _changed(
     case: Case,
     law: ContactLaw | LawName | None,
-    scheme: SchemeName | None,
+    scheme: Scheme | SchemeName | None,
     drive: HarmonicMotion | None,
     until: float | None,
 ) -> tuple[Case, ContactLaw | None]:
@@ -296,11 +297,11 @@ def _changed(
 
     Figures and numbers take such a law for "newton", or with a spring for "newton-penalty".
     """
-    keys: dict[str, Any] = {} if scheme is None else {"time.scheme": scheme}
+    keys: dict[str, Any] = {} if scheme is None else _keys_of(scheme)
     if isinstance(law, str):
         keys["contact.law"] = law
     elif isinstance(law, Law):
-        row = COMBINATIONS.get((law.name, scheme or case.time.scheme))
+        row = COMBINATIONS.get((law.name, keys.get("time.scheme", case.time.scheme)))
         reads = () if row is None else row.reads  # a wrong pair is refused below
         keys |= {"contact.law": law.name, **{f"contact.{key}": getattr(law, key) for key in reads}}
     elif law is not None:
@@ -324,6 +325,19 @@ def _changed(
             {"time.periods": periods} if changed.is_periodic else {"time.duration": until}
         )
     return changed, None if isinstance(law, Law | str) else law
+
+
+def _keys_of(scheme: Scheme | SchemeName) -> dict[str, Any]:
+    """Return the keys of a case that choose a scheme, with its numbers if it is a `Scheme`."""
+    if isinstance(scheme, str):
+        return {"time.scheme": scheme}
+    numbers = {f"time.{key}": value for key, value in scheme.numbers.items()}
+    if not numbers and scheme.courant != SCHEMES[scheme.name].courant:
+        raise CaseError(
+            f"run: scheme: expected df.SCHEMES[{scheme.name!r}] or "
+            f'Scheme("newmark", beta={scheme.beta:g}, gamma={scheme.gamma:g}), given {scheme!r}'
+        )
+    return {"time.scheme": scheme.name, **numbers}
 
 
 def _run_operators(
@@ -358,7 +372,9 @@ def _run_operators(
     )
     n_balanced = recorder.n_closed - (solution.outcome == "failed")
     n, residual = recorder.strobe.shape[2], recorder.energy_residual(n_balanced)
-    is_lost = solution.outcome == "completed" and quality.is_lost(residual)
+    is_lost = solution.outcome == "completed" and quality.is_lost(
+        residual, SCHEMES[scheme] if isinstance(scheme, str) else scheme
+    )
     outcome = "diverged" if is_lost else solution.outcome
     names = operators.names or tuple(f"probe {k + 1}" for k in range(n))
     history = dataset.of_probes(recorder, names, {"title": case.title, "outcome": outcome, **about})
@@ -473,7 +489,7 @@ def _result(
     # the period in which a run failed ends with the energies of a step that is not recorded
     n_balanced = recorder.n_closed - (summary["outcome"] == "failed")
     residual = recorder.energy_residual(n_balanced)
-    is_lost = summary["outcome"] == "completed" and quality.is_lost(residual)
+    is_lost = summary["outcome"] == "completed" and quality.is_lost(residual, case.time.integration)
     summary["outcome"] = "diverged" if is_lost else summary["outcome"]
     attributes = {
         "outcome": summary["outcome"],

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, Self
@@ -43,6 +44,7 @@ from delam_fem.case.values import (
     Expected,
     FileName,
     Finite,
+    Gamma,
     Label,
     NotNegative,
     PointsPerElement,
@@ -52,11 +54,12 @@ from delam_fem.case.values import (
     Restitution,
     Section,
     Steps,
+    Theta,
     Unit,
     in_si,
     inconsistent,
 )
-from delam_fem.contact.laws import Impulse, LawName, SchemeName
+from delam_fem.contact.laws import SCHEMES, Impulse, LawName, Scheme, SchemeName
 from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.numerics.harmonics import Kind
 from delam_fem.numerics.types import FloatArray
@@ -484,6 +487,9 @@ class TimeStepping(Section):
 
     Attributes:
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
+        theta: θ of moreau-jean, from 1/2 (no numerical damping) to 1; 1/2 if it is not given.
+        beta: β of newmark; 1/4 if it is not given. Below γ/2 only small steps are stable.
+        gamma: γ of newmark; 1/2 if it is not given, above it there is numerical damping.
         mass: "consistent" or "lumped" mass matrix; "massless": beams or modes whose contact points
             have no mass and are rigid (docs/modes.md).
         steps_per_period: time steps per period, N; in a sweep, a period is that of the
@@ -501,6 +507,9 @@ class TimeStepping(Section):
     """
 
     scheme: SchemeName = "newmark"
+    theta: Annotated[Theta, Unit("1")] | None = None
+    beta: Annotated[NotNegative, Unit("1")] | None = None
+    gamma: Annotated[Gamma, Unit("1")] | None = None
     mass: Literal["consistent", "lumped", "massless"] = "consistent"
     steps_per_period: Steps = 1000
     step: Annotated[Positive, Unit("s")] | None = None
@@ -509,6 +518,13 @@ class TimeStepping(Section):
     periods: CountOrSettled = 300
     duration: Annotated[Positive, Unit("s")] | None = None
     most_periods: Count = 3000
+
+    @property
+    def integration(self) -> Scheme:
+        """The scheme with its numbers."""
+        scheme = SCHEMES[self.scheme]
+        chosen = {key: getattr(self, key) for key in scheme.numbers}
+        return replace(scheme, **{key: x for key, x in chosen.items() if x is not None})
 
 
 class Output(Section):

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from delam_fem.case.sections import Contact, Lamina, Model
-from delam_fem.contact.laws import combination
+from delam_fem.contact.laws import SCHEMES, combination
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -103,6 +103,8 @@ def _of_time(case: Case) -> Iterator[str]:
         yield "refine"
     if is_linear or case.time.refine == 1 or case.is_massless:
         yield "refine_velocity"
+    numbers = () if case.is_massless else SCHEMES[case.time.scheme].numbers
+    yield from (key for key in ("theta", "beta", "gamma") if key not in numbers)
     if case.is_massless:
         yield "scheme"
 

@@ -109,6 +109,8 @@ DampingRatio = Annotated[
     float, _FINITE, Field(ge=0.0, lt=1.0), Expected("a number from 0 to below 1")
 ]
 Restitution = Annotated[float, _FINITE, Field(ge=0.0, le=1.0), Expected("a number from 0 to 1")]
+Theta = Annotated[float, _FINITE, Field(ge=0.5, le=1.0), Expected("a number from 0.5 to 1")]
+Gamma = Annotated[float, _FINITE, Field(ge=0.5), Expected("a number of at least 0.5")]
 Elements = Annotated[
     int, _WHOLE, Field(ge=1, le=100_000), Expected("a whole number from 1 to 100000")
 ]

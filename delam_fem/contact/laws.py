@@ -54,6 +54,18 @@ class Scheme:
         require_number("theta", self.theta, least=0.5, most=1.0)
 
     @property
+    def numbers(self) -> Mapping[str, float]:
+        """The parameters of the case file that the scheme reads, by their keys in `[time]`."""
+        if self.has_impulses_within:
+            return {"theta": self.theta}
+        return {"beta": self.beta, "gamma": self.gamma} if self.name == "newmark" else {}
+
+    @property
+    def takes_energy(self) -> bool:
+        """Whether steps take energy by themselves: θ or γ above 1/2 (numerical damping)."""
+        return (self.theta if self.has_impulses_within else self.gamma) > 0.5
+
+    @property
     def has_impulses_within(self) -> bool:
         """Whether impulses act within a step instead of between two steps."""
         return self.name == "moreau-jean"

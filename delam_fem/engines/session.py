@@ -154,7 +154,7 @@ def law_of(case: Case) -> Law:
 
 def scheme_of(case: Case) -> Scheme:
     """Return the time integration of a case."""
-    return SCHEMES[case.time.scheme]
+    return case.time.integration
 
 
 def initialise_petsc_alone() -> MPI.Intracomm:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.contact.laws import LAWS, SCHEMES
+from delam_fem.contact.laws import LAWS, Scheme
 from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import slowest_decay
@@ -311,6 +311,14 @@ def quality_warnings(case: Case, structure: Structure, residual: float) -> list[
         return reasons
     if not np.isfinite(residual):
         return [*reasons, open_balance(residual)]
+    scheme = case.time.integration
+    if scheme.takes_energy:
+        numbers = ", ".join(f"time.{key} = {value:g}" for key, value in scheme.numbers.items())
+        return [
+            *reasons,
+            f"the steps with {numbers} take energy by themselves: the residual of the ledger has "
+            f"it, up to {residual:.2g} of what is exchanged in a period; smaller steps take less",
+        ]
     return [f"{open_balance(residual)}: {'; '.join(reasons or [_known(case, structure)])}"]
 
 
@@ -347,15 +355,19 @@ def open_balance(residual: float) -> str:
     )
 
 
-def is_lost(residual: float) -> bool:
-    """Return whether a residual is so large that the run counts as diverged; NaN is."""
-    return not residual < LOST
+def is_lost(residual: float, scheme: Scheme | None = None) -> bool:
+    """Return whether a residual is so large that the run counts as diverged; NaN is.
+
+    What a scheme with numerical damping takes by itself is in the residual, and is asked for.
+    """
+    takes_energy = scheme is not None and scheme.takes_energy
+    return not (np.isfinite(residual) if takes_energy else residual < LOST)
 
 
 def _known(case: Case, structure: Structure) -> str:
     """Return what is known of a balance that no warning explains: the scheme's share, the sizes."""
     scheme, dt = case.time.scheme, case.time_step
-    if np.isfinite(SCHEMES[scheme].courant):
+    if np.isfinite(case.time.integration.courant):
         return (
             f"{scheme} balances energy only for small steps, given {dt:.3g} s; try more steps per "
             "period"

@@ -303,7 +303,7 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
         return RungResult(
             rung.key, run.outcome, f"{run.outcome} in period {periods}", {}, run.cost, periods
         )
-    if is_lost(residual):
+    if is_lost(residual, case.time.integration):
         return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
     strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
     found = statistics(run.rows, strobe.T) | {"energy_residual": (residual, 0.0)}

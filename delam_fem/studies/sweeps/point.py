@@ -706,7 +706,7 @@ class PointRunner:
                 step = (recorder.n_closed - 1) * recorder.steps_per_period + last
                 where = f"t = {step * case.time_step:.6g} s (period {recorder.n_closed})"
                 return Point(index, outcome, f"diverged at {where}", None), None
-            if is_lost(recorder.energy_residual()):
+            if is_lost(recorder.energy_residual(), case.time.integration):
                 return Point(index, "diverged", OPEN, None), None
             state = opened.engine.state()
             extra: dict[str, float] = {}
