@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import Impactor
 from delam_fem.contact.laws import LAWS, Scheme
 from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Structure
@@ -407,28 +408,28 @@ def unresolved_blows(case: Case, structure: Structure) -> list[str]:
         if blow >= BLOW_STEPS * step:
             continue
         error = (np.pi * step / blow) ** 2
+        energy = f"may be wrong by {error:.0%}" if error < 1.0 else "is arbitrary"
         texts.append(
             f"{key}: a blow on this spring lasts {blow:.2g} s at the shortest, {blow / step:.2g} "
-            f"steps of {step:.3g} s, so that its energy may be wrong by {error:.2g} of it; "
-            f"try steps of {blow / BLOW_STEPS:.2g} s, {step * BLOW_STEPS / blow:.2g} times as "
+            f"steps of {step:.3g} s, so that its energy {energy}; "
+            f"try steps of {blow / BLOW_STEPS:.2g} s, {step * BLOW_STEPS / blow:.3g} times as "
             "many, or a softer spring"
         )
     return texts
 
 
 def _spring_keys(case: Case, structure: Structure) -> dict[str, IntArray]:
-    """Return the pairs with springs by the key that gives their stiffness."""
-    key_of = np.full(structure.operators.n_pairs, "contact.penalty_stiffness", dtype=object)
+    """Return the pairs with springs by the key that gives their stiffness, with its value."""
+    of_laminae = f"contact.penalty_stiffness = {case.contact.penalty_stiffness:g} N/m"
+    key_of = np.full(structure.operators.n_pairs, of_laminae, dtype=object)
     for stop in structure.layout.stops:
         number = stop.number - len(case.stop)
-        if number < 0:
-            elastic_by = case.stop[stop.number].stiffness and "stiffness"
-            section = f"stop.{stop.number + 1}"
-        else:
-            elastic_by = case.impactor[number].elastic_by
-            section = f"impactor.{number + 1}"
-        if elastic_by:
-            key_of[stop.pairs] = f"{section}.{elastic_by}"
+        one = case.stop[stop.number] if number < 0 else case.impactor[number]
+        section = f"stop.{stop.number + 1}" if number < 0 else f"impactor.{number + 1}"
+        if isinstance(one, Impactor) and one.radius is not None:
+            key_of[stop.pairs] = f"{section}.radius = {one.radius:g} m"
+        elif one.stiffness is not None:
+            key_of[stop.pairs] = f"{section}.stiffness = {one.stiffness:g} N/m"
     return {key: np.flatnonzero(key_of == key) for key in dict.fromkeys(key_of.tolist())}
 
 

@@ -44,10 +44,10 @@ def test_an_open_balance_is_told_with_its_reason() -> None:
 
 @pytest.mark.parametrize("stiffness", [1e12, 1e15, 1e30])
 def test_springs_that_no_step_resolves_are_told(stiffness: float) -> None:
-    """A spring of 1e12 N/m on 0.0038 kg has 1.6e7 rad/s; a step of 0.3 ms is 5000 rad."""
+    """A node of a few grams leaves a spring of 1e12 N/m after 0.1 µs; a step has 0.3 ms."""
     text = warned(preset("paper", {"contact.penalty_stiffness": stiffness}), 0.0)
-    assert f"contact.penalty_stiffness = {stiffness:g} N/m" in text and "try below" in text
-    assert warned(preset("paper", {"contact.penalty_stiffness": 1e8}), 0.0) == ""
+    assert f"contact.penalty_stiffness = {stiffness:g} N/m" in text and "arbitrary" in text
+    assert warned(preset("paper", {"contact.penalty_stiffness": 500.0}), 0.0) == ""
     rigid = {"contact.law": "newton", "contact.penalty_stiffness": stiffness}
     assert warned(preset("paper", rigid), 0.0) == ""
 
@@ -56,13 +56,13 @@ def test_a_stop_that_no_step_resolves_is_told() -> None:
     keys = {"lamina": "thin", "position": 0.1, "side": "above", "gap": 0.01, "stiffness": 1e14}
     law = {"law": "penalty", "penalty_stiffness": 1e3}
     case = preset("paper", {"stop": [keys], "contact": law})
-    assert "stop.1.stiffness = 1e+14 N/m turns a node" in warned(case, 0.0)
+    assert "stop.1.stiffness = 1e+14 N/m" in warned(case, 0.0)
 
 
 def test_a_motion_with_an_open_balance_is_not_completed(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(Recorder, "energy_residual", lambda _: 0.5)
+    monkeypatch.setattr(Recorder, "energy_residual", lambda *_: 0.5)
     case = preset("paper", {**SHORT, "contact.penalty_stiffness": 1e11})
     result = df.run(case, "petsc", structure=closed_form.assemble(case))
     assert result.summary["outcome"] == result.history.attrs["outcome"] == "diverged"
@@ -125,22 +125,6 @@ def test_what_is_said_of_balances_is_exact() -> None:
     for residual in (np.nan, np.inf):
         assert warned(case, residual) == infinite
     assert [is_lost(own) for own in (0.00999, 0.01, np.nan, np.inf)] == [False, True, True, True]
-
-
-def test_springs_are_judged_by_the_turn_within_a_step() -> None:
-    """The lightest node has the mass of a mean element; 1000 rad a step are the bound."""
-    case = preset("paper", {"mesh.elements": 5})
-    mass = min(own.mass_per_length for own in case.lamina) * 0.685 / 5
-    best = mass * (1e3 / case.time_step) ** 2
-    for share, is_told in ((0.999, False), (1.001, True)):
-        own = case.with_overrides({"contact.penalty_stiffness": share * best})
-        text = warned(own, 0.0)
-        assert bool(text) == is_told
-    assert text == (
-        f"contact.penalty_stiffness = {1.001 * best:g} N/m turns a node 1.6e+02 times within a "
-        f"step, so that the motion in contact is arbitrary; try below {best:.1g} N/m, or a rigid "
-        "law"
-    )
 
 
 def test_meshes_are_judged_by_the_lengths_of_their_elements() -> None:
