@@ -44,6 +44,10 @@ ALIKE = 0.95
 """Modal assurance criterion above which a free and a closed mode count as one shape."""
 PANEL = 2.4
 """Height of a panel in the picture [in]."""
+BENDING = "bending"
+SLIGHT = 0.1
+"""Largest deflection of the middle lines, over the largest displacement, below which a mode is no
+bending: of what moves sideways, turns or stretches they deflect by round-off."""
 _MORE = 4
 """Further modes of the other kind among which partners are sought."""
 
@@ -65,6 +69,8 @@ class StructureModes(Finding):
         partners: number, from 0, of the mode of the other kind with the same shape, or -1, shape
             (n,).
         partner_frequencies: frequencies of these modes, NaN without a partner, shape (n,) [Hz].
+        motions: what each mode is: "bending"; of solids also "sideways", "torsion" and "stretch",
+            whose openings are in parts of the largest displacement; "impactor", which moves alone.
     """
 
     kind: Kind
@@ -77,6 +83,7 @@ class StructureModes(Finding):
     openings: FloatArray
     partners: IntArray
     partner_frequencies: FloatArray
+    motions: tuple[str, ...] = ()
 
     @property
     def bilinear_frequencies(self) -> FloatArray:
@@ -97,12 +104,14 @@ class StructureModes(Finding):
             "x_m": self.x,
             "opening": self.openings,
             "opening_of": self.places,
+            "motion": self.motions,
             f"{other}_frequency_hz": self.partner_frequencies,
             "bilinear_frequency_hz": self.bilinear_frequencies,
         }
         heading = (
             "mode",
             "frequency [Hz]",
+            *(["motion"] if self._has_others else []),
             *(f"opens {place}" for place in self.places),
             f"{other} mode alike [Hz]",
             "bilinear [Hz]",
@@ -111,6 +120,7 @@ class StructureModes(Finding):
             (
                 str(k + 1),
                 f"{frequency:.6g}",
+                *([self.motions[k]] if self._has_others else []),
                 *(f"{opening:.3f}" for opening in self.openings[k]),
                 number(self.partner_frequencies[k], ".6g"),
                 number(self.bilinear_frequencies[k], ".6g"),
@@ -123,6 +133,11 @@ class StructureModes(Finding):
             tables=[Table(f"modes of the structure, delaminations {self.kind}", heading, rows)],
             pictures={"modes": (self.figure, "")},
         )
+
+    @property
+    def _has_others(self) -> bool:
+        """Whether a mode is no bending."""
+        return any(motion != BENDING for motion in self.motions)
 
     def figure(self) -> Figure:
         """Draw the shape of each mode; shaded where the laminae are apart."""
@@ -140,6 +155,8 @@ class StructureModes(Finding):
                     linewidth=2.4 if i == 0 else 1.6, label=self.names[i],
                 )  # fmt: skip
             text = f"{k + 1}: {self.frequencies[k]:.5g} Hz"
+            if self._has_others:
+                text += f", {self.motions[k]}"
             if self.kind == "free" and self.openings.shape[1]:
                 text += f", opens by {self.openings[k].max():.2g}"
                 if self.partners[k] >= 0:
@@ -185,7 +202,9 @@ def structure_modes(
     partners = _partners(vectors, other, o.mass)
     deflections = nodal(layout, vectors.T, np.zeros(n))[0].swapaxes(0, 1)
     largest = np.abs(deflections).max(axis=(1, 2))
-    largest[largest == 0.0] = 1.0  # an impactor on its spring moves alone
+    motions, sizes = _motions(structure, vectors, largest)
+    is_bending = np.array([motion == BENDING for motion in motions])
+    largest = np.where(is_bending, largest, sizes)
     places, spans, pairs = _delaminations(case, structure)
     gaps = np.abs(o.gap_matrix @ vectors)
     openings = np.array([gaps[own].max(axis=0, initial=0.0) / largest for own in pairs])
@@ -203,7 +222,40 @@ def structure_modes(
         openings.reshape(len(places), n).T,
         partners,
         np.where(partners < 0, np.nan, other_frequencies[partners]),
+        motions,
     )
+
+
+def _motions(
+    structure: Structure, vectors: FloatArray, deflections: FloatArray
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Return what each mode is, and its largest displacement.
+
+    Args:
+        structure: the discretised case.
+        vectors: the modes, shape (n_dofs, n).
+        deflections: largest deflection of the middle lines in each mode, shape (n,).
+    """
+    count, body = structure.layout.n_impactors, structure.body
+    n = vectors.shape[0] - count
+    sizes = {"impactor": np.abs(vectors[n:]).max(axis=0, initial=0.0)}
+    if body is not None:
+        nodes = np.abs(body.gathered(vectors[:n].T, np.zeros(vectors.shape[1])))
+        along, up, *across = nodes.max(axis=1).T  # the largest of all nodes
+        sizes |= {"stretch": along, "torsion": up}  # up beside middle lines that do not deflect
+        if across:
+            is_turned = up >= SLIGHT * across[0]
+            sizes["torsion"] = np.where(is_turned, np.maximum(up, across[0]), 0.0)
+            sizes["sideways"] = np.where(is_turned, 0.0, across[0])
+    names, table = list(sizes), np.array(list(sizes.values()))
+    largest = np.maximum(table.max(axis=0), deflections)
+    motions = tuple(
+        BENDING if deflection >= SLIGHT * size else names[other]
+        for deflection, size, other in zip(
+            deflections, largest, table.argmax(axis=0).tolist(), strict=True
+        )
+    )
+    return motions, largest
 
 
 def _partners(vectors: FloatArray, other: FloatArray, M: sp.csr_matrix) -> IntArray:
