@@ -513,6 +513,8 @@ def _is_entry(key: str, value: object, n_laminae: int) -> bool:
         return isinstance(value, dict) and all(
             _is_number(entry) or entry is None for entry in value.values()
         )
+    if key == "contacts":
+        return isinstance(value, list) and all(map(_is_contact, value))
     if key == "intervals":
         return isinstance(value, dict) and all(map(_is_interval, value.values()))
     if measure is None:  # of another version
@@ -533,6 +535,8 @@ def _entry_words(key: str) -> str:
         return "a list of texts"
     if key in TABLES:
         return "a table of finite numbers"
+    if key == "contacts":
+        return "a list of contacts with their numbers"
     if measure is None or not measure.units:
         return "a text"
     return "a list of finite numbers" if measure.dims else "a finite number"
@@ -543,6 +547,17 @@ def _is_number(value: object) -> bool:
     if isinstance(value, bool):
         return True
     return isinstance(value, int | float) and abs(value) < 1e300
+
+
+def _is_contact(entry: object) -> bool:
+    """Return whether a value is a contact with its numbers."""
+    return isinstance(entry, dict) and (
+        all(isinstance(entry.get(name), str) for name in ("name", "kind"))
+        and all(
+            number.name in entry and (entry[number.name] is None or _is_number(entry[number.name]))
+            for number in CONTACTS
+        )
+    )
 
 
 def _is_interval(entry: object) -> bool:

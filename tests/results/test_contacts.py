@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from kit import refusal
 from scipy.integrate import solve_ivp
 
 import delam_fem as df
 from delam_fem.engines.session import ENGINES, EngineName
+from delam_fem.results.folder import load_numbers
 
 M, K, D, F, OMEGA = 0.5, 800.0, 0.05, 2.0, 2.0 * math.pi * 7.0
 """Mass [kg], spring [N/m] (6.37 Hz), damping ratio, force [N] and its angular frequency [rad/s]."""
@@ -226,3 +230,18 @@ def test_without_a_law_nothing_is_a_contact() -> None:
     stop = {"lamina": "one", "side": "above", "gap": GAP}
     case = case_of(stop=[stop], contact={"law": "none"})
     assert df.run(case, engine="compiled").summary["contacts"] == []
+
+
+def test_contacts_are_read_back_and_damaged_ones_refused(tmp_path: Path) -> None:
+    stop = {"lamina": "one", "side": "above", "gap": GAP}
+    time = {"steps_per_period": 200, "periods": 4}
+    case = case_of(stop=[stop], contact={"law": "newton", "restitution": 0.5}, time=time)
+    result = df.run(case, engine="compiled")
+    result.save(tmp_path)
+    _, _, summary = load_numbers(tmp_path)
+    assert summary["contacts"] == result.summary["contacts"]
+    path = tmp_path / "summary.json"
+    numbers = json.loads(path.read_text("utf-8"))
+    for damaged in ("none", [{"name": "stop 1"}], [numbers["contacts"][0] | {"impulse": "much"}]):
+        path.write_text(json.dumps(numbers | {"contacts": damaged}), "utf-8")
+        assert "contacts" in refusal(lambda: load_numbers(tmp_path))

@@ -118,15 +118,22 @@ def _struck(contact: Mapping[str, Any], run: Run) -> str:
     if not rate:
         return f"{contact['name']} is never struck"
     speed = f" at {velocity:.3g} m/s" if velocity is not None else ""
-    return f"{_strikes(run, rate, contact['name'])}{speed}"
+    return f"{_strikes(run, rate)} on {contact['name']}{speed}"
 
 
-def _strikes(run: Run, rate: float, where: str) -> str:
-    """Say a number of strikes: per period, or in all where the excitation has none."""
+def _strikes(run: Run, rate: float, end: str = "") -> str:
+    """Say a number of strikes: per period, or in all where the excitation has none.
+
+    Args:
+        run: the run.
+        rate: strikes per period.
+        end: the word for what strikes; empty: it is said elsewhere.
+    """
+    strike = f"{end} strike".strip()
     if run.case.is_periodic:
-        return _often(rate, where)
+        return _often(rate, strike)
     times = rate * run.history.sizes["time"] / run.case.steps_per_period
-    return f"{times:.0f} {where} strike{'s' * (round(times) != 1)}"
+    return f"{times:.0f} {strike}{'s' * (round(times) != 1)}"
 
 
 def _tips(run: Run) -> str:
@@ -172,15 +179,15 @@ def _strongest(run: Run) -> tuple[int, diagnostics.Strikes] | None:
     return max(found, key=lambda entry: entry[1].approach, default=None)
 
 
-def _often(rate: float, end: str) -> str:
-    """Return a number of contacts per period in words."""
+def _often(rate: float, strike: str) -> str:
+    """Return a number of contacts per period in words; `strike` is the word for one of them."""
     for periods in range(1, LARGEST_PERIODICITY + 1):
         count = rate * periods
         if np.isclose(count, round(count), atol=1e-6) and 1 <= round(count) < len(WORDS):
-            times = "strike" if round(count) == 1 else "strikes"
+            plural = "" if round(count) == 1 else "s"
             during = "a period" if periods == 1 else f"in {_word(periods)} periods"
-            return f"{_word(round(count))} {end} {times} {during}"
-    return f"{rate:.3g} {end} strikes a period"
+            return f"{_word(round(count))} {strike}{plural} {during}"
+    return f"{rate:.3g} {strike}s a period"
 
 
 def _word(number: int) -> str:

@@ -166,3 +166,23 @@ def test_strikes_of_a_sweep_are_counted_over_the_window() -> None:
 def test_strikes_that_no_step_shows_have_no_speed() -> None:
     found = verdict(struck(-0.5, 0.5))  # the laminae part
     assert found == "One-periodic, one tip strike a period."
+
+
+def struck_stop(kind: str, rate: float, velocity: float | None) -> dict[str, Any]:
+    return {"name": f"{kind} 1", "kind": kind, "strikes_per_period": rate, "impulse": 0.1,
+            "approach_velocity": velocity, "peak_force": None, "closed_share": 0.2}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate", "velocity", "words"),
+    [
+        ("stop", 2.0, 0.114, ", two strikes a period on stop 1 at 0.114 m/s"),
+        ("impactor", 0.5, 0.3, ", one strike in two periods on impactor 1 at 0.3 m/s"),
+        ("stop", 0.0, None, ", stop 1 is never struck"),
+    ],
+)
+def test_strikes_on_stops_and_impactors_are_told(
+    kind: str, rate: float, velocity: float | None, words: str
+) -> None:
+    found = verdict(struck(0.6, -0.45), contacts=[struck_stop(kind, rate, velocity)])
+    assert words in found and "one tip strike a period" in found
