@@ -64,6 +64,11 @@ class Result:
     final: Mapping[str, Any] | None = None
     solid: Frames | None = None
 
+    def __repr__(self) -> str:
+        """Return what was computed in a line; `summary` and `history` have the numbers."""
+        outcome, periods = (self.summary.get(key) for key in ("outcome", "periods"))
+        return f"<{type(self).__name__} {self.case.title}: {outcome}, {periods} periods>"
+
     @property
     def _drawn(self) -> xr.Dataset:
         """The history with the names of variables that figures and pages read."""
@@ -193,7 +198,7 @@ class Problem:
         return self.time_step * self.steps_per_period
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OperatorsResult(Result):
     """The result of a run of operators, which has no case, and so no fields and no film.
 

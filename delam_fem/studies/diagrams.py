@@ -546,6 +546,17 @@ def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
             )
 
 
+def is_drawable(kind: DiagramName, data: xr.Dataset) -> bool:
+    """Return whether a diagram can be drawn of the dataset of a sweep."""
+    try:
+        _axes(kind, map(str, data["outcome"].dims), "", "")
+    except CaseError:
+        return False
+    _, least, variables = _NEEDS[kind]
+    has_all = all(name in data for name in variables)
+    return has_all and data.sizes.get("strobe", 0) >= least.get("strobes", 0)
+
+
 def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
     """Draw a diagram of a sweep.
 
@@ -647,7 +658,7 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
     about = data.attrs
     sections = [
         html.Section("", [html.Paragraph(sentence(data), "verdict")]),
-        html.Section("Diagrams", [*_diagrams(directory)]),
+        html.Section("Diagrams", [*_diagrams(data, directory)]),
         html.Section("Points", [*_points(data, directory)]),
         html.Section("Files", [html.files(directory, FILES)]),
         html.Section("Sweep", [html.Preformatted(str(about["sweep"]))]),
@@ -712,14 +723,19 @@ def _command(keys: dict[str, Any], directory: Path, folder: str) -> str:
     return shlex.join(["delam-fem", "run", case, *given, "-o", folder])
 
 
-def _diagrams(directory: Path) -> Iterator[html.Block]:
+def _diagrams(data: xr.Dataset, directory: Path) -> Iterator[html.Block]:
     """Yield the diagrams that have been drawn, or how to draw one."""
     found = [directory / f"{kind}.png" for kind in _NEEDS]
     for picture in found:
         if picture.is_file():
             yield html.Gallery([html.embedded(picture)], picture.stem, f"Diagram: {picture.stem}.")
-    if not any(picture.is_file() for picture in found):
-        command = shlex.join(["delam-fem", "show", "diagram", "response", str(directory)])
+    if any(picture.is_file() for picture in found):
+        return
+    possible = next((kind for kind in _NEEDS if is_drawable(kind, data)), None)
+    if possible is None and data["outcome"].ndim == 1:
+        possible = "response"
+    if possible is not None:
+        command = shlex.join(["delam-fem", "show", "diagram", possible, str(directory)])
         yield html.Paragraph(("No diagram has been drawn yet; ", html.Code(command), " draws one."))
 
 

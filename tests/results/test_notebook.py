@@ -49,6 +49,18 @@ def test_figures_are_methods(result: df.Result) -> None:
         result.plot.nothing()
 
 
+def test_a_figure_is_a_picture_without_a_backend_of_the_notebook(result: df.Result) -> None:
+    for draw in (result.plot.spectra, result.plot.tip_histories):
+        assert draw()._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_result_is_one_line(result: df.Result) -> None:
+    line = repr(result)
+    assert len(line) < 300
+    assert result.case.title in line
+    assert "completed" in line
+
+
 def test_a_result_is_read_back(result: df.Result, tmp_path: Path) -> None:
     result.save_numbers(tmp_path)
     found = df.load_result(tmp_path)

@@ -145,9 +145,9 @@ def _second_axis(axes: Axes, factor: float, label: str) -> None:
 
 def canvas(height: float) -> Figure:
     """Return an empty figure of the width that all figures have."""
-    from matplotlib.figure import Figure
+    from delam_fem.results.figures.picture import Picture
 
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+    return Picture(figsize=(WIDTH, height), layout="constrained")
 
 
 def edges(places: FloatArray, *, is_logarithmic: bool = False) -> FloatArray:

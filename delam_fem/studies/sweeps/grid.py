@@ -44,6 +44,7 @@ from delam_fem.api import (
     message,
     preset,
     read_toml,
+    settling,
     tables,
     toml_text,
 )
@@ -225,7 +226,7 @@ class Record(Section):
     """
 
     summary: Annotated[bool, Field(strict=True), Expected("true or false")] = True
-    strobes: CountOrNone = 40
+    strobes: CountOrNone = settling.FEWEST_STROBES
     harmonics: CountOrNone = 0
     node_distortion: Annotated[bool, Field(strict=True), Expected("true or false")] = False
     energies: Annotated[bool, Field(strict=True), Expected("true or false")] = False

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from delam_fem import load_sweep
 from delam_fem.case.files import preset
 from delam_fem.case.toml import parse_override
 from delam_fem.results.figures.style import ORANGE, SKY
@@ -98,6 +99,26 @@ def test_a_sweep_up_and_down_has_a_map_of_each(tmp_path: Path) -> None:
     assert text.count('<table class="map">') == 2
     assert "second over frequency, up" in text and "second over frequency, down" in text
     assert len(CELL.findall(text)) == 12
+
+
+def test_a_page_of_two_axes_names_a_diagram_of_two_axes_that_can_be_drawn(tmp_path: Path) -> None:
+    """A plane needs 64 strobes, basins any."""
+    assert "show diagram" not in write_page(plane(), tmp_path).read_text("utf-8")
+    for count, kind in ((64, "plane"), (40, "basins")):
+        strobes = np.zeros((2, 3, 2, count))
+        data = plane().assign(
+            strobe_displacement=(("frequency", "second", "lamina", "strobe"), strobes)
+        )
+        text = write_page(data, tmp_path).read_text("utf-8")
+        assert f"delam-fem show diagram {kind}" in text
+
+
+def test_a_plane_can_be_drawn_of_a_sweep_that_says_nothing_of_its_record(tmp_path: Path) -> None:
+    file = tmp_path / "s.toml"
+    axes = ("excitation.frequency", "gap.tip")
+    text = "".join(f'[[axis]]\nkey = "{key}"\nvalues = [0.01, 0.02]\n' for key in axes)
+    file.write_text(f'base = "paper"\n{text}', encoding="utf-8")
+    diagrams.require_drawable("plane", load_sweep(file))
 
 
 def test_a_line_has_no_map_and_shows_its_diagrams(tmp_path: Path) -> None:
