@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from io import BytesIO
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 
@@ -13,6 +12,5 @@ class Picture(Figure):
 
     def _repr_png_(self) -> bytes:
         """Return the figure as PNG, for which notebooks ask."""
-        picture = BytesIO()
-        FigureCanvasAgg(self).print_png(picture)
-        return picture.getvalue()
+        self.savefig(temporary := BytesIO(), format="png")
+        return temporary.getvalue()
