@@ -104,3 +104,21 @@ def test_dissipative_schemes_do_not_warn(keys: dict[str, object]) -> None:
     assert result.summary["warnings"] == []
     lost = float(result.history.energy_impact_loss.sum())
     assert result.summary["impact_energy_gain"] < ROUND_OFF * lost
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.9])
+def test_gains_of_moreau_jean_are_those_of_pairs_that_part(restitution: float) -> None:
+    """An impulse p changes the energy by p (1 - e) U̇/2, U̇ before it: it gains if the pair parts."""
+    case = preset(
+        "paper",
+        {**SETTLED, "time.scheme": "moreau-jean", "contact.restitution": restitution,
+         "time.periods": 6, "time.steps_per_period": 500, "output.window_periods": 6},
+    )  # fmt: skip
+    result = run(case, structure=closed_form.assemble(case))
+    events = result.history
+    impulses, rates = events["event_impulse"].values, events["event_velocity_before"].values
+    wanted = 0.5 * (1.0 - restitution) * impulses * rates
+    assert (impulses > 0.0).all() and (wanted < 0.0).any()
+    np.testing.assert_allclose(events["event_energy"], wanted, atol=1e-9 * np.abs(wanted).max())
+    gained = wanted[rates > 0.0].sum()
+    assert result.summary["impact_energy_gain"] <= gained * (1.0 + 1e-9)
