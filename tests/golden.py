@@ -64,10 +64,11 @@ def of_panel(axes: Axes) -> Iterator[str]:
 
 
 def of_dataset(data: Any) -> str:
-    """Return the names of variables of a dataset, with their dimensions, types and attributes."""
-    lines = [f"attributes {sorted(data.attrs)}"]
+    """Return the names of variables of a dataset, with their dimensions, types, units, meaning."""
+    lines = []
     for name, variable in data.variables.items():
         kind = "variable" if name in data.data_vars else "coordinate"
-        about = ", ".join(f"{key} {value!r}" for key, value in variable.attrs.items())
+        words = {key: variable.attrs.get(key) for key in ("units", "long_name")}
+        about = ", ".join(f"{key} {value!r}" for key, value in words.items() if value is not None)
         lines.append(f"{kind} {name} {variable.dims} {variable.dtype.kind}: {about}")
     return "\n".join(lines)
