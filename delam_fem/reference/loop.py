@@ -300,6 +300,9 @@ def refused_motion(case: Case) -> str:
         return f"contact.law: the reference has {', '.join(LAWS)}; given {case.contact.law!r}"
     if case.time.scheme != "newmark":
         return f"time.scheme: the reference has newmark; given {case.time.scheme!r}"
+    for key in ("beta", "gamma"):
+        if getattr(case.time, key) is not None:
+            return f"time.{key}: the reference has average acceleration; given another {key}"
     if case.initial:
         return f"initial: the reference begins at rest; given {len(case.initial)} initial states"
     if case.time.refine > 1 and case.contact.law != "none":

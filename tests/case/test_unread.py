@@ -116,6 +116,9 @@ BASES: dict[str, tuple[str, dict[str, Any]]] = {
 """Presets with what makes small cases of all kinds of them."""
 
 CHOSEN: dict[str, tuple[object, ...]] = {
+    "time.theta": (0.6,),
+    "time.beta": (0.3,),
+    "time.gamma": (0.55,),
     "output.window_periods": (1,), "contact.threshold_velocity": (0.0, 0.2),
     "time.refine_velocity": (1.0,), "time.most_periods": (77,),
     "lamina.bending_stiffness": (2.0,), "lamina.mass": (0.02,), "lamina.stiffness": (200.0,),
@@ -147,6 +150,8 @@ CHOSEN: dict[str, tuple[object, ...]] = {
 }  # fmt: skip
 """Other values of keys; of keys that a base has, numbers get 0.8 of their value."""
 SHOWN_BY = {
+    "time.beta": "literal",
+    "time.gamma": "literal",
     "contact.threshold_velocity": "literal", "contact.penalty_damping": "penalty",
     "contact.penalty_stiffness": "penalty", "time.refine_velocity": "apart",
     "time.most_periods": "apart", "model.poisson": "plane", "impactor.radius": "ball",
