@@ -755,6 +755,8 @@ class Case(Section):
         for place, key in (*idle_keys(self), *(() if self.is_periodic else _OF_PERIODS)):
             if key not in tables[place].model_fields_set:
                 set_key(data, f"{place}.{key}", None)
+        if self.time.duration is not None:  # it may be that of a table
+            set_key(data, "time.periods", None)
         absent = {key for key, value in data.items() if value == []}  # no tables
         if self.is_apart and "support" not in self.model_fields_set:
             absent.add("support")

@@ -103,7 +103,8 @@ class Result:
 
         Args:
             directory: folder, which is made where it does not exist.
-            figures: whether to write figures, fields and report too, not the numbers alone.
+            figures: whether to write figures, fields and report too, not the numbers alone; those
+                of an earlier result are removed then.
 
         Returns:
             The files and folders written.
@@ -113,6 +114,8 @@ class Result:
         """
         directory = Path(directory)
         with rewritten(directory):
+            if not figures:
+                remove_views(directory)
             written = self.save_numbers(directory)
             if self.solid is not None:
                 from delam_fem.results.fields.derived import write_solid
@@ -275,6 +278,19 @@ def save_views(
     else:
         pictures.remove_fields(directory / "fields")
     return [*written, write_report(history, summary, case, directory)]
+
+
+def remove_views(directory: Path) -> None:
+    """Remove page, figures and fields of a result, which would be taken for those of another."""
+    (directory / "report.html").unlink(missing_ok=True)
+    if (directory / "figures").is_dir():
+        from delam_fem.results.figures.run import remove_figures
+
+        remove_figures(directory / "figures")
+    if (directory / "fields").is_dir():
+        from delam_fem.results.fields.pictures import remove_fields
+
+        remove_fields(directory / "fields")
 
 
 def load_numbers(

@@ -128,3 +128,15 @@ def test_files_are_found_by_content(tmp_path: Path) -> None:
     (tmp_path / "a" / "gap.csv").unlink()
     with pytest.raises(CaseError, match=r"gap\.file: .*put it back"):
         located(kept, near, case)
+
+
+def test_a_case_with_the_length_of_its_table_is_read_back(tmp_path: Path) -> None:
+    """The preset has a number of periods, which such a run does not read."""
+    rows = "".join(f"{0.5 * k},{k % 2}\n" for k in range(7))
+    (tmp_path / "drive.csv").write_text(f"time [s],acceleration [m/s2]\n{rows}")
+    drive = {"kind": "table", "file": str(tmp_path / "drive.csv"), "acts_on": "base"}
+    keys = {f"excitation.{key}": value for key, value in drive.items()}
+    case = preset("paper", {**keys, "time.step": 0.005})
+    again = Case.from_toml(case.to_toml())
+    assert (again.n_periods, again.time_step) == (case.n_periods, case.time_step)
+    assert differences(identity(case), identity(again)) == []

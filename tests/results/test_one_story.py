@@ -143,3 +143,16 @@ def test_an_extension_changes_nothing_before_it_ends(run: Path) -> None:
     whole = df.run(case.with_overrides({"time.periods": 24}))
     assert extended.history.drop_attrs().equals(whole.history.drop_attrs())
     assert df.load_case(run / "case.toml").time.periods == 24
+
+
+def test_numbers_alone_leave_no_page_and_no_figure_of_another_run(run: Path) -> None:
+    status, said = invoke("show", "page", run)
+    assert status == 0, said
+    assert (run / "report.html").is_file() and list((run / "figures").iterdir())
+    mine = run / "figures" / "mine.png"
+    mine.touch()
+    other = df.run(df.load_case(run / "case.toml", {"excitation.frequency": 4.75}))
+    other.save(run, figures=False)
+    assert not (run / "report.html").exists()
+    assert list((run / "figures").iterdir()) == [mine]
+    assert not list((run / "fields").iterdir())

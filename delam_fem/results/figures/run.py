@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -491,6 +491,13 @@ def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Fi
     return found
 
 
+def remove_figures(directory: Path, keep: Collection[str] = ()) -> None:
+    """Remove the figures of an earlier run, but not those that are drawn anew."""
+    drawn = {*FIGURES, *OF_PROBES, *OF_SENSORS, "laminae", "solid"}
+    for name in drawn - set(keep):
+        (directory / f"{name}.png").unlink(missing_ok=True)
+
+
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
     """Draw all figures and write them as PNG.
 
@@ -511,8 +518,7 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     has_period = history.sizes["time"] >= case.steps_per_period
     figures = figures_of(history)
     names = [name for name in figures if has_period or name != "spectra"]
-    for name in (FIGURES | OF_PROBES | OF_SENSORS).keys() - set(names):
-        (directory / f"{name}.png").unlink(missing_ok=True)  # of an earlier run
+    remove_figures(directory, keep=names)
     paths = [directory / f"{name}.png" for name in names]
     for name, path in zip(names, paths, strict=True):
         save_figure(partial(figures[name], history, case), path)
