@@ -233,8 +233,10 @@ def response_command(
     if free is not None:
         data = with_free_vibrations(data, *free, segment=segment)
     if pole_range is not None:
-        of_poles = ("frequency [Hz] (scatter)", "damping [%] (scatter)")
-        tables.append(("poles", of_poles, _poles(data, *pole_range)))
+        of_poles = ("frequency [Hz] (± 2 errors)", "damping [%] (± 2 errors)")
+        data, rows_of_poles, rows_of_rest = _poles(data, *pole_range)
+        tables.append(("poles", of_poles, rows_of_poles))
+        tables.append(("what the poles leave", ("response", "rms [%]"), rows_of_rest))
     if free is not None:
         heading = ("time [s]", "frequency [Hz]", "damping [%]", "amplitude")
         tables.append((f"free vibration of {free[0]}", heading, _free_rows(data)))
@@ -279,22 +281,30 @@ def _keep(
     say(quiet, paths, tables=tables)
 
 
-def _poles(data: xr.Dataset, lower: float, upper: float) -> list[tuple[str, ...]]:
-    """Return the poles as rows of a table; they are added to the attributes of the dataset."""
+def _poles(
+    data: xr.Dataset, lower: float, upper: float
+) -> tuple[xr.Dataset, list[tuple[str, ...]], list[tuple[str, ...]]]:
+    """Return the dataset with the poles as attributes, the poles as rows, and what they leave."""
     from delam_fem.results.measured.responses import poles
 
-    found = poles(data, lower, upper)
-    if not found:
-        return [("none found", "–")]
-    data.attrs["pole_frequency_hz"] = [pole.frequency for pole in found]
-    data.attrs["pole_damping"] = [pole.damping for pole in found]
-    return [
+    result, left = poles(data, lower, upper)
+    rest: list[tuple[str, ...]] = [(name, f"{100 * share:.3g}") for name, share in left.items()]
+    if not result:
+        return data, [("none found", "–")], rest
+    data = data.assign_attrs(
+        pole_frequency_hz=[pole.frequency for pole in result],
+        pole_frequency_error_hz=[pole.frequency_error for pole in result],
+        pole_damping=[pole.damping for pole in result],
+        pole_damping_error=[pole.damping_error for pole in result],
+    )
+    rows: list[tuple[str, ...]] = [
         (
-            f"{pole.frequency:.5g} ({pole.frequency_scatter:.1g})",
-            f"{100 * pole.damping:.3g} ({100 * pole.damping_scatter:.1g})",
+            f"{pole.frequency:.7g} ± {pole.frequency_error:.1g}",
+            f"{100 * pole.damping:.5g} ± {100 * pole.damping_error:.1g}",
         )
-        for pole in found
+        for pole in result
     ]
+    return data, rows, rest
 
 
 def _free_rows(data: xr.Dataset) -> list[tuple[str, ...]]:

@@ -48,6 +48,8 @@ OF_TIPS = {"displacement": "tip_displacement", "velocity": "tip_velocity"}
 OF_DRIVE = {("base", "displacement"): "base_displacement",
             ("base_displacement", "displacement"): "base_displacement",
             ("force", "force"): "force"}  # fmt: skip
+COMPLEX = ("response", "damped_response")
+"""Variables that are complex, and in files two each."""
 EQUAL = 1e-6
 """Share of a step up to which two axes count as the same."""
 SMALLEST_STEP, LARGEST_STEP = 1e-12, 1e9
@@ -68,6 +70,9 @@ BESIDES = {
     "response_real": "its real part, in a file",
     "response_imag": "its imaginary part, in a file",
     "response_units": "unit of each frequency response, where they differ",
+    "damped_response": "frequency response H(iω + a), from which poles are found; a is its decay",
+    "damped_response_real": "its real part, in a file",
+    "damped_response_imag": "its imaginary part, in a file",
     "coherence": "coherence",
     "free_time": "middle of a segment of a free vibration",
     "free_frequency": "its frequency",
@@ -378,24 +383,23 @@ def write_measured(data: xr.Dataset, path: Path) -> Path:
         OSError: the file cannot be written.
     """
     plain = data
-    if "response" in data and np.iscomplexobj(data["response"]):
-        parts = {"real": data["response"].real, "imag": data["response"].imag}
-        plain = data.drop_vars("response").assign(
-            {
-                f"response_{part}": own.assign_attrs(data["response"].attrs)
-                for part, own in parts.items()
-            }
-        )
+    for name in COMPLEX:
+        if name in data and np.iscomplexobj(data[name]):
+            parts = {"real": data[name].real, "imag": data[name].imag}
+            plain = plain.drop_vars(name).assign(
+                {f"{name}_{part}": v.assign_attrs(data[name].attrs) for part, v in parts.items()}
+            )
     return write_dataset(plain, path)
 
 
 def _with_complex(data: xr.Dataset) -> xr.Dataset:
     """Return a dataset whose responses are complex again."""
-    if "response_real" not in data:
-        return data
-    whole = data["response_real"] + 1j * data["response_imag"]
-    rest = data.drop_vars(["response_real", "response_imag"])
-    return rest.assign(response=whole.assign_attrs(data["response_real"].attrs))
+    for name in COMPLEX:
+        if f"{name}_real" in data:
+            real, imag = data[f"{name}_real"], data[f"{name}_imag"]
+            data = data.drop_vars([f"{name}_real", f"{name}_imag"])
+            data = data.assign({name: (real + 1j * imag).assign_attrs(real.attrs)})
+    return data
 
 
 def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataArray:
