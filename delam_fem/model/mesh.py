@@ -17,11 +17,13 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.system.errors import CaseError, require
+from delam_fem.system.errors import CaseError, reason_of, require
 
 _COUNTS = {2: "two", 3: "three"}
 FORMATS = {".msh": "gmsh", ".vtk": "vtk", ".vtu": "vtu", ".xdmf": "xdmf"}
 """Names of meshio's formats by suffix. On damaged files of some others it never ends."""
+HEAD = 64
+"""Bytes at the start of a file that tell the version of gmsh's format."""
 MOST_BYTES = 100_000_000
 """Largest mesh file."""
 _log = logging.getLogger(__name__)
@@ -144,8 +146,28 @@ def read_file(path: Path) -> Any:
     except (Exception, SystemExit) as error:  # meshio exits on some files
         _log.debug("meshio failed here", exc_info=True)
         raise CaseError(
-            f"mesh.file: meshio cannot read {path} as {FORMATS[path.suffix]}; is it damaged?"
+            f"mesh.file: meshio cannot read {path} as {FORMATS[path.suffix]} ({_reason(error)}); "
+            f"{_remedy(path, str(error))}"
         ) from error
+
+
+def _reason(error: BaseException) -> str:
+    """Return why meshio failed; it ends the program on some files, and then says nothing."""
+    return reason_of(error) if isinstance(error, Exception) else "without a reason"
+
+
+def _remedy(path: Path, reason: str) -> str:
+    """Return what makes a mesh readable that meshio refuses."""
+    with path.open("rb") as file:
+        head = file.read(HEAD).split()
+    if path.suffix == ".msh" and head[:1] == [b"$MeshFormat"] and head[1:2] in ([b"4"], [b"4.0"]):
+        return "its format 4.0 is not read; Mesh.MshFileVersion = 4.1 or 2.2 in gmsh writes another"
+    if "gmsh:physical" in reason:
+        return (
+            "some of its cells are in no physical group; Mesh.SaveAll = 0 in gmsh leaves them out, "
+            "and every lamina needs a group"
+        )
+    return "is it damaged? Write it anew, or convert it with `meshio convert`"
 
 
 def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:

@@ -167,3 +167,47 @@ def test_nodes_must_be_finite_and_apart(tmp_path: Path, x: float, expected: str)
     ).write(path)
     with pytest.raises(CaseError, match=expected):
         node_coordinates(case_with(path))
+
+
+GMSH = """$MeshFormat
+VERSION 0 8
+$EndMeshFormat
+$PhysicalNames
+1
+1 1 "thick"
+$EndPhysicalNames
+$Entities
+2 1 0 0
+1 0 0 0 0
+2 1 0 0 0
+1 0 0 0 1 0 0 1 1 2 1 -2
+$EndEntities
+$Nodes
+1 2 1 2
+1 1 0 2
+1
+2
+0 0 0
+1 0 0
+$EndNodes
+$Elements
+2 2 1 2
+0 1 15 1
+1 1
+1 1 1 1
+2 1 2
+$EndElements
+"""
+"""A line in a physical group, and a point in none, as gmsh writes with Mesh.SaveAll = 1."""
+
+
+@pytest.mark.parametrize(("version", "remedy"), [("4.1", "Mesh.SaveAll = 0"), ("4", "4.1")])
+def test_what_meshio_refuses_has_its_reason_and_a_remedy(
+    tmp_path: Path, version: str, remedy: str
+) -> None:
+    path = tmp_path / "m.msh"
+    path.write_text(GMSH.replace("VERSION", version))
+    with pytest.raises(CaseError) as error:
+        node_coordinates(case_with(path))
+    told = str(error.value)
+    assert str(path) in told and remedy in told and "damaged" not in told and "(" in told

@@ -65,6 +65,8 @@ records of random excitation the damping was then within two errors of the exact
 PARTS, SWEPT = 16, 3.0
 """Parts of a record in which the frequency of a sweep rises, and spectral lines by which the power
 of a part may be wider than what is swept in it."""
+MOST_PEAKS = 40
+"""Peaks that are led back, the most prominent."""
 OF_PEAK = 12
 """Lines on each side of a peak in a long segment, of which many are within the peak."""
 EVEN = 1e-3
@@ -191,10 +193,13 @@ def on_axis(
     testing", Sound and Vibration 11 (1977), for the window.
     """
     size = (np.abs(response) ** 2).sum(axis=0)
-    peaks, _ = find_peaks(np.log10(size + np.finfo(float).tiny), prominence=RESONANT)
+    heights = np.log10(size + np.finfo(float).tiny)
+    peaks, about = find_peaks(heights, prominence=RESONANT)
     reach = max(least, int(np.ceil(0.5 * decay / frequency[1])))
     s = 2j * np.pi * frequency + decay
-    peaks = peaks[(force[peaks] > DRIVEN * force.max()) & (peaks > reach)]
+    is_driven = (force[peaks] > DRIVEN * force.max()) & (peaks > reach)
+    order = np.argsort(-about["prominences"][is_driven], kind="stable")
+    peaks = np.sort(peaks[is_driven][order[:MOST_PEAKS]])  # noise has thousands in long segments
     modes: dict[int, tuple[complex, Values]] = {k: (0.0, np.zeros(len(response))) for k in peaks}
     for k in np.tile(peaks, PASSES):
         near = slice(k - reach, k + reach + 1)
@@ -313,7 +318,8 @@ def with_responses(
     if decay:
         size = np.sqrt(found.S_FF[0, 0].real)
         if is_single:  # the window makes the force small where the sweep is late, and it is known
-            size = np.ones_like(frequency)
+            ends = sorted(sweep[:2]) if sweep else [0.0, np.inf]
+            size = ((frequency >= ends[0]) & (frequency <= ends[1])).astype(np.float64)
         least = OF_PEAK if is_single else 3
         responses, led = on_axis(frequency, responses, size, decay / step, least)
         peaks = ", ".join(f"{f:.5g}" for f in led) or "none"
@@ -526,7 +532,7 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> tuple[list[Pole], dic
             f"poles: expected a range from {least:.6g} to {frequency[-1]:.6g} Hz, at least "
             f"{4 * step:.3g} Hz wide, given {lower:g} to {upper:g}"
         )
-    is_in = (frequency >= lower) & (frequency <= upper)
+    is_in = (frequency >= lower) & (frequency <= upper) & (frequency > 0.0)
     response = np.nan_to_num(data["response"].to_numpy().T)
     size = np.sqrt(np.mean(np.abs(response[:, is_in]) ** 2, axis=1, keepdims=True))
     size[size == 0.0] = 1.0
