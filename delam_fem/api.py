@@ -227,6 +227,7 @@ if TYPE_CHECKING:
         atomic_file as atomic_file,
         json_ready as json_ready,
         read_arrays as read_arrays,
+        remove_kept as remove_kept,
         rewritten as rewritten,
         write_arrays as write_arrays,
         write_json as write_json,
@@ -305,7 +306,8 @@ _HOMES = {
     # House
     "system.errors": "CaseError require",
     "system.files": (
-        "atomic atomic_file json_ready read_arrays rewritten write_arrays write_json write_text"
+        "atomic atomic_file json_ready read_arrays remove_kept rewritten write_arrays write_json "
+        "write_text"
     ),
     "system.imports": "ONE_THREAD added keep_garbage",
     "system.mpi": "MPI",

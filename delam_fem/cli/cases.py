@@ -15,6 +15,7 @@ from delam_fem.cli.console import (
     Folder,
     Overrides,
     Overwrite,
+    OverwriteFile,
     Quiet,
     Rows,
     case_of,
@@ -431,9 +432,12 @@ def operators_command(
     ],
     overrides: Overrides = None,
     *,
+    overwrite: OverwriteFile = False,
     quiet: Quiet = False,
 ) -> None:
     """Write M, C, K, H, g0 and the vectors of the base for other programs (NumPy or MATLAB)."""
     from delam_fem.results.export import operators
+    from delam_fem.system.files import require_replaceable
 
+    require_replaceable([output], is_overwriting=overwrite)
     say(quiet, [operators(case_of(case_name, overrides), output)])

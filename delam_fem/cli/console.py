@@ -62,6 +62,9 @@ Resume = Annotated[bool, typer.Option("--resume", help="Continue what was interr
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace other results in the folder.")
 ]
+OverwriteFile = Annotated[
+    bool, typer.Option("--overwrite", help="Replace the file if there is one.")
+]
 Yes = Annotated[
     bool, typer.Option("--yes", help="Compute also what needs many hours or much space.")
 ]

@@ -21,6 +21,7 @@ from delam_fem.cli.console import (
     Folder,
     Overrides,
     Overwrite,
+    OverwriteFile,
     Quiet,
     Yes,
     case_of,
@@ -53,6 +54,7 @@ def film_command(
         ),
     ] = None,
     *,
+    overwrite: OverwriteFile = False,
     periods: Annotated[
         float, typer.Option(metavar="N", help="Length of the film: the last periods.")
     ] = 2.0,
@@ -70,7 +72,9 @@ def film_command(
 ) -> None:
     """Write a film of the laminae, with the pairs that touch lit."""
     from delam_fem.results.fields.animation import animate
+    from delam_fem.system.files import require_replaceable
 
+    require_replaceable(output or [], is_overwriting=overwrite)
     with progress(error_console(quiet)) as report:
         written = animate(
             run, output, periods=periods, rate=rate, stretch=stretch, solid=solid,

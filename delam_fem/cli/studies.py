@@ -20,6 +20,7 @@ from delam_fem.cli.console import (
     Folder,
     Overrides,
     Overwrite,
+    OverwriteFile,
     Quiet,
     Resume,
     Rows,
@@ -363,13 +364,19 @@ def export_command(
         ),
     ] = None,
     *,
+    overwrite: OverwriteFile = False,
     quiet: Quiet = False,
 ) -> None:
     """Write the result of a run for other programs: histories, strobes, events, fields."""
-    from delam_fem.results.export import FORMATS
+    from delam_fem.results.export import FORMATS, targets
     from delam_fem.results.folder import load_result
+    from delam_fem.system.files import require_no_links, require_replaceable
 
     result = load_result(run, is_strict=True)
+    if output is None:
+        require_no_links(run)
+    else:
+        require_replaceable(targets(output), is_overwriting=overwrite)
     written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
     say(quiet, written, lines=[FORMATS[to]])
 

@@ -22,7 +22,7 @@ from delam_fem.case.definition import Case
 from delam_fem.model.discretise import assemble, require_kind
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
-from delam_fem.results.dataset import grouped
+from delam_fem.results.dataset import GROUPS, SHAPE, grouped
 from delam_fem.results.diagnostics import probe_node
 from delam_fem.system.errors import CaseError, require
 from delam_fem.system.files import atomic, atomic_file, write_text
@@ -263,6 +263,12 @@ FORMATS = {
     "vtkhdf": "VTK: the fields",
 }
 """Formats, and what a file of each holds."""
+
+
+def targets(path: Path) -> list[Path]:
+    """Return the files that an export to a file may write: the file, and others named after it."""
+    names = (*GROUPS, SHAPE)
+    return [path, *(path.with_name(f"{path.stem}-{name}{path.suffix}") for name in names)]
 
 
 def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[Path]:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import json
 import logging
-import shutil
 import signal
 import threading
 import time
@@ -42,7 +41,7 @@ from delam_fem.simulation.recorder import (
     Recorder,
 )
 from delam_fem.system.errors import CaseError, reason_of
-from delam_fem.system.files import read_arrays, write_arrays
+from delam_fem.system.files import read_arrays, remove_kept, write_arrays
 
 if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
@@ -200,16 +199,16 @@ def of_study(directory: Path, study: str, *, resume: bool) -> Iterator[Path]:
     """
     folder = directory / "checkpoints"
     if not resume:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove_kept(folder)
     folder.mkdir(exist_ok=True)
     belong(folder, study)
     try:
         yield folder
     except BaseException:
         if not any(folder.rglob("*.npz")):  # nothing to go on with
-            shutil.rmtree(folder, ignore_errors=True)
+            remove_kept(folder)
         raise
-    shutil.rmtree(folder)
+    remove_kept(folder)
 
 
 def arrays_of(run: str, engine: Engine, recorder: Recorder, outcome: Progress) -> dict[str, Any]:

@@ -14,9 +14,12 @@ import json
 import logging
 import math
 import os
+import platform
+import secrets
 import shutil
+import time
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -28,8 +31,12 @@ from delam_fem.system.errors import CaseError, reason_of
 PREFIX = ".delam_fem-"
 """Prefix of temporary names. No file of a user has it, so what a killed process left is removed.
 The suffix stays that of the final name, because writers choose the format by it."""
-
-
+_HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
+"""The machine in temporary names."""
+_LEFT_SECONDS = 86400.0
+"""Age from which a temporary file of another machine counts as left behind [s]."""
+_tidied: set[Path] = set()
+"""Folders in which this process has looked for temporary files that were left behind."""
 _DIGEST = "digest"
 
 
@@ -37,7 +44,8 @@ _DIGEST = "digest"
 def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to, and rename it to the final path if the block succeeds.
 
-    The temporary path lies in the folder of the final path. If the block fails, the final path
+    The temporary path lies in the folder of the final path, and is of this process and call alone:
+    several may write the same file, and the last one counts. If the block fails, the final path
     stays as it was and the temporary file is removed.
 
     Args:
@@ -51,8 +59,8 @@ def atomic(path: Path) -> Iterator[Path]:
         OSError: the block wrote nothing, or the written file cannot be renamed. It names the file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{PREFIX}{path.name}")
-    _remove(temporary)  # left behind by a process that was killed
+    _tidy(path.parent)
+    temporary = path.with_name(f"{PREFIX}{_HOST}-{os.getpid()}-{secrets.token_hex(4)}-{path.name}")
     try:
         yield temporary
         if not temporary.exists():
@@ -65,6 +73,35 @@ def atomic(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError) and error.filename in (None, str(temporary), temporary):
             raise OSError(error.errno or 0, error.strerror or str(error), str(path)) from error
         raise
+
+
+def _tidy(folder: Path) -> None:
+    """Remove temporary files that processes have left behind that were killed, once per process."""
+    if folder in _tidied:
+        return
+    _tidied.add(folder)
+    for path in folder.glob(f"{PREFIX}*"):
+        host, process, *_ = [*path.name.removeprefix(PREFIX).split("-"), "", ""]
+        try:
+            if host == _HOST and process.isdecimal():
+                is_left = not _is_alive(int(process))
+            else:
+                is_left = time.time() - path.lstat().st_mtime > _LEFT_SECONDS
+            if is_left:
+                _remove(path)
+        except OSError:
+            continue  # another process was faster
+
+
+def _is_alive(process: int) -> bool:
+    """Return whether a process of this machine still runs."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 @contextmanager
@@ -228,6 +265,73 @@ OUTPUTS = frozenset({
 })  # fmt: skip
 """Names that runs, sweeps, ladders, orbits and branches give to what they write."""
 
+IDENTITY = "identity.json"
+"""Name of the file that says to which computation a folder of what is kept belongs."""
+LINKED = frozenset({*OUTPUTS, "export", "overlay"})
+"""Names in an output folder that must not be links."""
+
+
+def remove_kept(folder: Path) -> None:
+    """Remove a folder of checkpoints or points, with what the program has written there.
+
+    Files of other kinds, and the folders that hold them, stay.
+
+    Args:
+        folder: the folder; nothing happens if it does not exist.
+
+    Raises:
+        CaseError: it is a link, or the program has not written it.
+    """
+    if not folder.exists() and not folder.is_symlink():
+        return
+    names = [] if folder.is_symlink() else sorted(entry.name for entry in folder.iterdir())
+    if folder.is_symlink() or (names and IDENTITY not in names):
+        given = "a link" if folder.is_symlink() else f"one with {', '.join(names[:3])}"
+        raise CaseError(
+            f"{folder}: expected no such folder, or one that delam-fem has written, given {given}; "
+            "move it, or choose another folder with -o DIR"
+        )
+    for path in sorted(folder.rglob("*"), reverse=True):
+        if path.is_dir() and not path.is_symlink():
+            with suppress(OSError):
+                path.rmdir()  # if it is empty
+        elif path.suffix == ".npz" or path.name == IDENTITY or path.name.startswith(PREFIX):
+            path.unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
+
+
+def require_replaceable(paths: Collection[Path], *, is_overwriting: bool) -> None:
+    """Refuse to replace files that a user names, unless that is asked for.
+
+    Args:
+        paths: the files that a command writes.
+        is_overwriting: whether the user has said `--overwrite`.
+
+    Raises:
+        CaseError: one of them exists.
+    """
+    for path in paths:
+        if not is_overwriting and (path.exists() or path.is_symlink()):
+            raise CaseError(
+                f"--output {path}: there is such a file; --overwrite replaces it, or give another"
+            )
+
+
+def require_no_links(directory: Path) -> None:
+    """Refuse a folder in which an output would go through a link to another place.
+
+    Raises:
+        CaseError: an entry with the name of an output is a link.
+    """
+    for entry in directory.iterdir():
+        if entry.name in LINKED and entry.is_symlink():
+            raise CaseError(
+                f"output folder {directory}: {entry.name} is a link, which is not followed; remove "
+                "it, or choose another folder with -o DIR"
+            )
+
+
 UNFINISHED = "unfinished.txt"
 """Name of the file that is in a folder while its files belong to two results."""
 _log = logging.getLogger(__name__)
@@ -303,12 +407,13 @@ def claimed(
     try:
         with nullcontext() if is_shared else _locked(directory):
             _spare(directory, inputs)
+            require_no_links(directory)
             if not (may_hold_results or is_shared):
-                known = {path.resolve() for path in inputs}
+                known = {os.path.realpath(path) for path in inputs}
                 found = sorted(
                     entry.name
                     for entry in directory.iterdir()
-                    if not entry.name.startswith(".") and entry.resolve() not in known
+                    if not entry.name.startswith(".") and os.path.realpath(entry) not in known
                 )
                 if found:
                     shown = ", ".join(found[:3]) + (" …" if len(found) > 3 else "")
@@ -378,9 +483,9 @@ def _locked(directory: Path) -> Iterator[None]:
 
 def _spare(directory: Path, inputs: Collection[Path]) -> None:
     """Refuse a folder in which an output would replace an input."""
-    home = directory.resolve()
+    home = Path(os.path.realpath(directory))
     for path in inputs:
-        real = path.resolve()
+        real = Path(os.path.realpath(path))
         if home in real.parents and real.relative_to(home).parts[0] in OUTPUTS:
             raise CaseError(
                 f"output folder {directory}: the results would replace {path}, which the case "

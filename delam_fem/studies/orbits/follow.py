@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -44,6 +43,7 @@ from delam_fem.api import (
     in_si,
     provenance,
     read_arrays,
+    remove_kept,
     rewritten,
     save_case,
     stop_signals,
@@ -375,8 +375,8 @@ class PointJournal:
             CaseError: the points belong to another continuation.
         """
         self.folder = directory / FOLDER
-        if not resume and self.folder.exists():
-            shutil.rmtree(self.folder)
+        if not resume:
+            remove_kept(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
         belong(self.folder, identity(case, **plan))
 

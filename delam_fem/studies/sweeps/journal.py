@@ -24,7 +24,6 @@ import mmap
 import os
 import platform
 import re
-import shutil
 import struct
 import time
 import zlib
@@ -483,11 +482,15 @@ class Journal(ExitStack):
 
 
 def remove_journal(path: Path) -> None:
-    """Remove the journal at a path, if there is one."""
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
+    """Remove the journal at a path, if there is one; files of other kinds in it stay."""
+    if not path.is_dir():
         path.unlink(missing_ok=True)
+        return
+    for entry in path.iterdir():
+        if entry.name == _LOCK or entry.suffix == _SUFFIX or entry.name.startswith("."):
+            entry.unlink(missing_ok=True)
+    with suppress(OSError):
+        path.rmdir()  # if it is empty
 
 
 def _versions() -> str:
