@@ -28,6 +28,7 @@ from delam_fem.case.toml import MOST_BYTES
 from delam_fem.case.values import in_si
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
+from delam_fem.system.footprint import bounded
 
 _DATA = re.compile(r"[\"']?[+-]?[.,]?\d")
 """Start of a row of numbers."""
@@ -132,6 +133,14 @@ def read_columns(
             a finite number in each column; a heading begins with a number, or has more or fewer
             names than the rows have columns; or decimal points and commas are mixed.
     """
+    if not path.is_file():
+        _content(path, label, most_bytes)  # tells why
+    with bounded(path, label):
+        return _read(path, label, names, most_bytes)
+
+
+def _read(path: Path, label: str, names: Sequence[str] | None, most_bytes: int) -> Columns:
+    """Read a table; see `read_columns`."""
     content = _content(path, label, most_bytes)
     layout = _layout(content.rows, label, names)
     n_above, values = _loaded(content.rows, layout, label) or _checked(content.rows, layout, label)

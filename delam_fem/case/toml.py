@@ -20,6 +20,7 @@ from pydantic_core import ErrorDetails
 
 from delam_fem.case.sections import MATERIALS
 from delam_fem.system.errors import CaseError
+from delam_fem.system.footprint import bounded
 
 Data: TypeAlias = dict[str, object]
 """A case as tomllib returns it: tables are dictionaries, arrays are lists."""
@@ -68,7 +69,8 @@ def read_toml(path: Path) -> Data:
     except UnicodeDecodeError as error:
         raise CaseError(f"{label}: expected UTF-8 text ({error})") from None
     try:
-        return parsed(text, label)
+        with bounded(path, label):
+            return parsed(text, label)
     except tomllib.TOMLDecodeError as error:
         raise CaseError(f"{label}: not valid TOML: {error}{_remedy(text, str(error))}") from None
 

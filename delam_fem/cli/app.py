@@ -6,6 +6,7 @@ matplotlib) itself, so that the others start fast.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -31,12 +32,22 @@ from delam_fem.cli.studies import (
 )
 from delam_fem.cli.sweep import diagram_command, sweep_command
 from delam_fem.plugins.discovery import studies
+from delam_fem.system.footprint import USUAL, VARIABLE
 
 HELP = ["-h", "--help"]
 
 
 def main(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+    memory: Annotated[
+        float | None,
+        typer.Option(
+            metavar="GB",
+            min=1e-3,
+            help="Memory that the content of a file may take, whatever its size (default: "
+            f"{USUAL:g}).",
+        ),
+    ] = None,
 ) -> None:
     """Simulate delaminated layers that clap under base motion or forces, by finite elements."""
     if version:
@@ -44,6 +55,8 @@ def main(
 
         typer.echo(__version__)
         raise typer.Exit()
+    if memory is not None:
+        os.environ[VARIABLE] = str(memory)  # workers inherit it
 
 
 BUILT_IN: dict[str, dict[str, Callable[..., None]]] = {

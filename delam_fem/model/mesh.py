@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import logging
+import xml.etree.ElementTree as ElementTree
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError, reason_of, require
+from delam_fem.system.footprint import bounded
 
 _COUNTS = {2: "two", 3: "three"}
 FORMATS = {".msh": "gmsh", ".vtk": "vtk", ".vtu": "vtu", ".xdmf": "xdmf"}
@@ -142,7 +144,12 @@ def read_file(path: Path) -> Any:
         raise CaseError(f"mesh.file: {path}: expected at most {MOST_BYTES} bytes")
     try:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-            return meshio.read(path, file_format=FORMATS[path.suffix])
+            with bounded(path, f"mesh.file: {path}"):
+                if path.suffix == ".xdmf":
+                    _require_alone(path)
+                return meshio.read(path, file_format=FORMATS[path.suffix])
+    except CaseError:
+        raise
     except (Exception, SystemExit) as error:  # meshio exits on some files
         _log.debug("meshio failed here", exc_info=True)
         raise CaseError(
@@ -168,6 +175,27 @@ def _remedy(path: Path, reason: str) -> str:
             "and every lamina needs a group"
         )
     return "is it damaged? Write it anew, or convert it with `meshio convert`"
+
+
+def _require_alone(path: Path) -> None:
+    """Refuse an XDMF file whose numbers are in other files than HDF5 files beside it.
+
+    Raises:
+        CaseError: it names other files, or an HDF5 file that does.
+    """
+    for item in ElementTree.parse(path).iter():
+        kind = item.get("Format", "XML")
+        if item.tag.endswith("include") or kind not in ("XML", "HDF"):
+            raise CaseError(
+                f"mesh.file: {path}: expected numbers in this file or in an HDF5 file beside it, "
+                "given another file"
+            )
+        if kind == "HDF":
+            name = (item.text or "").strip().partition(":")[0]
+            if Path(name).name != name or (path.parent / name).is_symlink():
+                raise CaseError(
+                    f"mesh.file: {path}: expected an HDF5 file beside it, given {name[:60]!r}"
+                )
 
 
 def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:

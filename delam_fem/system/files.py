@@ -18,6 +18,7 @@ import platform
 import secrets
 import shutil
 import time
+import zipfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
@@ -27,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.system.errors import CaseError, reason_of
+from delam_fem.system.footprint import bounded, require_room
 
 PREFIX = ".delam_fem-"
 """Prefix of temporary names. No file of a user has it, so what a killed process left is removed.
@@ -187,9 +189,13 @@ def read_arrays(path: Path) -> dict[str, Any]:
         ValueError: the file is damaged, was changed, or is of another kind.
     """
     try:
-        with path.open("rb") as file, np.load(file) as archive:
+        with zipfile.ZipFile(path) as members:
+            require_room(path, sum(member.file_size for member in members.infolist()))
+        with bounded(path), path.open("rb") as file, np.load(file) as archive:
             content = {name: archive[name] for name in archive.files}
         digest = str(content.pop(_DIGEST))
+    except CaseError:
+        raise
     except Exception as error:  # a damaged archive raises a dozen different ones
         raise ValueError(reason_of(error)) from error
     if digest != _digest(content):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import resource
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +25,8 @@ _HONEST = 2
 """Content of at most so many times the size of its file is always read."""
 _WORK = 5
 """Memory that reading may take at most, relative to the content that is allowed."""
+_reading = threading.RLock()
+"""Held while the process is bounded: the bound is that of all threads."""
 _STATM = Path("/proc/self/statm")
 
 
@@ -78,22 +81,31 @@ def bounded(path: Path, label: str | None = None) -> Iterator[None]:
     Raises:
         CaseError: the library wanted more.
     """
-    most = int(_WORK * allowed(path))
+    with _reading, _limited(int(_WORK * allowed(path))):
+        try:
+            yield
+            return
+        except MemoryError:
+            pass
+    raise CaseError(
+        f"{label or path}: its {path.stat().st_size} bytes would take more than "
+        f"{_WORK * allowed(path) / _GIGA:.3g} GB of memory; delam-fem --memory "
+        f"{2.0 * limit() / _GIGA:.2g} … (or {VARIABLE}) allows more if you trust the file"
+    )
+
+
+@contextmanager
+def _limited(most: int) -> Iterator[None]:
+    """Keep the process from growing by more than a number of bytes."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     try:
         present = int(_STATM.read_text("ascii").split()[0]) * resource.getpagesize()
     except OSError:  # a system that does not tell: nothing is bounded
-        present, most = 0, -1
+        yield
+        return
     bounds = [size for size in (*before, present + most) if size != resource.RLIM_INFINITY]
-    if most > 0:
-        resource.setrlimit(resource.RLIMIT_AS, (min(bounds), before[1]))
+    resource.setrlimit(resource.RLIMIT_AS, (min(bounds), before[1]))
     try:
         yield
-    except MemoryError:
-        raise CaseError(
-            f"{label or path}: its {path.stat().st_size} bytes would take more than "
-            f"{most / _GIGA:.3g} GB of memory; delam-fem --memory {2.0 * limit() / _GIGA:.2g} … "
-            f"(or {VARIABLE}) allows more if you trust the file"
-        ) from None
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)

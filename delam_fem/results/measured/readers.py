@@ -8,6 +8,7 @@ binary data of a set 58b. This data may itself look like a tag.
 
 from __future__ import annotations
 
+import math
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -29,7 +30,9 @@ from delam_fem.results.measured.channels import (
     matrix_columns,
 )
 from delam_fem.results.measured.units import unit_of
+from delam_fem.results.netcdf import MOST_NODES, opened
 from delam_fem.system.errors import CaseError, reason_of
+from delam_fem.system.footprint import bounded, require_room
 
 MOST_BYTES_OF_TEXT = 100_000_000
 """Size of the largest table; it takes ten times as much memory."""
@@ -247,7 +250,10 @@ def read_matlab(path: Path) -> list[Sheet]:
     try:
         with path.open("rb") as file:
             is_hdf5 = HDF5 in file.read(516)
-        tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
+        with bounded(path):
+            tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
+    except CaseError:
+        raise
     except Exception as error:  # both libraries raise whatever they please
         reason = reason_of(error, path)
         raise CaseError(
@@ -355,8 +361,9 @@ def _columns_of_tree(
 
 def _of_scipy(path: Path) -> Tree:
     """Return the variables of a MATLAB file of version 5 to 7."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
+    require_room(path, sum(8.0 * math.prod(map(float, shape)) for _, shape, _ in whosmat(path)))
     return {
         name: _plain(value)
         for name, value in loadmat(path, simplify_cells=True).items()
@@ -379,14 +386,27 @@ def _plain(value: Any) -> Any:
 
 def _of_hdf5(path: Path) -> Tree:
     """Return the variables of a MATLAB file of version 7.3."""
-    with h5py.File(path, "r") as file:
-        return {name: _value(node, file) for name, node in file.items() if not name.startswith("#")}
+    with opened(path) as file:
+        budget = iter(range(MOST_NODES))
+        named = {name: node for name, node in file.items() if not name.startswith("#")}
+        return {name: _value(node, file, budget) for name, node in named.items()}
 
 
-def _value(node: Any, file: Any) -> Any:
-    """Return a node of HDF5 as MATLAB means it: arrays are stored transposed, texts as numbers."""
+def _value(node: Any, file: Any, budget: Iterator[int]) -> Any:
+    """Return a node of HDF5 as MATLAB means it: arrays are stored transposed, texts as numbers.
+
+    Args:
+        node: the node.
+        file: its file.
+        budget: what each node takes one of; references may lead to a node again and again.
+
+    Raises:
+        ValueError: there are too many.
+    """
+    if next(budget, None) is None:
+        raise ValueError(f"more than {MOST_NODES} variables and cells")
     if isinstance(node, h5py.Group):
-        return {name: _value(own, file) for name, own in node.items()}
+        return {name: _value(entry, file, budget) for name, entry in node.items()}
     kind = node.attrs.get("MATLAB_class", b"").decode()
     values = node[()]
     if node.attrs.get("MATLAB_empty", 0):
@@ -394,7 +414,8 @@ def _value(node: Any, file: Any) -> Any:
     if kind == "char":
         return "".join(chr(code) for code in np.asarray(values).T.ravel())
     if kind == "cell":
-        texts = [_value(file[reference], file) for reference in np.asarray(values).T.ravel()]
+        references = np.asarray(values).T.ravel()
+        texts = [_value(file[reference], file, budget) for reference in references]
         return texts if all(isinstance(text, str) for text in texts) else None
     array = np.asarray(values)
     if array.dtype.names == ("real", "imag"):
