@@ -519,6 +519,8 @@ def _is_entry(key: str, value: object, n_laminae: int) -> bool:
         return isinstance(value, dict) and all(map(_is_interval, value.values()))
     if measure is None:  # of another version
         return isinstance(value, str | list | dict) or _is_number(value)
+    if measure.dims and not measure.units:
+        return isinstance(value, list | dict)
     if measure.dims:
         if not isinstance(value, list):
             return False

@@ -327,7 +327,7 @@ def periods_in(path: Path) -> int:
         )
     try:
         return int(read_arrays(path)["n_closed"])
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise _damaged(path, error) from None
 
 

@@ -35,7 +35,7 @@ from delam_fem.results.measured.channels import (
 )
 from delam_fem.results.netcdf import read_dataset, write_dataset
 from delam_fem.results.schema import VARIABLES, add, by_interface
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import write_text
 
 SCHEMA = "delam_fem measurement"
@@ -346,6 +346,7 @@ def read_measured(
     ):
         data = read_dataset(files[0])
         if data.attrs.get("schema") == SCHEMA:
+            _require_measurement(data, str(files[0]))
             return _with_complex(data)
     sheets = [sheet for path in files for sheet in sheets_of(path)]
     assigned = {
@@ -354,6 +355,44 @@ def read_measured(
     notes = [f"{sheet.label}: {note}" for sheet in sheets for note in sheet.notes]
     channels_in_si = channels_of(sheets, assigned, units, Times(rate, fill, between), notes)
     return dataset(joined(channels_in_si), notes)
+
+
+def _require_measurement(data: xr.Dataset, label: str) -> None:
+    """Require that a dataset is a measurement as `write_measured` writes it.
+
+    Raises:
+        CaseError: the table of the channels, an axis or a channel is not there or has another form.
+    """
+    size = data.sizes.get("channel", 0)
+    for name in ("channel", *(f"channel_{key}" for key in TABLE)):
+        variable = data.variables.get(name)
+        kinds = "f" if name == "channel_position" else "OUT"
+        if variable is None or variable.dims != ("channel",) or variable.dtype.kind not in kinds:
+            raise CaseError(f"{label}: expected a measurement, found no table of channels ({name})")
+    for axis in ("time", "frequency", "x"):
+        points = data.variables.get(axis)
+        is_axis = points is None or (points.ndim == 1 and points.dtype.kind in "fiu")
+        if not is_axis or (points is not None and np.any(~(np.diff(points.values) > 0.0))):
+            raise CaseError(f"{label}: expected a measurement, found {axis} that does not increase")
+    parts = {"response": ("response_real", "response_imag")}
+    for k in range(size):
+        variable_name = str(data["channel_variable"].values[k])
+        for name in parts.get(variable_name, (variable_name,)):
+            if name not in data.variables or not data[name].dims:
+                raise CaseError(f"{label}: expected a measurement, found no channel {name[:40]!r}")
+        try:
+            values = history_of(_with_complex(data), k)
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise CaseError(
+                f"{label}: expected a measurement, found another channel {variable_name[:40]!r} "
+                f"({reason_of(error)})"
+            ) from None
+        if values.ndim != 1 or values.dtype.kind not in "fiuc" or values.size < 1:
+            raise CaseError(
+                f"{label}: expected a measurement, found another form of {variable_name[:40]!r}"
+            )
+    if not isinstance(data.attrs.get("notes", ""), str):
+        raise CaseError(f"{label}: expected a measurement, found notes that are no text")
 
 
 def sheets_of(path: Path) -> list[Sheet]:

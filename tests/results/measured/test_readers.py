@@ -197,7 +197,7 @@ def test_of_the_reasons_of_libraries_a_line_is_told(
 
     (path := tmp_path / "a.mat").write_bytes(b"anything")
     monkeypatch.setattr(h5py, "File", fail)
-    monkeypatch.setattr("scipy.io.loadmat", fail)
+    monkeypatch.setattr("scipy.io.whosmat", fail)
     for reason in ("in short", 12 * "a word "):
         for read, kind in ((read_dataset, "NetCDF"), (read_matlab, "MATLAB")):
             with pytest.raises(CaseError) as error:
