@@ -847,13 +847,14 @@ def responses(data: xr.Dataset) -> Figure:
     """Draw amplitudes, phases and, where there is one, the coherence over the frequency."""
     names = [str(name) for name in data["output"].to_numpy()]
     figure, panels = stacked(3, 7.5, sharex=True, height_ratios=[2, 1, 1])
-    f = data["frequency"].to_numpy()[1:]
+    data = data.isel(frequency=data["frequency"].to_numpy() > 0.0)  # nothing is known at 0 Hz
+    f = data["frequency"].to_numpy()
     for k, (name, colour) in enumerate(zip(names, lamina_colours(len(names)), strict=True)):
-        h = data["response"].to_numpy()[1:, k]
+        h = data["response"].to_numpy()[:, k]
         panels[0].semilogy(f, np.where(h == 0.0, np.nan, np.abs(h)), color=colour, label=name)
         panels[1].plot(f, np.degrees(np.angle(h)), ".", markersize=2, color=colour)
         if "coherence" in data:
-            panels[2].plot(f, data["coherence"].to_numpy()[1:, k], color=colour)
+            panels[2].plot(f, data["coherence"].to_numpy()[:, k], color=colour)
     panels[0].set_ylabel(f"amplitude [{data['response'].attrs.get('units', '')}]")
     panels[1].set(ylabel="phase [°]", ylim=(-190, 190), yticks=[-180, -90, 0, 90, 180])
     panels[2].set(ylabel="coherence", ylim=(0.0, 1.05))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 from scipy.signal import cont2discrete, lfilter
 
+from delam_fem.results.measured.reading import SCHEMA, read_measured, write_measured
 from delam_fem.results.measured.responses import poles, with_responses
 from delam_fem.system.errors import CaseError
 
@@ -220,3 +223,14 @@ def test_a_sweep_has_the_right_peaks_and_damping(ends: tuple[float, float], is_c
 
 SWEPT = ((9.0, 0.006, 1.0), (19.7, 0.008, -5.0))
 """Frequency [Hz], damping and residue of the modes that a sweep passes."""
+
+
+def test_poles_of_a_file_are_those_of_its_record(tmp_path: Path) -> None:
+    """What the window has damped is in the file, so that poles found later are free of it, too."""
+    data, frequencies, _ = struck(0)
+    found = with_responses(data, "force").assign_attrs(schema=SCHEMA)
+    again = read_measured(write_measured(found, tmp_path / "measured.nc"))
+    band = 0.5 * frequencies[0], min(1.4 * frequencies[-1], float(found["frequency"][-1]))
+    assert "damped_response" in again
+    for pole, same in zip(poles(found, *band)[0], poles(again, *band)[0], strict=True):
+        assert same.damping == pytest.approx(pole.damping, rel=1e-9)
