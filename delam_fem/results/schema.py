@@ -87,7 +87,7 @@ def occasion() -> dict[str, str]:
         "blas": blas(),
         "host": platform.node() or UNKNOWN,
         "processor": processor(),
-        "command": shlex.join(sys.argv),
+        "command": shlex.join(sys.argv).encode("utf-8", "backslashreplace").decode(),
     }
 
 

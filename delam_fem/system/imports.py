@@ -47,9 +47,12 @@ def _symbols_stay_local() -> Iterator[None]:
     originals = [getattr(owner, name) for owner, name in held]
     for owner, name in held:
         setattr(owner, name, lambda *_: None)
+    arguments = sys.argv  # dolfinx gives them to its log, which takes UTF-8 alone
+    sys.argv = [text.encode("utf-8", "replace").decode() for text in arguments]
     try:
         yield
     finally:
+        sys.argv = arguments
         for (owner, name), original in zip(held, originals, strict=True):
             setattr(owner, name, original)
 

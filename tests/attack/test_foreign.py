@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -151,3 +154,14 @@ def test_names_of_outputs_are_listed_for_users() -> None:
     page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text("utf-8")
     missing = [name for name in OUTPUTS if f"`{name}`" not in page]
     assert missing == []
+
+
+@pytest.mark.slow
+def test_an_argument_that_is_not_utf8_is_taken(tmp_path: Path) -> None:
+    keys = ("mesh.elements=2", "time.periods=1", "output.window_periods=1")
+    options = [word for key in keys for word in ("--set", key)]
+    target = os.path.join(os.fsencode(tmp_path), b"o\xe9")
+    line = [sys.executable, "-m", "delam_fem", "run", "paper", *options, "--no-figures", "-o"]
+    done = subprocess.run([*line, target], capture_output=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0 and b"Traceback" not in done.stderr, done.stderr[-500:]
+    assert os.path.isfile(os.path.join(target, b"result.nc"))
