@@ -182,15 +182,19 @@ class Attack:
     rng: np.random.Generator
     stages: dict[str, int] = field(default_factory=dict)
 
-    def run(self, most: int, duration: float) -> None:
+    def run(self, most: int, duration: float) -> float:
         """Kill the command up to `most` times, then let it end.
 
         Args:
             most: number of kills.
             duration: time that the command takes without kills [s].
+
+        Returns:
+            The time that it takes now, on a machine whose load changes [s].
         """
         kept = 0
         for _ in range(most):
+            begin = time.monotonic()
             process = start([*self.line, *self.victim.go_on(self.folder)])
             try:
                 process.wait(timeout=float(self.rng.uniform(0.25, 1.05)) * duration)
@@ -201,13 +205,14 @@ class Attack:
             require_whole_files(self.folder)
             if process.returncode != -signal.SIGKILL:
                 assert process.returncode == 0, errors
-                return
+                return min(duration, time.monotonic() - begin)
             self._note()
             now = self.victim.progress(self.folder)
             assert now >= kept, f"{kept} on the disk before, {now} now"
             kept = now
         status, errors = ended([*self.line, *self.victim.go_on(self.folder)])
         assert status == 0, errors
+        return duration
 
     def _note(self) -> None:
         """Count the stage that a kill has hit."""
@@ -305,7 +310,7 @@ def attack(kind: str, most: int, tmp_path: Path) -> dict[str, int]:
             status, errors = ended(line(victim.before, folder, victim.keys))
             assert status == 0, errors
         one = Attack(victim, line(victim.words, folder, victim.keys), folder, rng)
-        one.run(min(left, 8), duration)
+        duration = one.run(min(left, 8), duration)
         finish(folder)
         assert results(folder) == expected
         names = {path.name for path in folder.iterdir()}
