@@ -20,7 +20,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import Data, set_key, toml_text
 from delam_fem.system.errors import CaseError, reason_of
-from delam_fem.system.files import IDENTITY, write_text
+from delam_fem.system.files import IDENTITY, PREFIX, write_text
 
 _CONTENT = "sha256-"
 """Beginning of the word that stands for a file; the digest of its content follows."""
@@ -179,7 +179,7 @@ def belong(folder: Path, asked: str) -> None:
     note = folder / IDENTITY
     if note.is_file():
         require_same(note.read_text("utf-8", errors="replace"), asked, folder)
-    elif any(folder.iterdir()):
+    elif any(not path.name.startswith(PREFIX) for path in folder.iterdir()):
         require_same("", asked, folder)
     else:
         write_text(note, asked)

@@ -13,6 +13,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
 from delam_fem.case.identity import belong, differences, digest, identity, located, require_same
 from delam_fem.system.errors import CaseError
+from delam_fem.system.files import PREFIX
 
 TABLE = "x [m],gap [m]\n0,0\n0.3,0.004\n0.685,0.012\n"
 
@@ -113,6 +114,9 @@ def test_a_folder_says_of_what_it_is(tmp_path: Path) -> None:
     belong(tmp_path, one)
     with pytest.raises(CaseError, match="name:"):
         belong(tmp_path, two)
+    (tmp_path / "killed").mkdir()  # while it wrote what it is
+    (tmp_path / "killed" / f"{PREFIX}identity.json").touch()
+    belong(tmp_path / "killed", one)
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "0.npz").touch()
     with pytest.raises(CaseError, match="does not say"):
