@@ -453,7 +453,9 @@ def _without_holes(
     ]
     axis = np.concatenate([*pieces, points[-1:]])
     notes.append(f"{sheet.label}: {what}; interpolated by cubic splines")
-    return axis, [replace(own, values=CubicSpline(points, own.values)(axis)) for own in columns]
+    return axis, [
+        replace(column, values=CubicSpline(points, column.values)(axis)) for column in columns
+    ]
 
 
 def _no_unit(label: str, column: Column) -> CaseError:

@@ -620,14 +620,14 @@ def read_universal(path: Path) -> list[Sheet]:
             length = factors["length"] or 1.0
             places |= {int(n): float(x) / length for n, x in zip(numbers, own["x"], strict=False)}
     functions, others = list[tuple[Block, dict[str, Any]]](), list[str]()
-    for block, own in zip(blocks, sets, strict=True):
-        if own["type"] != 58:
+    for block, fields in zip(blocks, sets, strict=True):
+        if fields["type"] != 58:
             continue
-        is_read = own["func_type"] in FUNCTIONS
-        if is_read and own["abscissa_spec_data_type"] in (UNKNOWN, TIME, FREQUENCY):
-            functions.append((block, own))
+        is_read = fields["func_type"] in FUNCTIONS
+        if is_read and fields["abscissa_spec_data_type"] in (UNKNOWN, TIME, FREQUENCY):
+            functions.append((block, fields))
         else:
-            others.append(f"set {block.number} ({_described(own)})")
+            others.append(f"set {block.number} ({_described(fields)})")
     if not functions:
         kinds = ", ".join(block.kind for block in blocks_of(path)) or "none"
         raise CaseError(
@@ -635,10 +635,10 @@ def read_universal(path: Path) -> list[Sheet]:
             f"responses or coherences, found {', '.join(others)[:300] or f'the sets {kinds[:80]}'};"
             " export histories or frequency responses"
         )
-    names = _names([own for _, own in functions], [block.number for block, _ in functions])
+    names = _names([fields for _, fields in functions], [block.number for block, _ in functions])
     sheets = [
-        _sheet(path, block, own, (name, factors, places))
-        for (block, own), name in zip(functions, names, strict=True)
+        _sheet(path, block, fields, (name, factors, places))
+        for (block, fields), name in zip(functions, names, strict=True)
     ]
     if others:
         note = f"left out: {', '.join(others)[:300]}"
@@ -646,11 +646,11 @@ def read_universal(path: Path) -> list[Sheet]:
     return sheets
 
 
-def _described(own: dict[str, Any]) -> str:
+def _described(fields: dict[str, Any]) -> str:
     """Return the kind of function of a set 58 in words, or its abscissa if that is the reason."""
-    number = own["func_type"]
+    number = fields["func_type"]
     if number in FUNCTIONS:
-        return f"abscissa of type {own['abscissa_spec_data_type']}, no time and no frequency"
+        return f"abscissa of type {fields['abscissa_spec_data_type']}, no time and no frequency"
     is_known = 0 <= number < len(FUNCTION_NAMES)
     return FUNCTION_NAMES[number] if is_known else f"function of type {number}"
 
@@ -682,7 +682,7 @@ def _names(functions: list[dict[str, Any]], numbers: list[int]) -> list[str]:
     """
 
     def are_told(names: list[str]) -> bool:
-        kinds = [own["func_type"] for own in functions]
+        kinds = [fields["func_type"] for fields in functions]
         return len(set(zip(kinds, names, strict=True))) == len(names) and not set(names) & set(
             NOTHING
         )
@@ -690,11 +690,13 @@ def _names(functions: list[dict[str, Any]], numbers: list[int]) -> list[str]:
     def places(side: str) -> list[str]:
         along = {1: " +x", 2: " +y", 3: " +z", -1: " -x", -2: " -y", -3: " -z"}
         return [
-            f"node{own[f'{side}_node']}{along.get(own[f'{side}_dir'], '')}" for own in functions
+            f"node{fields[f'{side}_node']}{along.get(fields[f'{side}_dir'], '')}"
+            for fields in functions
         ]
 
     labels = [
-        [str(own.get(key, "")).strip() for own in functions] for key in ("id1", "rsp_ent_name")
+        [str(fields.get(key, "")).strip() for fields in functions]
+        for key in ("id1", "rsp_ent_name")
     ]
     nodes = places("rsp")
     pairs = [f"{response} to {ref}" for response, ref in zip(nodes, places("ref"), strict=True)]

@@ -546,7 +546,7 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> tuple[list[Pole], dic
         frf_form="receptance",
     )  # fmt: skip
     model.get_poles(method="lscf", show_progress=False)
-    roots = [np.asarray(own) + decay for own in model.all_poles]
+    roots = [np.asarray(every) + decay for every in model.all_poles]
     starts: list[complex] = []
     for peak in _peaks(frequency, response / size, lower, upper):
         if all(abs(abs(start) / (2.0 * np.pi) - peak) > NEAR * peak for start in starts):
@@ -558,9 +558,9 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> tuple[list[Pole], dic
     is_averaged = bool(decay) and data["damped_response"].attrs["window"] == "Hann"
     n_dependent = max(1.0, (2.0 if is_averaged else 0.5) * decay / step)
     wanted = damped[:, is_in]
-    roots_at_first, _, rest = _fitted(s, wanted, np.array(starts), 3, n_dependent)
-    wanted = wanted / np.maximum(rest, CLEAN * rest.max())[:, None]  # noise counts as it is
-    fitted, errors, rest = _fitted(s, wanted, roots_at_first, 3, n_dependent)
+    roots_at_first, _, shares = _fitted(s, wanted, np.array(starts), 3, n_dependent)
+    wanted = wanted / np.maximum(shares, CLEAN * shares.max())[:, None]  # noise counts as it is
+    fitted, errors, shares = _fitted(s, wanted, roots_at_first, 3, n_dependent)
     others, _, _ = _fitted(s, wanted, fitted, 4, n_dependent)
     if is_averaged:
         on_the_axis = (response / size)[:, is_in]
@@ -573,7 +573,7 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> tuple[list[Pole], dic
         )
         if 0.0 < pole.damping < LARGEST_DAMPING and pole.frequency_error < NEAR * pole.frequency:
             result.append(pole)
-    return sorted(result, key=lambda pole: pole.frequency), dict(zip(names, rest, strict=True))
+    return sorted(result, key=lambda pole: pole.frequency), dict(zip(names, shares, strict=True))
 
 
 def _on_multiples(frequency: FloatArray, values: Values, step: float) -> tuple[FloatArray, Values]:
@@ -683,7 +683,7 @@ def _fitted(
             direct = r[:, None] * term[0] ** 2
             mirrored = r.conj()[:, None] * term[1] ** 2
             slopes += [_stacked(direct + mirrored), _stacked(1j * (direct - mirrored))]
-        jacobian = np.array([(own - (own @ q) @ q.T).ravel() for own in slopes]).T
+        jacobian = np.array([(slope - (slope @ q) @ q.T).ravel() for slope in slopes]).T
         step = np.linalg.lstsq(jacobian, remaining.ravel(), rcond=None)[0]
         most = LARGEST_STEP * np.abs(roots)
         step *= min(
@@ -696,8 +696,8 @@ def _fitted(
     even = np.sum(inverse**2, axis=1) * left / n_free
     uneven = (inverse**2) @ remaining.ravel() ** 2 * wanted.size / n_free
     errors = np.sqrt(np.maximum(even, uneven)).reshape(-1, 2)
-    rest = np.linalg.norm(remaining, axis=1) / np.linalg.norm(wanted, axis=1)
-    return roots, errors, rest
+    shares = np.linalg.norm(remaining, axis=1) / np.linalg.norm(wanted, axis=1)
+    return roots, errors, shares
 
 
 def _basis(
@@ -705,7 +705,7 @@ def _basis(
 ) -> tuple[FloatArray, list[tuple[Values, Values]]]:
     """Return the columns of residues and remainder, real over imaginary parts, and 1/(s - λ)."""
     parts = [(1.0 / (s - root), 1.0 / (s - root.conjugate())) for root in roots]
-    columns = [own for a, b in parts for own in (a + b, 1j * (a - b))]
+    columns = [column for a, b in parts for column in (a + b, 1j * (a - b))]
     return np.hstack([_stacked(columns).T, remainder]), parts
 
 

@@ -25,6 +25,9 @@ def record(time: np.ndarray, force: np.ndarray, motions: np.ndarray) -> xr.Datas
         {**{v: ("time", row) for v, row in zip(variables, table, strict=True)},
          "channel_variable": ("channel", variables),
          "channel_units": ("channel", ["N", *["m"] * len(motions)]),
+         "channel_quantity": ("channel", ["force", *["displacement"] * len(motions)]),
+         "channel_position": ("channel", [np.nan] * len(names)),
+         "channel_source": ("channel", names),
          "channel_lamina": ("channel", [""] * len(names))},
         {"time": time, "channel": names},
     )  # fmt: skip
