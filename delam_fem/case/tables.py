@@ -500,7 +500,10 @@ def _cells(text: str, separator: str | None) -> list[str]:
     if '"' not in text:
         return [cell.strip() for cell in text.split(separator)]
     reader = csv.reader([text], delimiter=separator or " ", skipinitialspace=True)
-    cells = [cell.strip() for cell in next(reader)]
+    try:
+        cells = [cell.strip() for cell in next(reader)]
+    except csv.Error:  # a cell of more than 131,072 characters, or a quote within one
+        return [cell.strip() for cell in text.split(separator)]
     return [
         cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) and separator == "," else cell
         for cell in cells

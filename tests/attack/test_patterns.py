@@ -199,3 +199,9 @@ def test_a_text_in_a_file_takes_no_time(tmp_path: Path, name: str) -> None:
 )
 def test_parts_of_responses(text: str, expected: tuple[str, str]) -> None:
     assert part_of(text) == expected
+
+
+def test_a_long_cell_in_quotes_is_no_defect(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text('time [s],"' + 140_000 * "a" + ' [m]"\n0,1\n1,2\n')
+    assert read_measured(path).sizes["time"] == 2
