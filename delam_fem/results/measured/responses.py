@@ -60,8 +60,8 @@ CUT = 0.01
 CLEAN = 1e-2
 """Least noise of a response over that of the noisiest, by which responses are weighted."""
 OF_WINDOW = 0.2
-"""Share of what a Hann window had added to a pole that is a standard error of its removal: in 24
-records of random excitation the damping was then within two errors of the exact one in 22."""
+"""Share of what a Hann window had added to a pole that counts as a standard error of its removal;
+chosen by twelve records of noise, not derived."""
 PARTS, SWEPT = 16, 3.0
 """Parts of a record in which the frequency of a sweep rises, and spectral lines by which the power
 of a part may be wider than what is swept in it."""
