@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from delam_fem.case.definition import Case
     from delam_fem.case.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
-    from delam_fem.contact.laws import LAWS, SCHEMES, Decision, Law, Scheme
+    from delam_fem.contact.decisions import Decision
+    from delam_fem.contact.laws import LAWS, SCHEMES, Law, Scheme
     from delam_fem.model.operators import BaseCoupling, DistributedOperators, Gap, Operators
     from delam_fem.model.reduction import reduced_case
     from delam_fem.pipeline import run
@@ -79,7 +80,7 @@ _HOMES = {
     "BaseCoupling": "model.operators",
     "Case": "case.definition",
     "CaseError": "system.errors",
-    "Decision": "contact.laws",
+    "Decision": "contact.decisions",
     "DistributedOperators": "model.operators",
     "Gap": "model.operators",
     "HarmonicMotion": "case.excitation",

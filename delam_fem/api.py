@@ -67,15 +67,14 @@ if TYPE_CHECKING:
         in_si as in_si,
         inconsistent as inconsistent,
     )
+    from delam_fem.contact.decisions import Kinematics as Kinematics, Setting as Setting
     from delam_fem.contact.laws import (
         COMBINATIONS as COMBINATIONS,
         LAWS as LAWS,
         SCHEMES as SCHEMES,
         Impulse as Impulse,
-        Kinematics as Kinematics,
         Law as Law,
         Scheme as Scheme,
-        Setting as Setting,
         combined_name as combined_name,
     )
     from delam_fem.engines.cost import (
@@ -255,9 +254,8 @@ _HOMES = {
     "case.toml": "Data apply_overrides message read_toml toml_text",
     "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
     # Laws
-    "contact.laws": (
-        "COMBINATIONS LAWS SCHEMES Impulse Kinematics Law Scheme Setting combined_name"
-    ),
+    "contact.decisions": "Kinematics Setting",
+    "contact.laws": "COMBINATIONS LAWS SCHEMES Impulse Law Scheme combined_name",
     # Structures
     "model.attached": "struck",
     "model.discretise": "assemble require_held require_kind",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from delam_fem.contact.laws import NO_PAIRS, Decision
+from delam_fem.contact.decisions import NO_PAIRS, Decision
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.loop import State, StepByStep
 from delam_fem.simulation.recorder import Energies, PeriodRecord, Recorder

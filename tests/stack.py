@@ -17,7 +17,7 @@ from synthetic import FRAMES, LEDGER, NODES, STEPS, WINDOW, small_case
 
 from delam_fem import Case
 from delam_fem.case.sections import Lamina, Stop
-from delam_fem.contact.laws import Decision
+from delam_fem.contact.decisions import Decision
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Probe, Structure
 from delam_fem.results import dataset

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.contact.laws import NO_BLOCK, Setting
+from delam_fem.contact.decisions import NO_BLOCK, Setting
 
 
 @dataclass

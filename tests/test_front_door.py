@@ -12,7 +12,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.contact.laws import Setting, Supervisor
+from delam_fem.contact.decisions import Setting, Supervisor
 from delam_fem.engines.session import law_of, span_of
 from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Structure

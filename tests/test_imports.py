@@ -172,6 +172,38 @@ def reach(module: str, imports: dict[str, set[str]]) -> set[str]:
     return found
 
 
+def at_run_time(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes of code that runs, imports for types alone excepted."""
+    yield node
+    children = ast.iter_child_nodes(node)
+    if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+        children = iter(node.orelse)
+    for child in children:
+        yield from at_run_time(child)
+
+
+def circles(imports: dict[str, set[str]]) -> set[tuple[str, ...]]:
+    """Return the groups of modules in which each reaches all others."""
+    reached = {module: reach(module, imports) for module in imports}
+    groups = {
+        tuple(sorted(other for other in reached[module] if module in reached[other]))
+        for module in imports
+    }
+    return {group for group in groups if len(group) > 1}
+
+
+def test_no_modules_import_one_another_even_inside_functions() -> None:
+    imports = {m: own(at_run_time(tree(m))) - {m, "__init__"} for m in SOURCES}
+    assert circles(imports) == set()
+
+
+def test_circles_are_found() -> None:
+    imports = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set[str]()}
+    assert circles(imports) == {("a", "b", "c")}
+    hidden = ast.parse("if TYPE_CHECKING:\n    import delam_fem.api\nelse:\n    import math")
+    assert list(imported(at_run_time(hidden))) == ["math"]
+
+
 def test_every_folder_has_its_row() -> None:
     assert set(ALLOWED) == {folder(module) for module in SOURCES}
 

@@ -137,7 +137,7 @@ def run_command(
 ) -> None:
     """Compute a case and write the results to DIR (default: runs/NAME)."""
     from delam_fem.engines.cost import require_affordable, run_cost
-    from delam_fem.results.folder import is_complete
+    from delam_fem.results.reading import is_complete
     from delam_fem.simulation.checkpoint import path_in
     from delam_fem.system.files import claimed
     from delam_fem.system.mpi import MPI
@@ -246,7 +246,8 @@ def page_command(
     quiet: Quiet = False,
 ) -> None:
     """Make figures, fields and page of a run or a sweep from its numbers, without computing."""
-    from delam_fem.results.folder import load_numbers, save_views
+    from delam_fem.results.folder import save_views
+    from delam_fem.results.reading import load_numbers
     from delam_fem.studies.diagrams import write_page
     from delam_fem.studies.sweeps.dataset import RESULT, open_result
     from delam_fem.system.files import claimed

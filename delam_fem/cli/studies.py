@@ -271,7 +271,8 @@ def _keep(
     quiet: bool,
 ) -> None:
     """Write and show what was read from files, and further tables."""
-    from delam_fem.results.measured.reading import HEADING, lines, rows, write_all
+    from delam_fem.results.measured.reading import HEADING, lines, rows
+    from delam_fem.results.measured.writing import write_all
     from delam_fem.system.files import claimed
 
     folder = output or Path("runs") / f"{files[0].stem}-measured"

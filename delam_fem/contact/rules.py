@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.laws import (
+from delam_fem.contact.decisions import (
     IMPACTS,
     MOREAU,
     NO_BLOCK,
@@ -174,7 +174,7 @@ def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: i
 
 
 class Rules:
-    """A law of the table, set up for one problem (`contact.laws.Supervisor`)."""
+    """A law of the table, set up for one problem (`contact.decisions.Supervisor`)."""
 
     def __init__(self, law: LawNumbers, setting: Setting) -> None:
         """Set a law up for a problem.

@@ -117,9 +117,9 @@ def assemble(
 
         return assembly.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)
     if case.model.file is not None:
-        from delam_fem.model import reduction
+        from delam_fem.model import reduction_file
 
-        return reduction.load(case)
+        return reduction_file.load(case)
     # the massless engine takes modes of beams in closed form
     needs_dolfinx &= not (case.is_massless or case.is_axial)
     if needs_dolfinx and not has_dolfinx():

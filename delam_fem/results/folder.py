@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,32 +10,18 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, save_case
-from delam_fem.case.identity import differences, identity, located, require_same
+from delam_fem.case.files import save_case
 from delam_fem.model.discretise import has_dolfinx
-from delam_fem.results.netcdf import read_dataset, write_dataset
-from delam_fem.results.schema import require_history, require_summary
+from delam_fem.results.netcdf import write_dataset
+from delam_fem.results.reading import RESULT, SOLID, SUMMARY, load_numbers
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
-from delam_fem.system.errors import CaseError, reason_of
-from delam_fem.system.files import (
-    UNFINISHED,
-    require_finished,
-    rewritten,
-    write_arrays,
-    write_json,
-)
-from delam_fem.system.footprint import bounded
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import rewritten, write_arrays, write_json
 
 if TYPE_CHECKING:
     from delam_fem.results.fields.derived import Frames
     from delam_fem.results.figures.run import Plots
-
-CASE, RESULT, SUMMARY = "case.toml", "result.nc", "summary.json"
-"""Names of the files of a run with its case, with all its numbers and with a few."""
-_log = logging.getLogger(__name__)
-SOLID = "solid.vtkhdf"
-"""Name of the file with the fields of a solid, in the folder of the fields."""
 
 
 @dataclass(frozen=True)
@@ -293,83 +277,6 @@ def remove_views(directory: Path) -> None:
         remove_fields(directory / "fields")
 
 
-def load_numbers(
-    directory: str | Path, *, is_strict: bool = False
-) -> tuple[Case, xr.Dataset, dict[str, Any]]:
-    """Read the case, the history and the summary of a run from its folder.
-
-    Args:
-        directory: the folder.
-        is_strict: whether to refuse a folder whose case.toml is not the case of the result;
-            otherwise that is a warning, also in the summary.
-
-    Returns:
-        All three, as `Result.save_numbers` has written them; without its file the summary is empty.
-        The case is that of the result.
-
-    Raises:
-        CaseError: the folder has no result, an unfinished or a damaged one, or a file of its case
-            is not there any more.
-    """
-    directory = Path(directory)
-    path = directory / RESULT
-    require_finished(directory)
-    if not path.is_file():
-        raise CaseError(f"{directory}: expected the folder of a run, found no {RESULT} there")
-    history = read_dataset(path, is_ours=True)
-    require_history(history, str(path))
-    summary = _read_summary(directory / SUMMARY, history.sizes["lamina"])
-    case, found = _case_of(history, directory)
-    if found:
-        said = f"{directory / 'case.toml'} is not the case of {RESULT}: {'; '.join(found)}"
-        if is_strict:
-            raise CaseError(f"{said}. Put the case back, or run it into another folder with -o DIR")
-        _log.warning("%s; the result counts", said)
-        summary["warnings"] = [f"{said}; the result counts", *summary.get("warnings", ())]
-    names = [lamina.name for lamina in case.lamina]
-    if history["lamina"].to_numpy().tolist() != names:
-        raise CaseError(f"{path}: expected the laminae {', '.join(names)[:80]} of its case")
-    return case, history, summary
-
-
-def _read_summary(path: Path, n_laminae: int) -> dict[str, Any]:
-    """Return the numbers of a run; without the file there are none.
-
-    Raises:
-        CaseError: the file is damaged, or it has other numbers.
-    """
-    if not path.exists():
-        return {}
-    try:
-        with bounded(path):
-            summary = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, CaseError):
-            raise
-        raise CaseError(
-            f"{path}: damaged, or not the summary of a run ({reason_of(error)})"
-        ) from None
-    return require_summary(summary, n_laminae, str(path))
-
-
-def _case_of(history: xr.Dataset, directory: Path) -> tuple[Case, list[str]]:
-    """Return the case of a result, and in what the case.toml beside it differs.
-
-    Files of the case are looked for beside the result, and where they were when it was computed.
-    """
-    origin = history.attrs.get("identity")
-    if origin is None:  # of an earlier version, or made by hand
-        return load_case(directory / CASE), []
-    try:
-        beside = load_case(directory / CASE)
-        found = differences(origin, identity(beside), of_case=True)
-    except CaseError as error:
-        return located(origin, Case.from_toml(history.attrs["case"])), [str(error)]
-    if not found:
-        return beside, []
-    return located(origin, beside, Case.from_toml(history.attrs["case"])), found
-
-
 def load_result(directory: str | Path, *, is_strict: bool = False) -> Result:
     """Read the result of a run from its folder; the state at the end is not kept there.
 
@@ -382,30 +289,3 @@ def load_result(directory: str | Path, *, is_strict: bool = False) -> Result:
     """
     case, history, summary = load_numbers(directory, is_strict=is_strict)
     return Result(case, history, summary, None)
-
-
-def is_complete(directory: str | Path, case: Case, engine: str | None = None) -> bool:
-    """Return whether a folder has the complete result of a case.
-
-    Args:
-        directory: the folder.
-        case: the case.
-        engine: the engine that must have computed it; None: any.
-
-    Raises:
-        CaseError: it has the complete result of another case, or by another engine.
-    """
-    path = Path(directory) / RESULT
-    if (path.parent / UNFINISHED).exists():
-        return False
-    try:
-        about = read_dataset(path).attrs
-    except CaseError:  # a damaged file; see `load_numbers`
-        return False
-    if about.get("outcome") != "completed":
-        return False
-    open_parts = ("version", "ranks", "engine") if engine is None else ("version", "ranks")
-    require_same(
-        str(about.get("identity")), identity(case, engine=engine), path, without=open_parts
-    )
-    return True

@@ -464,7 +464,7 @@ _MEASURES = (
     Measure("energy_residual", (), "1",
         "relative energy that the ledger does not explain: round-off if all is well"),
     Measure("impact_energy_gain", (), "J",
-        "energy that impacts have added; 0 with laws that only dissipate"),
+        "energy that single instants of impact have added, without what others have taken"),
     Measure("unread_keys", ("key",), "", "keys of the case that this run did not use"),
     Measure("warnings", ("warning",), "", "warnings of the run"),
     Measure("message", (), "", "why the run diverged or failed, and what may help; only then"),

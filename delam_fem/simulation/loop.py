@@ -15,7 +15,7 @@ from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
-from delam_fem.contact.laws import Decision, Kinematics, Supervisor
+from delam_fem.contact.decisions import Decision, Kinematics, Supervisor
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import first_mode
 from delam_fem.numerics.types import BoolArray, FloatArray

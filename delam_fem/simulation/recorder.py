@@ -37,7 +37,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.contact.laws import Decision
+from delam_fem.contact.decisions import Decision
 from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, ByteArray, FloatArray, IntArray
 from delam_fem.simulation.refinement import Span

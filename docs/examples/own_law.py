@@ -2,8 +2,8 @@
 
     e(v) = e0 / (1 + v/v0)
 
-A law has two halves (`contact.laws.ContactLaw`, `contact.laws.Supervisor`). The first tells the
-engine what the law needs. The second is asked in steps with a closed gap and answers with a
+A law has two halves (`contact.laws.ContactLaw`, `contact.decisions.Supervisor`). The first tells
+the engine what the law needs. The second is asked in steps with a closed gap and answers with a
 `Decision`, or with None. The engine "petsc", which `df.run` takes by default, runs any such law.
 """
 

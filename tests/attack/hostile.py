@@ -308,7 +308,7 @@ def a_sweep_result(rng: random.Random, folder: Path) -> None:
 
 def a_result(rng: random.Random, folder: Path) -> None:
     """Read the damaged result of a run, as `report` does."""
-    from delam_fem.results.folder import is_complete, load_numbers
+    from delam_fem.results.reading import is_complete, load_numbers
 
     case = preset("paper", SMALL)
     if "result" not in _WHOLE:

@@ -120,7 +120,8 @@ def test_reaches_and_elastic_keys() -> None:
         InnerSupport(position=0.1, kind="pinned"),
         InnerSupport(position=0.2, kind="spring", stiffness=1.0),
     )
-    assert Support(inside=(pin, spring)).held == (pin,)
+    support = Support.model_validate([{"start": "free"}, pin.model_dump(), spring.model_dump()])
+    assert support.held == (pin,)
 
 
 @pytest.mark.parametrize(

@@ -9,15 +9,14 @@ import pytest
 from stand_ins import seen, setting
 
 from delam_fem.case.sections import Contact
+from delam_fem.contact.decisions import Decision, LawNumbers
 from delam_fem.contact.laws import (
     COMBINATIONS,
     LAWS,
     SCHEMES,
     Combination,
-    Decision,
     Law,
     LawName,
-    LawNumbers,
     Scheme,
     SchemeName,
     combination,

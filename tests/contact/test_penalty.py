@@ -3,7 +3,8 @@
 import numpy as np
 from stand_ins import Seen, seen, setting
 
-from delam_fem.contact.laws import SCHEMES, Decision, Law, LawName
+from delam_fem.contact.decisions import Decision
+from delam_fem.contact.laws import SCHEMES, Law, LawName
 
 
 def examined(law: LawName, now: Seen) -> Decision | None:

@@ -10,7 +10,8 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.contact.laws import SCHEMES, Decision, Kinematics, Scheme, Setting
+from delam_fem.contact.decisions import Decision, Kinematics, Setting
+from delam_fem.contact.laws import SCHEMES, Scheme
 from delam_fem.engines import session as session_module
 from delam_fem.engines.session import ENGINES, EngineName, solve
 

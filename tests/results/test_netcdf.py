@@ -12,8 +12,8 @@ import xarray as xr
 from synthetic import small_case, synthetic_history
 
 from delam_fem.case.files import save_case
-from delam_fem.results.folder import load_numbers
 from delam_fem.results.netcdf import read_dataset, write_dataset
+from delam_fem.results.reading import load_numbers
 from delam_fem.system.errors import CaseError
 
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from stand_ins import setting
 
-from delam_fem.contact.laws import SCHEMES, Decision, Law
+from delam_fem.contact.decisions import Decision
+from delam_fem.contact.laws import SCHEMES, Law
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.loop import State, StepByStep, one_period, set_initial, simulate
 from delam_fem.simulation.recorder import Energies, Recorder

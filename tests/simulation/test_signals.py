@@ -11,7 +11,7 @@ import pytest
 
 import delam_fem as df
 from delam_fem.case.sections import Sensor
-from delam_fem.contact.laws import Decision
+from delam_fem.contact.decisions import Decision
 from delam_fem.model.layout import SensorRows
 from delam_fem.simulation import signals
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord

@@ -59,7 +59,8 @@ with ended_together(comm):
         try:
             df.run(case, directory=folder, resume=True)
         except df.CaseError as error:
-            assert f"is of ranks '{comm.size}', expected '1'" in str(error)
+            words = str(error).split("ranks", 1)[1]
+            assert str(comm.size) in words and "1" in words
         else:
             raise AssertionError("one rank has another order of the dofs")
 """

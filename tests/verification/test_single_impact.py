@@ -12,7 +12,8 @@ from problems import Law, simulate
 
 from delam_fem.case.files import preset
 from delam_fem.contact import laws
-from delam_fem.contact.laws import SCHEMES, Impulse, Setting
+from delam_fem.contact.decisions import Setting
+from delam_fem.contact.laws import SCHEMES, Impulse
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators

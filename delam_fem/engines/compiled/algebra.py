@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from delam_fem.contact.laws import MOREAU
+from delam_fem.contact.decisions import MOREAU
 from delam_fem.engines.compiled import lanes as lk, modes
 from delam_fem.engines.compiled.lanes import R, Z, fma, lane, load, splat, store
 from delam_fem.numerics.types import FloatArray, IntArray

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.laws import IMPACTS, MOREAU, NONE
+from delam_fem.contact.decisions import IMPACTS, MOREAU, NONE
 from delam_fem.contact.rules import (
     CLOSED,
     OF_PLACE,

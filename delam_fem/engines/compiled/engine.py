@@ -15,7 +15,8 @@ from typing import Any, cast
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.laws import IMPACTS, LAWS, ContactLaw, Law, LawNumbers, Scheme
+from delam_fem.contact.decisions import IMPACTS, LawNumbers
+from delam_fem.contact.laws import LAWS, ContactLaw, Law, Scheme
 from delam_fem.engines.compiled import lanes as lk, state, steps, system
 from delam_fem.engines.compiled.state import (
     CONTACT_DAMPED,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import carray, types
 
-from delam_fem.contact.laws import MOREAU, NONE
+from delam_fem.contact.decisions import MOREAU, NONE
 from delam_fem.engines.compiled import algebra, contact, lanes as lk, modes
 from delam_fem.engines.compiled.algebra import both_products, measure, row_product
 from delam_fem.engines.compiled.state import (

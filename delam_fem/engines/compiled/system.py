@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.contact.laws import LawNumbers
+from delam_fem.contact.decisions import LawNumbers
 from delam_fem.engines.compiled import algebra, lanes, lanes as lk
 from delam_fem.engines.compiled.algebra import Band, Rows
 from delam_fem.engines.compiled.lanes import aligned_zeros

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.contact.laws import NO_PAIRS, ContactLaw, Scheme, Setting
+from delam_fem.contact.decisions import NO_PAIRS, Setting
+from delam_fem.contact.laws import ContactLaw, Scheme
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.operators import DistributedOperators, Operators

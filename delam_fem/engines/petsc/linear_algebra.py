@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
-from delam_fem.contact.laws import NO_BLOCK
+from delam_fem.contact.decisions import NO_BLOCK
 from delam_fem.model.operators import DistributedOperators, matrix, with_near_null
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError

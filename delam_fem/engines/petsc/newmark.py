@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from delam_fem.contact.laws import Compliance, Decision
+from delam_fem.contact.decisions import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance, new_vector

@@ -43,7 +43,7 @@ from typing import TypeAlias
 import numpy as np
 from petsc4py import PETSc
 
-from delam_fem.contact.laws import Decision
+from delam_fem.contact.decisions import Decision
 from delam_fem.contact.rules import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import BaseState, Dynamics

@@ -26,7 +26,7 @@ from delam_fem.results.fields.derived import contact_lights, held_ends
 from delam_fem.results.fields.pictures import RIGHT, TO_CAMERA, drawable_frames, magnification
 from delam_fem.results.fields.vtkhdf import CELL_TYPES, Series
 from delam_fem.results.figures.style import lamina_colours
-from delam_fem.results.folder import SOLID, load_numbers
+from delam_fem.results.reading import SOLID, load_numbers
 from delam_fem.simulation.recorder import HIT, RESTING
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic

@@ -28,7 +28,7 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.diagnostics import between, gap_field, heat, of_laminae
 from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.vtkhdf import subcells
-from delam_fem.results.folder import SOLID
+from delam_fem.results.reading import SOLID
 from delam_fem.results.schema import by_interface, event_interfaces
 from delam_fem.simulation.recorder import HIT, RESTING, Recorder
 from delam_fem.simulation.signals import contact_forces, frames_of

@@ -33,10 +33,9 @@ from delam_fem.results.measured.channels import (
     joined,
     same_names,
 )
-from delam_fem.results.netcdf import read_dataset, write_dataset
-from delam_fem.results.schema import VARIABLES, add, by_interface
+from delam_fem.results.netcdf import read_dataset
+from delam_fem.results.schema import VARIABLES, add
 from delam_fem.system.errors import CaseError, reason_of
-from delam_fem.system.files import write_text
 
 SCHEMA = "delam_fem measurement"
 """Value of the dataset's attribute `schema`."""
@@ -270,8 +269,6 @@ def _lamina_of(channel: Channel) -> str:
     return found["lamina"] if found and channel.axis == "time" else ""
 
 
-MEASURED = "measured.nc"
-"""Name of the file of a measurement."""
 READERS: dict[str, Callable[[Path], list[Sheet]]] = {
     ".csv": readers.read_text,
     ".txt": readers.read_text,
@@ -415,22 +412,6 @@ def sheets_of(path: Path) -> list[Sheet]:
         raise CaseError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
-def write_measured(data: xr.Dataset, path: Path) -> Path:
-    """Write a measurement as NetCDF; complex responses become two variables.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    plain = data
-    for name in COMPLEX:
-        if name in data and np.iscomplexobj(data[name]):
-            parts = {"real": data[name].real, "imag": data[name].imag}
-            plain = plain.drop_vars(name).assign(
-                {f"{name}_{part}": v.assign_attrs(data[name].attrs) for part, v in parts.items()}
-            )
-    return write_dataset(plain, path)
-
-
 def _with_complex(data: xr.Dataset) -> xr.Dataset:
     """Return a dataset whose responses are complex again."""
     for name in COMPLEX:
@@ -531,31 +512,3 @@ def lines(data: xr.Dataset) -> Iterator[str]:
             points: FloatArray = data[name].to_numpy()
             yield f"{name}: {points.size} values, {points[0]:.6g} to {points[-1]:.6g} {unit}"
     yield from (f"note: {note}" for note in data.attrs.get("notes", "").splitlines() if note)
-
-
-def write_all(data: xr.Dataset, directory: Path) -> list[Path]:
-    """Write measured.nc, and for each gap the table that `gap.file` of a case reads.
-
-    Args:
-        data: a measurement.
-        directory: the folder.
-
-    Returns:
-        The files.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    written = [write_measured(data, directory / MEASURED)]
-    if "response" in data or "free_frequency" in data:
-        from delam_fem.results.measured.responses import save_pictures
-
-        written += save_pictures(data, directory)
-    if "gap0" in data:
-        names = data["interface"].to_numpy() if "interface" in data.coords else [""]
-        for name, gap in zip(names, by_interface(data["gap0"]), strict=True):
-            rows = zip(data["x"].to_numpy().tolist(), gap.tolist(), strict=True)
-            text = "\n".join(["x [m],gap [m]", *(f"{x!r},{g!r}" for x, g in rows)]) + "\n"
-            path = directory / (f"gap-{name}.csv".replace("/", "_") if name else "gap.csv")
-            written.append(write_text(path, text))
-    return written

@@ -28,7 +28,7 @@ from delam_fem.results.figures.style import (
     stacked,
     time_axis,
 )
-from delam_fem.results.folder import Result, load_numbers
+from delam_fem.results.folder import Result
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.results.netcdf import write_dataset
 from delam_fem.results.overlay.alignment import (
@@ -51,6 +51,7 @@ from delam_fem.results.overlay.comparison import (
 )
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Paragraph, Section, Table, embedded
+from delam_fem.results.reading import load_numbers
 from delam_fem.results.schema import shown
 from delam_fem.system.files import json_ready, write_json, write_text
 

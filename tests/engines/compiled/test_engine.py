@@ -14,7 +14,7 @@ from kit import compiled
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.contact import complementarity
-from delam_fem.contact.laws import IMPACTS, MOREAU, PENALTY, LawNumbers
+from delam_fem.contact.decisions import IMPACTS, MOREAU, PENALTY, LawNumbers
 from delam_fem.engines.compiled import (
     algebra,
     contact,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.contact.laws import Decision
+from delam_fem.contact.decisions import Decision
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators

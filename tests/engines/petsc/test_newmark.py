@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.contact.laws import NO_PAIRS, Decision
+from delam_fem.contact.decisions import NO_PAIRS, Decision
 from delam_fem.engines.petsc import newmark, theta
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean

@@ -12,7 +12,8 @@ import delam_fem as df
 from delam_fem.cli.app import app
 from delam_fem.results.fields import animation, pictures
 from delam_fem.results.fields.vtkhdf import Series
-from delam_fem.results.folder import Result, load_numbers, save_views
+from delam_fem.results.folder import Result, save_views
+from delam_fem.results.reading import load_numbers
 
 KEYS = {
     "excitation.frequency": 3.25,

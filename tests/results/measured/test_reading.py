@@ -27,10 +27,9 @@ from delam_fem.results.measured.reading import (
     rows,
     scan,
     variable_of,
-    write_all,
-    write_measured,
 )
 from delam_fem.results.measured.units import unit_of
+from delam_fem.results.measured.writing import write_all, write_measured
 from delam_fem.system.errors import CaseError
 
 RATE, N = 512.0, 301

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from delam_fem.contact.laws import Decision
+from delam_fem.contact.decisions import Decision
 from delam_fem.simulation.recorder import LEDGER, N_BASE, Jumps
 from delam_fem.studies.convergence.rung import PeriodRow, row_of, statistics
 

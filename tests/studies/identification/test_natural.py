@@ -12,7 +12,8 @@ import xarray as xr
 import delam_fem as df
 from delam_fem import CaseError
 from delam_fem.case.definition import Case
-from delam_fem.results.measured.reading import SCHEMA, write_measured
+from delam_fem.results.measured.reading import SCHEMA
+from delam_fem.results.measured.writing import write_measured
 from delam_fem.studies.identification.identify import drawn, of_rig
 
 EI, L, RHO_A, PLACES, ERROR = 10.0, 0.5, 0.1, (0.12, 0.2), 0.2
