@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import OperatorsResult, Result, load_result
     from delam_fem.results.measured.reading import read_measured
     from delam_fem.results.overlay.whole import overlay
+    from delam_fem.results.record import read_record, write_record
     from delam_fem.simulation.loop import State
     from delam_fem.studies.convergence.run import converge
     from delam_fem.studies.detection.study import (
@@ -107,10 +108,12 @@ _HOMES = {
     "overlay": "results.overlay.whole",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
+    "read_record": "results.record",
     "reduced_case": "model.reduction",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",
+    "write_record": "results.record",
 }
 """Module that defines each public name that is no study, relative to the package."""
 
@@ -156,12 +159,14 @@ __all__ = [
     "pod",
     "preset",
     "read_measured",
+    "read_record",
     "reduced_case",
     "resonance",
     "run",
     "run_sweep",
     "save_case",
     "tap",
+    "write_record",
 ]
 
 try:

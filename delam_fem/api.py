@@ -181,6 +181,7 @@ if TYPE_CHECKING:
         verdict_of as verdict_of,
     )
     from delam_fem.results.schema import (
+        CHANNEL_MEASURES as CHANNEL_MEASURES,
         MEASURES as MEASURES,
         SENSOR as SENSOR,
         SHOWN as SHOWN,
@@ -295,7 +296,8 @@ _HOMES = {
     "results.netcdf": "open_dataset require_alone write_dataset",
     "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
     "results.schema": (
-        "MEASURES SENSOR SHOWN Variable occasion origin processor provenance versions"
+        "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
+        "versions"
     ),
     # Studies
     "plugins.options": "Flag Options",

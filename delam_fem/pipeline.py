@@ -44,7 +44,7 @@ from delam_fem.model.attached import overlap_at_start
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.results import contacts, dataset, diagnostics, quality
+from delam_fem.results import contacts, dataset, diagnostics, quality, record
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, Problem, Result
 from delam_fem.results.overlap import overlap_warnings
@@ -501,6 +501,7 @@ def _result(
     summary |= diagnostics.summary(history, case)
     summary |= quality.settling_summary(recorder, len(structure.layout.parts), case, decay)
     summary["contacts"] = contacts.of_run(recorder, structure, case, history)
+    summary["channels"] = record.measures(record.of_run(history, case))
     summary |= {
         "intervals": quality.confidence_intervals(history, case, summary),
         "periods": recorder.n_closed,

@@ -13,7 +13,7 @@ the frames alone, because to record all gaps takes as long as the steps themselv
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -166,16 +166,48 @@ def of_run(
             about = {}
         contact = _contact(interface.name, "interface", known, pairs, case, about, at_frames)
         entries.append(contact)
-    for number in dict.fromkeys(stop.number for stop in layout.stops):
-        kind, name = named(number, case)
-        sides = [stop.pairs for stop in layout.stops if stop.number == number]
-        pairs = np.concatenate([np.arange(rows.start, rows.stop) for rows in sides])
+    for kind, name, pairs in _stops(layout, case):
         closed = known.is_closed(pairs)
         begins = group_begins(closed, GROUP_PERIODS * N).tolist()
         speeds = [speed for step in begins if (speed := known.approach_at(step, pairs)) is not None]
         about = _strikes(closed, speeds, N)
         entries.append(_contact(name, kind, known, pairs, case, about))
     return [asdict(contact) for contact in entries]
+
+
+def _stops(layout: Layout, case: Case) -> Iterator[tuple[Kind, str, IntArray]]:
+    """Yield kind, name and pairs of each stop and impactor."""
+    for number in dict.fromkeys(stop.number for stop in layout.stops):
+        sides = [stop.pairs for stop in layout.stops if stop.number == number]
+        pairs = np.concatenate([np.arange(rows.start, rows.stop) for rows in sides])
+        yield *named(number, case), pairs
+
+
+def forces(recorder: Recorder, structure: Structure, case: Case) -> dict[str, FloatArray]:
+    """Return the forces of contacts with springs that are recorded at each step, by name.
+
+    Args:
+        recorder: recorder of the run, after at least one period.
+        structure: structure that moved.
+        case: its case.
+
+    Returns:
+        Springs' forces and impulses over Δt, positive in compression, each of shape (k,) [N].
+    """
+    layout = structure.layout
+    if not LAWS[case.contact.law].spring or layout.gap_row is None:
+        return {}
+    known = _histories(recorder, structure, case)
+    pairs = {
+        interface.name: np.arange(interface.pairs.start, interface.pairs.stop)
+        for interface in layout.interfaces
+    }
+    pairs |= {name: rows for _, name, rows in _stops(layout, case)}
+    return {
+        name: force + known.impulses(rows) / case.time_step
+        for name, rows in pairs.items()
+        if known.knows(rows) and (force := _spring_force(known, rows, case, None)) is not None
+    }
 
 
 def named(number: int, case: Case) -> tuple[Kind, str]:

@@ -18,7 +18,8 @@ from delam_fem.model import layout as fields
 from delam_fem.model.beams.network import opening
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.schema import INTERFACE, SENSOR, add, provenance, with_sensor
+from delam_fem.results import contacts
+from delam_fem.results.schema import CONTACT, INTERFACE, SENSOR, add, provenance, with_sensor
 from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.simulation.signals import frames_of, signals, steps_of
 
@@ -92,6 +93,9 @@ def history(
         add(data, heat=_of_interfaces(layout, heat))
         if layout.stops:
             add(data, stop_heat=heat[layout.stops[0].first_pair :])
+    if forces := contacts.forces(recorder, structure, case):
+        data = data.assign_coords({CONTACT: list(forces)})
+        add(data, contact_force=np.array(list(forces.values())))
     for signal in signals(recorder, structure, case):
         data = with_sensor(data, signal)
     data.attrs = {

@@ -26,7 +26,7 @@ from delam_fem.numerics.harmonics import (
 )
 from delam_fem.numerics.settling import LONGEST, MARGIN, REPEATS
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
-from delam_fem.results.schema import by_interface, event_interfaces
+from delam_fem.results.schema import CHANNEL_MEASURES, by_interface, event_interfaces
 from delam_fem.simulation.recorder import EXCHANGED, LEDGER, Recorder
 
 if TYPE_CHECKING:
@@ -482,9 +482,10 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     if motion.is_closed.shape[0] and case.contact.law != "none":
         contacts = count_contacts(motion.is_closed.any(axis=0), GROUP_PERIODS * N) / n_periods
     return {
-        "tip_min": q.min(axis=1).tolist(),
-        "tip_max": q.max(axis=1).tolist(),
-        "tip_amplitude": (np.ptp(q, axis=1) / 2.0).tolist(),
+        **{
+            f"tip_{name}": CHANNEL_MEASURES[name].of(q).tolist()
+            for name in ("min", "max", "amplitude")
+        },
         **repeats,
         "tip_contacts_per_period": contacts,
         "impacts_per_period": motion.n_impacts / n_periods,
@@ -499,14 +500,25 @@ def _hits(history: xr.Dataset, n_interfaces: int) -> BoolArray:
     is_hit = np.zeros((n_interfaces, history.sizes["time"]), dtype=np.bool_)
     if not n_interfaces:
         return is_hit
-    time, at_probes = history["time"].to_numpy(), is_at_probes(history)
-    when = history["event_time"].to_numpy()[at_probes]
-    if time.size > 1:
-        after = (when - time[0]) / (time[1] - time[0])
-        steps = np.ceil(after - _ROUND_OFF).astype(np.int64)  # the step in which it happened
-        is_inside = (steps >= 0) & (steps < time.size)
-        is_hit[event_interfaces(history)[at_probes][is_inside], steps[is_inside]] = True
+    steps, is_inside = steps_of_events(history)
+    chosen = is_inside & is_at_probes(history)
+    is_hit[event_interfaces(history)[chosen], steps[chosen]] = True
     return is_hit
+
+
+def steps_of_events(history: xr.Dataset) -> tuple[IntArray, BoolArray]:
+    """Return the step of the window within which each event lies, and whether it is one.
+
+    Steps count from 0; in a window of a single step no event has one. Both have the shape
+    (n_events,).
+    """
+    time = history["time"].to_numpy()
+    when = history["event_time"].to_numpy()
+    if time.size < 2:
+        return np.zeros(when.size, np.int64), np.zeros(when.size, np.bool_)
+    after = (when - time[0]) / (time[1] - time[0])
+    steps = np.ceil(after - _ROUND_OFF).astype(np.int64)
+    return steps, (steps >= 0) & (steps < time.size)
 
 
 _NO_PERIODICITY: dict[str, Any] = {

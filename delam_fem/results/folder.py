@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +65,13 @@ class Result:
         from delam_fem.results.figures.run import Plots
 
         return Plots(self._drawn, self.case)
+
+    @cached_property
+    def record(self) -> xr.Dataset:
+        """The channels: whatever has a history, with quantity, unit and place; see `record`."""
+        from delam_fem.results.record import of_run
+
+        return of_run(self._drawn, self.case)
 
     @property
     def groups(self) -> dict[str, xr.Dataset]:

@@ -15,7 +15,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
@@ -29,6 +29,7 @@ import numpy as np
 import scipy
 
 from delam_fem.numerics.settling import LONGEST
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
@@ -140,6 +141,7 @@ def _git(root: Path, *arguments: str) -> str:
 
 
 INTERFACE = "interface"
+CONTACT = "contact"
 SENSOR = "sensor_"
 """Beginning of the names of sensors' variables."""
 
@@ -155,6 +157,7 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
         "probe": "further probes, on both sides of delaminations; only if there are any",
         "stop": "contact points of stops and impactors; only if there are any",
         "impactor": "impactors; only if there are any",
+        CONTACT: "contacts whose springs are recorded at each step; only if there are any",
         "event": "impacts on single pairs in the window, in the order of time",
     }
 )
@@ -259,6 +262,12 @@ _ALL = (
     Variable("stop_on_base", ("stop",), "1", "1: it moves with the base; 0: it is on the ground"),
     Variable("impactor_displacement", ("impactor", "time"), "m", "displacement of an impactor"),
     Variable("impactor_velocity", ("impactor", "time"), "m/s", "velocity of an impactor"),
+    Variable(
+        "contact_force",
+        (CONTACT, "time"),
+        "N",
+        "force of a contact with springs, positive in compression; impulses count over the step",
+    ),
     Variable("stop_state", ("frame", "stop"), "1", "contact state: 0 open, 1 hit, 2 resting"),
     Variable("event_time", ("event",), "s", "time of the impact"),
     Variable("event_interface", ("event",), "1", "number of the interface that is hit; -1: a stop"),
@@ -288,7 +297,7 @@ OPTIONAL = frozenset({
     "force", "probe_displacement", "probe_velocity", "probe_lamina", "probe_node",
     "dof_displacement", "dof_velocity", "stop_number", "stop_lamina", "stop_node", "stop_height",
     "stop_on_base", "impactor_displacement", "impactor_velocity", "stop_state", "event_interface",
-    "event_stop", "event_pair", "heat", "stop_heat",
+    "event_stop", "event_pair", "heat", "stop_heat", "contact_force",
 })  # fmt: skip
 """Variables that the result of a case may do without."""
 NUMBERING: Mapping[str, str] = MappingProxyType({
@@ -340,7 +349,7 @@ def _problems(data: xr.Dataset) -> Iterator[str]:
     is_finite = data.attrs["outcome"] != "diverged"
     for name, variable in data.variables.items():
         key = str(name)
-        if key in ("lamina", INTERFACE, "probe"):
+        if key in ("lamina", INTERFACE, "probe", CONTACT):
             dims: tuple[str, ...] = (key,)
             kinds = "OUT" if variable.size else "OUTf"
         elif key in VARIABLES:
@@ -453,8 +462,10 @@ _MEASURES = (
         "how often the tips meet; closures within 0.05 periods count once"),
     Measure("impacts_per_period", (), "1",
         "impulses on single pairs; depends on the time step, does not converge"),
-    Measure("contacts", ("contact",), "",
+    Measure("contacts", (CONTACT,), "",
         "what each interface, stop and impactor did: strikes, speed, impulse, force"),
+    Measure("channels", ("channel",), "",
+        "min, max, amplitude (half peak-to-peak), rms and units of each channel of the record"),
     Measure("distortion_factor", _LAMINA, "1",
         "d = √(ΣAᵢ²)/A₁ − 1 over all harmonics: how far each tip is from a sine", True),
     Measure("thd", _LAMINA, "1",
@@ -475,9 +486,37 @@ MEASURES: Mapping[str, Measure] = MappingProxyType({entry.name: entry for entry 
 `diagnostics.summary_of` computes those of the motion. Tips are the reference probes."""
 
 
+@dataclass(frozen=True)
+class ChannelMeasure:
+    """A number of a channel.
+
+    Attributes:
+        meaning: the number in words.
+        of: function of values over time, shape (…, k), that returns it, shape (…), in their unit.
+    """
+
+    meaning: str
+    of: Callable[[FloatArray], Any]
+
+
+CHANNEL_MEASURES: Mapping[str, ChannelMeasure] = MappingProxyType(
+    {
+        "min": ChannelMeasure("smallest", lambda values: values.min(axis=-1)),
+        "max": ChannelMeasure("largest", lambda values: values.max(axis=-1)),
+        "amplitude": ChannelMeasure(
+            "half peak-to-peak", lambda values: np.ptp(values, axis=-1) / 2.0
+        ),
+        "rms": ChannelMeasure(
+            "root mean square of the", lambda values: np.sqrt(np.mean(values**2, axis=-1))
+        ),
+        "mean": ChannelMeasure("mean of the", lambda values: values.mean(axis=-1)),
+    }
+)
+"""What can be said of any channel, by name."""
+
 LISTS = ("unread_keys", "warnings", "probes")
 """Entries of summary.json that are lists of texts."""
-TABLES = ("settling", "intervals")
+TABLES = ("settling", "intervals", "channels")
 """Entries that are tables."""
 _OF_INTERVALS = {"mean", "half_width", "windows", "periods"}
 
@@ -515,6 +554,8 @@ def _is_entry(key: str, value: object, n_laminae: int) -> bool:
         )
     if key == "contacts":
         return isinstance(value, list) and all(map(_is_contact, value))
+    if key == "channels":
+        return isinstance(value, dict) and all(map(_is_channel, value.values()))
     if key == "intervals":
         return isinstance(value, dict) and all(map(_is_interval, value.values()))
     if measure is None:  # of another version
@@ -559,6 +600,14 @@ def _is_contact(entry: object) -> bool:
             number.name in entry and (entry[number.name] is None or _is_number(entry[number.name]))
             for number in CONTACTS
         )
+    )
+
+
+def _is_channel(entry: object) -> bool:
+    """Return whether a value is the measures of a channel, with its unit."""
+    return isinstance(entry, dict) and all(
+        isinstance(value, str) if key == "units" else value is None or _is_number(value)
+        for key, value in entry.items()
     )
 
 

@@ -21,7 +21,10 @@ NAMES = ("lamina", "interface", "probe")
 """Coordinates that hold names."""
 OF_A_FORCE = ("force",)
 """Variables of runs that a force drives."""
-OF_STOPS = ("event_stop", *(name for name in VARIABLES if name.startswith(("stop_", "impactor_"))))
+OF_STOPS = (
+    "event_stop", "contact_force",
+    *(name for name in VARIABLES if name.startswith(("stop_", "impactor_"))),
+)  # fmt: skip
 """Variables of runs with stops."""
 OF_OPERATORS = ("event_pair", "dof_displacement", "dof_velocity")
 """Variables of runs without a case."""
@@ -52,7 +55,14 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
         if row.name not in ("event_interface", *OF_A_FORCE, *OF_STOPS, *OF_OPERATORS)
         and not row.name.startswith("probe_")
     ]
-    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe", "stop", "impactor", "dof"}
+    assert set(run.dims) == DIMENSIONS.keys() - {
+        INTERFACE,
+        "probe",
+        "stop",
+        "impactor",
+        "contact",
+        "dof",
+    }
     assert "interface" not in run.variables
 
 
@@ -75,7 +85,7 @@ def test_three_laminae_have_all_variables() -> None:
         for row in VARIABLES.values()
         if row.name not in (*OF_A_FORCE, *OF_STOPS, *OF_OPERATORS)
     ]
-    assert set(history.dims) == DIMENSIONS.keys() - {"stop", "impactor", "dof"}
+    assert set(history.dims) == DIMENSIONS.keys() - {"stop", "impactor", "contact", "dof"}
     assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
     assert history["interface"].values.tolist() == ["thick-thin", "thin-top"]
 

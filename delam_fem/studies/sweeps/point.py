@@ -42,6 +42,7 @@ import numpy.typing as npt
 from scipy.special import ndtr, stdtrit
 
 from delam_fem.api import (
+    CHANNEL_MEASURES,
     LEDGER,
     MEASURES,
     OPEN,
@@ -190,13 +191,16 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
 """All variables of sweeps by name; words have no unit."""
 
 
+OF_CHANNEL = ("min", "max", "rms")
+"""Measures that a sweep keeps of a sensor."""
+
+
 def of_sensor(sensor: SensorRows, n_harmonics: int) -> list[Variable]:
     """Return the variables that a sweep keeps of a sensor: extremes, rms and maybe harmonics."""
     name, unit = f"{SENSOR}{sensor.name}", sensor.unit
     rows = [
-        Variable(f"{name}_min", (), unit, f"smallest {sensor.words}"),
-        Variable(f"{name}_max", (), unit, f"largest {sensor.words}"),
-        Variable(f"{name}_rms", (), unit, f"root mean square of the {sensor.words}"),
+        Variable(f"{name}_{key}", (), unit, f"{CHANNEL_MEASURES[key].meaning} {sensor.words}")
+        for key in OF_CHANNEL
     ]
     if n_harmonics:
         words = f"amplitude of the harmonics of the {sensor.words}"
@@ -337,9 +341,7 @@ def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
         frequencies = (np.arange(1, most + 1) / case.period).tolist()
         amplitudes = np.abs(complex_amplitudes(value[:, None], signal.time, frequencies)[:, 0])
     return {
-        f"{name}_min": value.min(),
-        f"{name}_max": value.max(),
-        f"{name}_rms": float(np.sqrt(np.mean(value**2))),
+        **{f"{name}_{key}": CHANNEL_MEASURES[key].of(value) for key in OF_CHANNEL},
         f"{name}_harmonics": amplitudes,
     }
 

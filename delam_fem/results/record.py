@@ -1,0 +1,196 @@
+"""The record of a run: each quantity that has a history is a channel.
+
+A record is a dataset. A channel is one of its variables, with the attributes
+
+    units       SI unit
+    quantity    displacement, velocity, acceleration, strain, contact force, impulse, force or base
+                displacement
+    place       where it is, in words
+    lamina, x   lamina and position [m], of a channel at a place of a lamina
+    long_name   quantity and place
+
+A run offers, without being asked, `tip_LAMINA` and `tip_LAMINA_velocity` (of operators the names of
+the probes in place of those of laminae), `base` or `drive`, `contact_NAME` of each interface, stop
+and impactor, and the sensors under their own names. A sensor whose name is taken is `sensor_NAME`.
+
+`contact_NAME` is a contact force: an impulse counts with its mean force over its step, as in the
+signal of a sensor. Springs of an interface are recorded if a sensor reads contact forces. Without
+one the channel has the impulses alone (law "newton-penalty"), or is left out (law "penalty").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from delam_fem.contact.laws import LAWS
+from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.results.contacts import named
+from delam_fem.results.diagnostics import probe_place, steps_of_events
+from delam_fem.results.netcdf import read_dataset, write_dataset
+from delam_fem.results.schema import (
+    CHANNEL_MEASURES,
+    INTERFACE,
+    SENSOR,
+    event_interfaces,
+    sensors_of,
+)
+from delam_fem.system.errors import CaseError
+
+SCHEMA = "delam_fem record 1"
+"""Attribute `schema` of the file of a record."""
+IN_SUMMARY = ("min", "max", "amplitude", "rms")
+"""Measures of channels that summary.json has."""
+_OF_SENSORS = ("lamina", "surface", "between", "sampling_rate", "noise", "alternating")
+"""Attributes that a channel has of its sensor."""
+
+
+def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
+    """Return the record of a run; see the docstring of this module.
+
+    Args:
+        history: dataset of a run; of operators with the names of a case.
+        case: its case, or the problem of operators.
+
+    Returns:
+        Channels over `time`; a sensor with a sampling rate is over `NAME_time`. The attributes are
+        those of the history.
+    """
+    record = xr.Dataset(coords={"time": history["time"]})
+    _add_tips(record, history)
+    if "force" in history:
+        _add(record, "drive", history["force"], quantity="force", place="the driven point")
+    else:
+        base = history["base_displacement"]
+        _add(record, "base", base, quantity="base displacement", place="the base")
+    for contact, values, units in _contacts(history, case):
+        quantity = "contact force" if units == "N" else "impulse"
+        channel = xr.DataArray(values, dims="time", attrs={"units": units})
+        _add(record, f"contact_{contact}", channel, quantity=quantity, place=contact)
+    for variable in sensors_of(history):
+        name = variable.removeprefix(SENSOR)
+        record = _with_sensor(record, variable if name in record else name, history[variable])
+    record.attrs = {**history.attrs, "schema": SCHEMA}
+    return record
+
+
+def _add(record: xr.Dataset, name: str, channel: xr.DataArray, **about: Any) -> None:
+    """Add a channel over time to a record, with its unit and `about` as attributes."""
+    words = f"{about['quantity']} at {about['place']}"
+    attributes = {"units": channel.attrs["units"], **about, "long_name": words}
+    record[name] = ("time", channel.to_numpy(), attributes)
+
+
+def _add_tips(record: xr.Dataset, history: xr.Dataset) -> None:
+    """Add displacement and velocity of each reference probe."""
+    about: dict[str, Any] = {}
+    if "tip_node" in history:
+        about["x"] = float(history["x"][int(history["tip_node"])])
+    names = history["lamina"].to_numpy().tolist()
+    for row, lamina in enumerate(names):
+        place = f"{probe_place(history)} of {lamina}" if "tip_node" in history else lamina
+        for quantity, suffix in (("displacement", ""), ("velocity", "_velocity")):
+            tip = history[f"tip_{quantity}"][row]
+            about |= {"quantity": quantity, "place": place, "lamina": lamina}
+            _add(record, f"tip_{lamina}{suffix}", tip, **about)
+
+
+def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray, str]]:
+    """Yield name, values and unit of the force, or of the impulses, of each contact."""
+    if "event_node" not in history or case.contact.law == "none":
+        return
+    forces = history["contact_force"] if "contact_force" in history else None
+    known = [] if forces is None else forces["contact"].to_numpy().tolist()
+    has_spring = bool(LAWS[case.contact.law].spring)
+    for name, is_its in _events_of(history, case):
+        if forces is not None and name in known:
+            yield name, forces[known.index(name)].to_numpy(), "N"
+            continue
+        steps, is_inside = steps_of_events(history)
+        chosen = is_its & is_inside
+        impulses = np.bincount(
+            steps[chosen],
+            weights=history["event_impulse"].to_numpy()[chosen],
+            minlength=history.sizes["time"],
+        ).astype(np.float64)
+        if not has_spring:
+            yield name, impulses / case.time_step, "N"
+        elif case.contact.law != "penalty":
+            yield name, impulses, "N s"
+
+
+def _events_of(history: xr.Dataset, case: Any) -> Iterator[tuple[str, BoolArray]]:
+    """Yield the name of each contact, and which events are impacts on it."""
+    interfaces = event_interfaces(history)
+    laminae = history["lamina"].to_numpy().tolist()
+    names = ["-".join(laminae)]
+    if INTERFACE in history.coords:
+        names = history[INTERFACE].to_numpy().tolist()
+    for number, name in enumerate(names):
+        yield name, interfaces == number
+    if "stop_number" not in history:
+        return
+    numbers = history["stop_number"].to_numpy()
+    stops = history["event_stop"].to_numpy()
+    of_events = np.where(stops < 0, 0, numbers[stops])
+    for number in dict.fromkeys(numbers.tolist()):
+        _, name = named(number - 1, case)
+        yield name, of_events == number
+
+
+def _with_sensor(record: xr.Dataset, name: str, sensor: xr.DataArray) -> xr.Dataset:
+    """Return the record with the channel of a sensor."""
+    about: dict[str, Any] = {key: sensor.attrs[key] for key in ("units", "quantity")}
+    words = str(sensor.attrs["long_name"])
+    place = words.removeprefix(f"{about['quantity']} ").removeprefix("of ").removeprefix("at ")
+    about |= {"place": place, "long_name": words}
+    if "position" in sensor.attrs:
+        about["x"] = sensor.attrs["position"]
+    about |= {key: sensor.attrs[key] for key in _OF_SENSORS if key in sensor.attrs}
+    (dim,) = sensor.dims
+    if dim != "time":
+        time = sensor[dim]
+        dim = f"{name}_time"
+        record = record.assign_coords({dim: (dim, time.to_numpy(), time.attrs)})
+    return record.assign({name: (dim, sensor.to_numpy(), about)})
+
+
+def measures(record: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Return the entry `channels` of summary.json: measures of each channel, with its unit."""
+    entries: dict[str, dict[str, Any]] = {}
+    for name, channel in record.data_vars.items():
+        values = channel.to_numpy()
+        entry = {
+            key: float(CHANNEL_MEASURES[key].of(values)) if values.size else None
+            for key in IN_SUMMARY
+        }
+        entries[str(name)] = {**entry, "units": channel.attrs["units"]}
+    return entries
+
+
+def write_record(record: xr.Dataset, path: str | Path) -> Path:
+    """Write a record as NetCDF, with units, places and where it comes from.
+
+    Raises:
+        OSError: the file cannot be written or the disk is full.
+    """
+    return write_dataset(record, Path(path))
+
+
+def read_record(path: str | Path) -> xr.Dataset:
+    """Read a record that `write_record` has written.
+
+    Raises:
+        CaseError: the file is missing, damaged, or has no record.
+    """
+    record = read_dataset(Path(path))
+    if record.attrs.get("schema") != SCHEMA:
+        raise CaseError(
+            f'{path}: expected a record with the attribute schema = "{SCHEMA}", given '
+            f"{record.attrs.get('schema', 'none')!r}; read_measured reads other files"
+        )
+    return record
