@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from delam_fem.results.export import operators
     from delam_fem.results.fields.animation import animate
     from delam_fem.results.folder import OperatorsResult, Result, load_result
-    from delam_fem.results.measured.reading import read_measured
-    from delam_fem.results.overlay.whole import overlay
     from delam_fem.results.record import read_record, write_record
     from delam_fem.simulation.loop import State
     from delam_fem.studies.convergence.run import converge
@@ -70,6 +68,8 @@ if TYPE_CHECKING:
     from delam_fem.studies.modes.frequencies import modes
     from delam_fem.studies.orbits.follow import follow
     from delam_fem.studies.orbits.run import orbit
+    from delam_fem.studies.signals.overlay import overlay
+    from delam_fem.studies.signals.reading import read_measured
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
     from delam_fem.system.errors import CaseError
@@ -105,9 +105,9 @@ _HOMES = {
     "modes": "studies.modes.frequencies",
     "operators": "results.export",
     "orbit": "studies.orbits.run",
-    "overlay": "results.overlay.whole",
+    "overlay": "studies.signals.overlay",
     "preset": "case.files",
-    "read_measured": "results.measured.reading",
+    "read_measured": "studies.signals.reading",
     "read_record": "results.record",
     "reduced_case": "model.reduction",
     "run": "pipeline",

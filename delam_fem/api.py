@@ -50,11 +50,18 @@ if TYPE_CHECKING:
     )
     from delam_fem.case.keys import tables as tables
     from delam_fem.case.sections import Contact as Contact, Gap as Gap, Lamina as Lamina
+    from delam_fem.case.tables import (
+        DAY as DAY,
+        Columns as Columns,
+        heading as heading,
+        read_columns as read_columns,
+    )
     from delam_fem.case.toml import (
         Data as Data,
         apply_overrides as apply_overrides,
         message as message,
         read_toml as read_toml,
+        shown as shown,
         toml_text as toml_text,
     )
     from delam_fem.case.values import (
@@ -122,6 +129,7 @@ if TYPE_CHECKING:
         SensorRows as SensorRows,
         Structure as Structure,
         columns_of as columns_of,
+        interpolation as interpolation,
         nodal as nodal,
         place_of as place_of,
         selection as selection,
@@ -163,7 +171,7 @@ if TYPE_CHECKING:
         number as number,
     )
     from delam_fem.plugins.study import Kinds as Kinds, RunContext as RunContext, Study as Study
-    from delam_fem.results import diagnostics as diagnostics
+    from delam_fem.results import diagnostics as diagnostics, netcdf as netcdf, schema as schema
     from delam_fem.results.figures import style as style
     from delam_fem.results.folder import Result as Result
     from delam_fem.results.netcdf import (
@@ -180,6 +188,7 @@ if TYPE_CHECKING:
         stop_when_settled as stop_when_settled,
         verdict_of as verdict_of,
     )
+    from delam_fem.results.reading import load_numbers as load_numbers
     from delam_fem.results.schema import (
         CHANNEL_MEASURES as CHANNEL_MEASURES,
         MEASURES as MEASURES,
@@ -218,8 +227,10 @@ if TYPE_CHECKING:
         signals as signals,
         steps_of as steps_of,
     )
+    from delam_fem.system import footprint as footprint
     from delam_fem.system.errors import (
         CaseError as CaseError,
+        reason_of as reason_of,
         require as require,
     )
     from delam_fem.system.files import (
@@ -252,7 +263,8 @@ _HOMES = {
     "case.identity": "belong content_of identity require_same",
     "case.keys": "tables",
     "case.sections": "Contact Gap Lamina",
-    "case.toml": "Data apply_overrides message read_toml toml_text",
+    "case.tables": "Columns DAY heading read_columns",
+    "case.toml": "Data apply_overrides message read_toml shown toml_text",
     "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
     # Laws
     "contact.decisions": "Kinematics Setting",
@@ -261,7 +273,8 @@ _HOMES = {
     "model.attached": "struck",
     "model.discretise": "assemble require_held require_kind",
     "model.layout": (
-        "CURVATURE Layout Part SensorRows Structure columns_of nodal place_of selection"
+        "CURVATURE Layout Part SensorRows Structure columns_of interpolation nodal place_of "
+        "selection"
     ),
     "model.linear": (
         "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
@@ -295,6 +308,7 @@ _HOMES = {
     "results.folder": "Result",
     "results.netcdf": "open_dataset require_alone write_dataset",
     "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
+    "results.reading": "load_numbers",
     "results.schema": (
         "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
         "versions"
@@ -304,7 +318,7 @@ _HOMES = {
     "plugins.report": "Finding Picture Report Table number",
     "plugins.study": "Kinds RunContext Study",
     # House
-    "system.errors": "CaseError require",
+    "system.errors": "CaseError reason_of require",
     "system.files": (
         "atomic atomic_file json_ready read_arrays remove_kept rewritten write_arrays write_json "
         "write_text"
@@ -314,9 +328,10 @@ _HOMES = {
     "numerics.types": "BoolArray FloatArray IntArray",
     # Namespaces
     "numerics": "beams harmonics settling statistics",
-    "results": "diagnostics",
+    "results": "diagnostics netcdf schema",
     "results.figures": "style",
     "results.pages": "html",
+    "system": "footprint",
 }
 """Names by the module or folder that defines them, relative to the package."""
 _MODULES = {name: home for home, names in _HOMES.items() for name in names.split()}

@@ -90,7 +90,7 @@ UNCOUNTED = {
     "`converge`: contact work, distortion, other harmonics": "no share is promised, no interval "
     "is given",
     "`measure response --poles`: errors of poles": "two standard errors, counted in "
-    "tests/results/measured/test_poles.py; measured.md has the shares",
+    "tests/studies/signals/test_poles.py; measured.md has the shares",
     "`converge`: solids": "a truth costs many minutes",
 }
 """What is printed and has no count, and why."""

@@ -225,7 +225,7 @@ def response_command(
             "measure response: expected --excitation NAME, --poles LOW HIGH or both, or --free "
             "CHANNEL LOW HIGH; `measure read` only reads"
         )
-    from delam_fem.results.measured.responses import with_free_vibrations, with_responses
+    from delam_fem.studies.signals.responses import with_free_vibrations, with_responses
 
     data = _read(files, channels, units, rate, between=between, fill=fill)
     tables: list[Rows] = []
@@ -254,7 +254,7 @@ def _read(
     fill: bool,
 ) -> xr.Dataset:
     """Read measurements as the options of the command line say."""
-    from delam_fem.results.measured.reading import assigned, read_measured
+    from delam_fem.studies.signals.reading import assigned, read_measured
 
     return read_measured(
         *files, channels=assigned(channels), units=units, rate=rate, between=between, fill=fill
@@ -271,8 +271,8 @@ def _keep(
     quiet: bool,
 ) -> None:
     """Write and show what was read from files, and further tables."""
-    from delam_fem.results.measured.reading import HEADING, lines, rows
-    from delam_fem.results.measured.writing import write_all
+    from delam_fem.studies.signals.reading import HEADING, lines, rows
+    from delam_fem.studies.signals.writing import write_all
     from delam_fem.system.files import claimed
 
     folder = output or Path("runs") / f"{files[0].stem}-measured"
@@ -287,7 +287,7 @@ def _poles(
     data: xr.Dataset, lower: float, upper: float
 ) -> tuple[xr.Dataset, list[tuple[str, ...]], list[tuple[str, ...]]]:
     """Return the dataset with the poles as attributes, the poles as rows, and what they leave."""
-    from delam_fem.results.measured.responses import poles
+    from delam_fem.studies.signals.responses import poles
 
     result, left = poles(data, lower, upper)
     rest: list[tuple[str, ...]] = [(name, f"{100 * share:.3g}") for name, share in left.items()]
@@ -337,8 +337,8 @@ def overlay_command(
     quiet: Quiet = False,
 ) -> None:
     """Lay a measurement over a run: align it, and show how it differs."""
-    from delam_fem.results.measured.reading import assigned
-    from delam_fem.results.overlay.whole import overlay
+    from delam_fem.studies.signals.overlay import overlay
+    from delam_fem.studies.signals.reading import assigned
     from delam_fem.system.files import claimed
 
     runs, files = ([p for p in paths if p.is_dir() == is_run] for is_run in (True, False))

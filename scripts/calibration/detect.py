@@ -16,9 +16,9 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.api import FloatArray
-from delam_fem.results.scan import scan_positions, shapes_of, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.indices import FALSE_CALLS, mark
+from delam_fem.studies.signals.scan import scan_positions, shapes_of, surface_of
 
 PERIODS, SAMPLES, NOISE_DB = 16, 50, 40.0
 

@@ -15,11 +15,11 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.api import FloatArray, statistics
-from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.indices import CONFIDENCE, mark, repeated
 from delam_fem.studies.detection.infer import prior_of
 from delam_fem.studies.detection.population import Population, Specimen, population
+from delam_fem.studies.signals.scan import Shapes, surface_of
 
 NOISE_DB, REPETITIONS, TRUTHS = 40.0, 60, 250
 NOISY = "noise differs from point to point (log-normal, σ 0.7)"

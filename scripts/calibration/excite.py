@@ -18,12 +18,12 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.api import FloatArray, statistics
-from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.excitation import SURE, ExcitationMap, excitation_map
 from delam_fem.studies.detection.indices import mark
 from delam_fem.studies.detection.infer import prior_of
 from delam_fem.studies.detection.population import Specimen, population
+from delam_fem.studies.signals.scan import surface_of
 
 TRUTHS = 200
 FREQUENCIES = np.linspace(100.0, 300.0, 11)

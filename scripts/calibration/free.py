@@ -18,7 +18,7 @@ import xarray as xr
 from calibration.row import OWN, Row
 
 from delam_fem.api import FloatArray
-from delam_fem.results.measured.responses import CYCLES, with_free_vibrations
+from delam_fem.studies.signals.responses import CYCLES, with_free_vibrations
 
 TRUTHS, TWO_ERRORS = 200, 0.9545
 SECOND, GROWING = "a second mode 10 … 40 % above", "noise grows with the motion"

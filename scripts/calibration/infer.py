@@ -16,12 +16,12 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.api import Case, FloatArray, statistics
-from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection import infer
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.population import Population, population
 from delam_fem.studies.detection.study import Infer
 from delam_fem.studies.identification.identify import drawn, of_rig
+from delam_fem.studies.signals.scan import surface_of
 
 NOISE_DB, LOUD_DB, N_LINES = 40.0, 30.5, 14
 """Noise of most scans, that of the noisy ones (3 %) [dB], lines from which it is estimated."""

@@ -18,9 +18,9 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.api import Case, assemble, elastic
-from delam_fem.results.measured.reading import SCHEMA
-from delam_fem.results.measured.writing import write_measured
 from delam_fem.studies.identification.identify import drawn, of_rig
+from delam_fem.studies.signals.reading import SCHEMA
+from delam_fem.studies.signals.writing import write_measured
 
 LEVEL, TRUTHS, LOW, HIGH, ERRORS = 0.9, 200, 0.05, 0.25, (0.2, 1.0)
 PLACE = "support.2.position"

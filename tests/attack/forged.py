@@ -31,10 +31,10 @@ from delam_fem.results.diagnostics import summary as summary_of
 from delam_fem.results.export import export
 from delam_fem.results.fields.vtkhdf import Series
 from delam_fem.results.figures.run import save_figures
-from delam_fem.results.folder import load_numbers
-from delam_fem.results.measured.reading import read_measured
 from delam_fem.results.netcdf import read_dataset, write_dataset
 from delam_fem.results.pages.report import of_result
+from delam_fem.results.reading import load_numbers
+from delam_fem.studies.signals.reading import read_measured
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import read_arrays, write_arrays
 
@@ -196,7 +196,7 @@ def a_measurement(rng: random.Random, folder: Path) -> None:
     if "measured" not in _made:
         path = Path(tempfile.mkdtemp()) / "a.csv"
         path.write_text("time [s],a [mm]\n" + "".join(f"{k / 10},{k % 7}\n" for k in range(60)))
-        from delam_fem.results.measured.reading import write_measured
+        from delam_fem.studies.signals.writing import write_measured
 
         _made["measured"] = write_measured(read_measured(path), path.with_name("measured.nc"))
     path = folder / "measured.nc"
@@ -204,7 +204,7 @@ def a_measurement(rng: random.Random, folder: Path) -> None:
         path.write_bytes(damaged(rng, _made["measured"].read_bytes()))
     else:
         write_dataset(forged(rng, read_dataset(_made["measured"])), path)
-    from delam_fem.results.measured.reading import lines, rows
+    from delam_fem.studies.signals.reading import lines, rows
 
     data = read_measured(path)
     list(rows(data))

@@ -18,8 +18,8 @@ from project import ROOT
 
 from delam_fem.case.gap import read_gap_table
 from delam_fem.case.toml import parse_override, parsed, read_toml
-from delam_fem.results.measured.channels import assignment, length_of, part_of
-from delam_fem.results.measured.reading import read_measured
+from delam_fem.studies.signals.channels import assignment, length_of, part_of
+from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.sweeps.schedule import parse_shard
 from delam_fem.system.errors import CaseError
 

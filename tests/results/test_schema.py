@@ -15,8 +15,8 @@ from synthetic import small_case, synthetic_history
 
 import delam_fem as df
 from delam_fem.results import schema
-from delam_fem.results.measured.reading import BESIDES
 from delam_fem.studies.orbits.follow import VARIABLES as OF_BRANCHES
+from delam_fem.studies.signals.reading import BESIDES
 from delam_fem.studies.sweeps.point import VARIABLES as OF_SWEEPS
 
 SOURCES = sorted((ROOT / "delam_fem").rglob("*.py"))

@@ -16,9 +16,9 @@ from calibration.row import OWN, Row
 from project import ROOT, script
 
 import delam_fem as df
-from delam_fem.results.scan import shapes_of
 from delam_fem.studies.detection.detect import intact, simulated
 from delam_fem.studies.detection.study import Scan
+from delam_fem.studies.signals.scan import shapes_of
 from delam_fem.studies.sweeps import point
 
 page = script("calibrate")

@@ -19,8 +19,6 @@ from delam_fem.numerics.settling import judge
 from delam_fem.numerics.statistics import Table
 from delam_fem.results import quality
 from delam_fem.results.diagnostics import gain_warning
-from delam_fem.results.overlay.alignment import Alignment
-from delam_fem.results.overlay.comparison import Comparison, findings
 from delam_fem.results.pages.report import sentence
 from delam_fem.results.quality import is_lost, quality_warnings
 from delam_fem.simulation.recorder import LEDGER, Recorder
@@ -30,6 +28,8 @@ from delam_fem.studies.detection.detect import Measurement, detect
 from delam_fem.studies.detection.study import Modulate
 from delam_fem.studies.orbits.newton import is_zero
 from delam_fem.studies.orbits.search import stability_of
+from delam_fem.studies.signals.alignment import Alignment
+from delam_fem.studies.signals.comparison import Comparison, findings
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import PointRunner
 from delam_fem.system.errors import CaseError

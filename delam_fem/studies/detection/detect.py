@@ -44,18 +44,6 @@ from delam_fem.api import (
     span_of,
     style,
 )
-from delam_fem.results.measured import reading
-from delam_fem.results.overlay.comparison import strongest_frequency
-from delam_fem.results.scan import (
-    ORDERS,
-    ComplexArray,
-    Shapes,
-    at_points,
-    scan_field,
-    scan_positions,
-    shapes_of,
-    surface_of,
-)
 from delam_fem.studies.detection.indices import (
     CONFIDENCE,
     FALSE_CALLS,
@@ -68,6 +56,18 @@ from delam_fem.studies.detection.indices import (
 )
 from delam_fem.studies.detection.study import Detect, Measured, Scan
 from delam_fem.studies.linear import settling_periods, steady_motion
+from delam_fem.studies.signals import reading
+from delam_fem.studies.signals.comparison import strongest_frequency
+from delam_fem.studies.signals.scan import (
+    ORDERS,
+    ComplexArray,
+    Shapes,
+    at_points,
+    scan_field,
+    scan_positions,
+    shapes_of,
+    surface_of,
+)
 
 SAMPLES = 50
 """Samples per period, unless a sampling rate is given."""

@@ -30,7 +30,6 @@ from delam_fem.api import (
     assemble,
     style,
 )
-from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact, per_shape
 from delam_fem.studies.detection.indices import SHARE, mark, repeated
 from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, scanned
@@ -38,6 +37,7 @@ from delam_fem.studies.detection.study import Excite
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.linear import settling_periods
 from delam_fem.studies.modes.frequencies import structure_modes
+from delam_fem.studies.signals.scan import Shapes, surface_of
 from delam_fem.studies.sweeps.grid import Axis, ScanRecord
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import fdtri
 
 from delam_fem.api import BoolArray, FloatArray
-from delam_fem.results.scan import Shapes, amplitudes
+from delam_fem.studies.signals.scan import Shapes, amplitudes
 
 FALSE_CALLS = 0.01
 """Share of intact beams that noise may call damaged. It lies below the promised 5 %, to hold with a

@@ -28,7 +28,6 @@ from delam_fem.api import (
     statistics,
     style,
 )
-from delam_fem.results.scan import ComplexArray, Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     Measurement,
     drive_responses,
@@ -46,6 +45,7 @@ from delam_fem.studies.detection.population import (
 )
 from delam_fem.studies.detection.study import Infer, Scan
 from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn
+from delam_fem.studies.signals.scan import ComplexArray, Shapes, shapes_of, surface_of
 
 COMPONENTS = 3
 """Principal components of the curvature along the beam that serve as statistics, per frequency."""

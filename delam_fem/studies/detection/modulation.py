@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 
 from delam_fem.api import Case, CaseError, Finding, FloatArray, Report, RunContext
-from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection.detect import (
     INTACT_SEED,
     Measurement,
@@ -23,6 +22,7 @@ from delam_fem.studies.detection.detect import (
 )
 from delam_fem.studies.detection.indices import FALSE_CALLS, Mark, sideband_ratio
 from delam_fem.studies.detection.study import Modulate, Scan
+from delam_fem.studies.signals.scan import surface_of
 
 MOST_TURNS = 1000
 """Largest number of periods of the probe in a common period of both frequencies."""

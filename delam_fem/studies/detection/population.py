@@ -39,7 +39,6 @@ from delam_fem.api import (
     Table,
     style,
 )
-from delam_fem.results.scan import Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     drive_responses,
     intact,
@@ -50,6 +49,7 @@ from delam_fem.studies.detection.indices import curvature, mark
 from delam_fem.studies.detection.study import Pod, Scan
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.linear import settling_periods
+from delam_fem.studies.signals.scan import Shapes, shapes_of, surface_of
 from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep
 from delam_fem.studies.sweeps.run import completed
 

@@ -34,10 +34,10 @@ from delam_fem.api import (
     require,
     run,
 )
-from delam_fem.results.scan import scan_positions, surface_of
 from delam_fem.studies.detection.detect import beside_intact, intact, read_field
 from delam_fem.studies.detection.indices import FALSE_CALLS, Mark
 from delam_fem.studies.detection.study import Tap
+from delam_fem.studies.signals.scan import scan_positions, surface_of
 
 FALLEN = 0.1
 """Share of the largest force at which the main pulse ends."""

@@ -38,10 +38,10 @@ from delam_fem.api import (
     statistics,
     style,
 )
-from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.scan import amplitudes
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.identification.study import Identify
+from delam_fem.studies.signals.reading import read_measured
+from delam_fem.studies.signals.scan import amplitudes
 from delam_fem.studies.sweeps.dataset import remove_results
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.run import completed, sweep_cost

@@ -26,9 +26,9 @@ from delam_fem.api import (
     elastic,
     style,
 )
-from delam_fem.results.measured.reading import read_measured
 from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn, require_values
 from delam_fem.studies.identification.study import Natural
+from delam_fem.studies.signals.reading import read_measured
 
 QUANTILES = (0.05, 0.5, 0.95)
 """Ends of the 90 % interval and the median."""

@@ -35,7 +35,7 @@ from delam_fem.api import (
     write_json,
     write_text,
 )
-from delam_fem.results.scan import ORDERS, scan_positions
+from delam_fem.studies.signals.scan import ORDERS, scan_positions
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
 from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
 from delam_fem.studies.sweeps.point import VARIABLES, PointRunner, Quantity, quantities

@@ -48,7 +48,7 @@ from delam_fem.api import (
     tables,
     toml_text,
 )
-from delam_fem.results.scan import LEAST_PERIODS, scan_positions
+from delam_fem.studies.signals.scan import LEAST_PERIODS, scan_positions
 
 Value: TypeAlias = int | float | str
 """A value of an axis."""

@@ -80,7 +80,8 @@ from delam_fem.api import (
     steps_of,
     stop_when_settled,
 )
-from delam_fem.results.scan import (
+from delam_fem.studies.linear import steady_motion
+from delam_fem.studies.signals.scan import (
     ORDERS,
     amplitudes as complex_amplitudes,
     scan_field,
@@ -88,7 +89,6 @@ from delam_fem.results.scan import (
     shapes_of,
     surface_of,
 )
-from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.sweeps.grid import Record, ScanRecord, Sweep, Value, is_initial
 
 ENERGIES = tuple(name for name in LEDGER if name != "residual")

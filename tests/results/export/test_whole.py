@@ -16,7 +16,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 import delam_fem as df
 from delam_fem.results.diagnostics import summary
 from delam_fem.results.folder import Result
-from delam_fem.results.measured.reading import scan
+from delam_fem.studies.signals.reading import scan
 from delam_fem.system.errors import CaseError
 
 CASE = small_case()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from delam_fem.results.scan import Shapes, shapes_of
 from delam_fem.studies.detection.indices import (
     FALSE_CALLS,
     INDICES,
@@ -15,6 +14,7 @@ from delam_fem.studies.detection.indices import (
     mark,
     sideband_ratio,
 )
+from delam_fem.studies.signals.scan import Shapes, shapes_of
 
 F = 5.0
 X = np.linspace(0.0, 0.4, 41)

@@ -5,7 +5,6 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.numerics.statistics import Posterior, uniform
-from delam_fem.results.scan import Shapes
 from delam_fem.studies.detection.indices import curvature
 from delam_fem.studies.detection.infer import (
     COMPONENTS,
@@ -19,6 +18,7 @@ from delam_fem.studies.detection.infer import (
     specimens_of,
 )
 from delam_fem.studies.detection.population import Population
+from delam_fem.studies.signals.scan import Shapes
 
 X = np.linspace(0.0, 0.4, 41)
 N = 700

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from delam_fem.results.scan import Shapes
 from delam_fem.studies.detection.indices import Mark, mark, repeated
+from delam_fem.studies.signals.scan import Shapes
 
 X = np.linspace(0.0, 0.4, 41)
 

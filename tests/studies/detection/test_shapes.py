@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from delam_fem.results.scan import Shapes, amplitudes, shapes_of
+from delam_fem.studies.signals.scan import Shapes, amplitudes, shapes_of
 
 F = 7.0
 X = np.linspace(0.0, 1.0, 11)

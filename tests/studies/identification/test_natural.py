@@ -12,9 +12,9 @@ import xarray as xr
 import delam_fem as df
 from delam_fem import CaseError
 from delam_fem.case.definition import Case
-from delam_fem.results.measured.reading import SCHEMA
-from delam_fem.results.measured.writing import write_measured
 from delam_fem.studies.identification.identify import drawn, of_rig
+from delam_fem.studies.signals.reading import SCHEMA
+from delam_fem.studies.signals.writing import write_measured
 
 EI, L, RHO_A, PLACES, ERROR = 10.0, 0.5, 0.1, (0.12, 0.2), 0.2
 """A beam, places of a clamp inside its span [m], and the error of a frequency [Hz]."""

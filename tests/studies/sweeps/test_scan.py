@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.results.scan import ORDERS, shapes_of
 from delam_fem.studies.detection.detect import simulated
 from delam_fem.studies.detection.study import Scan
+from delam_fem.studies.signals.scan import ORDERS, shapes_of
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.system.errors import CaseError

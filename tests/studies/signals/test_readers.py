@@ -12,8 +12,9 @@ import pyuff
 import xarray as xr
 from scipy.io import savemat
 
-from delam_fem.results.measured.channels import Sheet
-from delam_fem.results.measured.readers import (
+from delam_fem.results.netcdf import read_dataset
+from delam_fem.studies.signals.channels import Sheet
+from delam_fem.studies.signals.readers import (
     blocks_of,
     cleaned,
     netcdf_sheets,
@@ -21,8 +22,7 @@ from delam_fem.results.measured.readers import (
     read_text,
     read_universal,
 )
-from delam_fem.results.measured.reading import sheets_of
-from delam_fem.results.netcdf import read_dataset
+from delam_fem.studies.signals.reading import sheets_of
 from delam_fem.system.errors import CaseError
 
 N = 9

@@ -20,10 +20,9 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from delam_fem.case.toml import shown
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.measured import readers
-from delam_fem.results.measured.channels import (
+from delam_fem.api import CaseError, FloatArray, netcdf, reason_of, schema, shown
+from delam_fem.studies.signals import readers
+from delam_fem.studies.signals.channels import (
     Channel,
     Sheet,
     Times,
@@ -33,9 +32,6 @@ from delam_fem.results.measured.channels import (
     joined,
     same_names,
 )
-from delam_fem.results.netcdf import read_dataset
-from delam_fem.results.schema import VARIABLES, add
-from delam_fem.system.errors import CaseError, reason_of
 
 SCHEMA = "delam_fem measurement"
 """Value of the dataset's attribute `schema`."""
@@ -191,7 +187,7 @@ def _with_histories(
         sources[key] = channel.source
         if name in OF_TIPS.values():
             tips.setdefault(name, {})[_lamina_of(channel)] = own
-        elif name in VARIABLES:
+        elif name in schema.VARIABLES:
             drives[name] = own
         else:
             words = f"{channel.si.quantity or 'signal'}: {channel.name}"
@@ -201,7 +197,7 @@ def _with_histories(
         data = data.assign_coords(lamina=laminae)
     none = np.full(time.size, np.nan)
     tables = {name: [own.get(lamina, none) for lamina in laminae] for name, own in tips.items()}
-    add(data, time=time, **tables, **drives)
+    schema.add(data, time=time, **tables, **drives)
     return data.assign(sensors)  # at once: one by one, thousands take minutes
 
 
@@ -239,9 +235,9 @@ def _with_gaps(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) 
     x, values = _on_one_axis(channels, notes)
     if len(channels) > 1:
         data = data.assign_coords(interface=[channel.name for channel in channels])
-    add(data, x=x)
+    schema.add(data, x=x)
     data = data.set_coords("x")
-    add(data, gap0=values[0] if len(values) == 1 else np.array(values))
+    schema.add(data, gap0=values[0] if len(values) == 1 else np.array(values))
     return data
 
 
@@ -281,9 +277,9 @@ READERS: dict[str, Callable[[Path], list[Sheet]]] = {
     ".unv": readers.read_universal,
     ".uf": readers.read_universal,
     ".58b": readers.read_universal,
-    ".nc": lambda path: readers.netcdf_sheets(read_dataset(path), path),
-    ".nc4": lambda path: readers.netcdf_sheets(read_dataset(path), path),
-    ".cdf": lambda path: readers.netcdf_sheets(read_dataset(path), path),
+    ".nc": lambda path: readers.netcdf_sheets(netcdf.read_dataset(path), path),
+    ".nc4": lambda path: readers.netcdf_sheets(netcdf.read_dataset(path), path),
+    ".cdf": lambda path: readers.netcdf_sheets(netcdf.read_dataset(path), path),
 }
 """Readers by the suffix of the file."""
 
@@ -341,7 +337,7 @@ def read_measured(
         and files[0].suffix in (".nc", ".nc4")
         and files[0].is_file()
     ):
-        data = read_dataset(files[0])
+        data = netcdf.read_dataset(files[0])
         if data.attrs.get("schema") == SCHEMA:
             _require_measurement(data, str(files[0]))
             return _with_complex(data)

@@ -11,10 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from delam_fem.case.toml import shown
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.measured.units import Unit, of_quantity, unit_of
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, FloatArray, shown
+from delam_fem.studies.signals.units import Unit, of_quantity, unit_of
 
 Values = npt.NDArray[Any]
 """Real or complex values, shape (n,)."""

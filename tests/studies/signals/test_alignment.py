@@ -6,7 +6,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.stats import linregress
 
-from delam_fem.results.overlay.alignment import (
+from delam_fem.studies.signals.alignment import (
     MOST_SAMPLES,
     Alignment,
     Course,

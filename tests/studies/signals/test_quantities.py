@@ -10,8 +10,8 @@ import xarray as xr
 
 import delam_fem as df
 from delam_fem.results.folder import Result
-from delam_fem.results.overlay.whole import Overlay
 from delam_fem.results.schema import add
+from delam_fem.studies.signals.overlay import Overlay
 
 STEPS, WINDOW, ORDERS = 1000, 4, 300
 CASE = df.preset("paper", {

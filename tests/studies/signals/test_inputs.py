@@ -18,7 +18,7 @@ import pyuff
 import xarray as xr
 from scipy.io import savemat
 
-from delam_fem.results.measured.reading import lines, read_measured
+from delam_fem.studies.signals.reading import lines, read_measured
 from delam_fem.system.errors import CaseError
 
 N, RATE = 40, 200.0

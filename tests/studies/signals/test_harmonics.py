@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.results.overlay.comparison import strongest_frequency
+from delam_fem.studies.signals.comparison import strongest_frequency
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.2])

@@ -18,12 +18,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.case.definition import Case
-from delam_fem.model.layout import Layout, Structure, interpolation, nodal
-from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.recorder import Recorder
-from delam_fem.simulation.signals import frames_of
-from delam_fem.system.errors import CaseError, require
+from delam_fem.api import (
+    Case,
+    CaseError,
+    FloatArray,
+    Layout,
+    Recorder,
+    Structure,
+    frames_of,
+    interpolation,
+    nodal,
+    require,
+)
 
 _ROUND_OFF = 1e-9
 

@@ -19,9 +19,8 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.measured.reading import history_of
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, FloatArray
+from delam_fem.studies.signals.reading import history_of
 
 LEAST_OVERLAP = 0.3
 """Share of the shorter record that must overlap where the motion does not repeat."""

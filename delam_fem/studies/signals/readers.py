@@ -20,8 +20,17 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.tables import DAY, Columns, heading, read_columns
-from delam_fem.results.measured.channels import (
+from delam_fem.api import (
+    DAY,
+    CaseError,
+    Columns,
+    footprint,
+    heading,
+    netcdf,
+    read_columns,
+    reason_of,
+)
+from delam_fem.studies.signals.channels import (
     AXES,
     Column,
     Sheet,
@@ -29,10 +38,7 @@ from delam_fem.results.measured.channels import (
     axis_of,
     matrix_columns,
 )
-from delam_fem.results.measured.units import unit_of
-from delam_fem.results.netcdf import MOST_NODES, opened
-from delam_fem.system.errors import CaseError, reason_of
-from delam_fem.system.footprint import bounded, require_room
+from delam_fem.studies.signals.units import unit_of
 
 MOST_BYTES_OF_TEXT = 100_000_000
 """Size of the largest table; it takes ten times as much memory."""
@@ -250,7 +256,7 @@ def read_matlab(path: Path) -> list[Sheet]:
     try:
         with path.open("rb") as file:
             is_hdf5 = HDF5 in file.read(516)
-        with bounded(path):
+        with footprint.bounded(path):
             tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
     except CaseError:
         raise
@@ -363,7 +369,9 @@ def _of_scipy(path: Path) -> Tree:
     """Return the variables of a MATLAB file of version 5 to 7."""
     from scipy.io import loadmat, whosmat
 
-    require_room(path, sum(8.0 * math.prod(map(float, shape)) for _, shape, _ in whosmat(path)))
+    footprint.require_room(
+        path, sum(8.0 * math.prod(map(float, shape)) for _, shape, _ in whosmat(path))
+    )
     return {
         name: _plain(value)
         for name, value in loadmat(path, simplify_cells=True).items()
@@ -386,8 +394,8 @@ def _plain(value: Any) -> Any:
 
 def _of_hdf5(path: Path) -> Tree:
     """Return the variables of a MATLAB file of version 7.3."""
-    with opened(path) as file:
-        budget = iter(range(MOST_NODES))
+    with netcdf.opened(path) as file:
+        budget = iter(range(netcdf.MOST_NODES))
         named = {name: node for name, node in file.items() if not name.startswith("#")}
         return {name: _value(node, file, budget) for name, node in named.items()}
 
@@ -404,7 +412,7 @@ def _value(node: Any, file: Any, budget: Iterator[int]) -> Any:
         ValueError: there are too many.
     """
     if next(budget, None) is None:
-        raise ValueError(f"more than {MOST_NODES} variables and cells")
+        raise ValueError(f"more than {netcdf.MOST_NODES} variables and cells")
     if isinstance(node, h5py.Group):
         return {name: _value(entry, file, budget) for name, entry in node.items()}
     kind = node.attrs.get("MATLAB_class", b"").decode()

@@ -13,25 +13,21 @@ import xarray as xr
 from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
-from delam_fem.case.definition import Case
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.diagnostics import summary as summary_of_run
-from delam_fem.results.figures.style import (
-    BASE_COLOUR,
-    BLACK,
-    label_x,
-    lamina_colours,
-    legend_above,
-    save_figure,
-    shown_unit,
-    side_by_side,
-    stacked,
-    time_axis,
+from delam_fem.api import (
+    Case,
+    FloatArray,
+    Result,
+    diagnostics,
+    html,
+    json_ready,
+    load_numbers,
+    schema,
+    style,
+    write_dataset,
+    write_json,
+    write_text,
 )
-from delam_fem.results.folder import Result
-from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.netcdf import write_dataset
-from delam_fem.results.overlay.alignment import (
+from delam_fem.studies.signals.alignment import (
     COARSE,
     Alignment,
     Course,
@@ -42,18 +38,14 @@ from delam_fem.results.overlay.alignment import (
     matched,
     with_common_rate,
 )
-from delam_fem.results.overlay.comparison import (
+from delam_fem.studies.signals.comparison import (
     Comparison,
     Finding,
     compared,
     drive_frequency,
     findings,
 )
-from delam_fem.results.pages import html
-from delam_fem.results.pages.html import Block, Gallery, Paragraph, Section, Table, embedded
-from delam_fem.results.reading import load_numbers
-from delam_fem.results.schema import shown
-from delam_fem.system.files import json_ready, write_json, write_text
+from delam_fem.studies.signals.reading import read_measured
 
 SHOWN_PERIODS = 3.0
 """Periods that histories show."""
@@ -78,45 +70,45 @@ def save_figures(overlay: Overlay, directory: Path) -> list[Path]:
         draws["harmonics"] = harmonics
     draws["portraits"] = portraits
     return [
-        save_figure(partial(draw, overlay), directory / f"overlay_{name}.png")
+        style.save_figure(partial(draw, overlay), directory / f"overlay_{name}.png")
         for name, draw in draws.items()
     ]
 
 
 def _channels(overlay: Overlay) -> list[tuple[int, Comparison, str]]:
     """Return number, comparison and colour of the channels that are shown."""
-    colours = iter(lamina_colours(len(overlay.channels)))
+    colours = iter(style.lamina_colours(len(overlay.channels)))
     return [
-        (k, own, BASE_COLOUR if own.is_drive else next(colours))
+        (k, own, style.BASE_COLOUR if own.is_drive else next(colours))
         for k, own in enumerate(overlay.channels[:MOST_CHANNELS])
     ]
 
 
 def histories(overlay: Overlay) -> Figure:
     """Draw each channel over the run, and below it the difference."""
-    shown, data = _channels(overlay), overlay.data
-    unit, label = time_axis(overlay.case)
+    entries, data = _channels(overlay), overlay.data
+    unit, label = style.time_axis(overlay.case)
     t = data["time"].to_numpy()
     inside = t <= t[0] + SHOWN_PERIODS * (unit if overlay.case.is_periodic else np.inf)
-    n = len(shown)
-    figure, panels = stacked(2 * n, 3.3 * n, sharex=True, height_ratios=[3, 1] * n)
-    for (k, own, colour), axes, below in zip(shown, panels[::2], panels[1::2], strict=True):
-        name, factor = shown_unit(own.units)
+    n = len(entries)
+    figure, panels = style.stacked(2 * n, 3.3 * n, sharex=True, height_ratios=[3, 1] * n)
+    for (k, own, colour), axes, below in zip(entries, panels[::2], panels[1::2], strict=True):
+        name, factor = style.shown_unit(own.units)
         mean = own.mean_difference
         axes.plot(
             t[inside] / unit, factor * data["measured"][k].to_numpy()[inside], ".",
-            color=BLACK, markersize=2.5, label="measured",
+            color=style.BLACK, markersize=2.5, label="measured",
         )  # fmt: skip
         fine = np.linspace(t[0], t[inside][-1], 2000)
         axes.plot(fine / unit, factor * overlay.course.at(fine)[k], color=colour, label="run")
         axes.set_ylabel(f"[{name}]")
         axes.set_title(own.name, loc="left", color=colour)
         axes.margins(x=0.0)
-        legend_above(axes)
+        style.legend_above(axes)
         rest = factor * (data["residual"][k].to_numpy()[inside] - mean)
-        below.plot(t[inside] / unit, rest, color=BLACK, linewidth=0.6)
+        below.plot(t[inside] / unit, rest, color=style.BLACK, linewidth=0.6)
         below.set_ylabel(f"difference\n[{name}]")
-        label_x((axes, below), label)
+        style.label_x((axes, below), label)
         below.margins(x=0.0)
     figure.suptitle(f"{overlay.case.title}; differences without their mean")
     return figure
@@ -124,17 +116,19 @@ def histories(overlay: Overlay) -> Figure:
 
 def harmonics(overlay: Overlay) -> Figure:
     """Draw measured and computed amplitudes of the harmonics, with the floor of the noise."""
-    shown = _channels(overlay)
-    figure, panels = stacked(len(shown), 2.7 * len(shown))
-    for (_, own, colour), axes in zip(shown, panels, strict=True):
+    entries = _channels(overlay)
+    figure, panels = style.stacked(len(entries), 2.7 * len(entries))
+    for (_, own, colour), axes in zip(entries, panels, strict=True):
         if own.measured is None or own.computed is None:
             continue
-        name, factor = shown_unit(own.units)
+        name, factor = style.shown_unit(own.units)
         a, b = own.measured.amplitudes[:SHOWN_ORDERS], own.computed.amplitudes[:SHOWN_ORDERS]
         orders, floor = np.arange(1, a.size + 1), factor * own.measured.floor
-        axes.bar(orders - 0.2, factor * a, 0.4, color=BLACK, label="measured")
+        axes.bar(orders - 0.2, factor * a, 0.4, color=style.BLACK, label="measured")
         axes.bar(orders + 0.2, factor * b, 0.4, color=colour, label="run")
-        axes.axhline(floor, color=BASE_COLOUR, linestyle="--", label="noise of the measurement")
+        axes.axhline(
+            floor, color=style.BASE_COLOUR, linestyle="--", label="noise of the measurement"
+        )
         axes.set_yscale("log")
         largest = factor * max(float(a.max()), float(b.max()))
         axes.set_ylim(max(0.3 * floor, 1e-5 * largest), 2.0 * largest)
@@ -143,7 +137,7 @@ def harmonics(overlay: Overlay) -> Figure:
         d_run, _ = own.computed.distortion()
         text = f"{own.name}: d measured {100 * d:.2f} %, run {100 * d_run:.2f} %"
         axes.set_title(text, loc="left", color=colour, fontsize=9.0)
-        legend_above(axes)
+        style.legend_above(axes)
     figure.suptitle(overlay.case.title)
     return figure
 
@@ -154,10 +148,10 @@ def portraits(overlay: Overlay) -> Figure:
     Both are of the same harmonics; those within the noise are left out. A motion that does not
     repeat is smoothed instead.
     """
-    shown = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
-    figure, panels = side_by_side(len(shown), 4.4)
-    for (k, own, colour), axes in zip(shown, panels, strict=True):
-        name, factor = shown_unit(own.units)
+    entries = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
+    figure, panels = style.side_by_side(len(entries), 4.4)
+    for (k, own, colour), axes in zip(entries, panels, strict=True):
+        name, factor = style.shown_unit(own.units)
         u = overlay.alignment.on_clock_of_run(overlay.pairs.time)
         period = overlay.course.period
         at = u if period is None else u[0] + np.linspace(0.0, period, 1000)
@@ -175,10 +169,10 @@ def portraits(overlay: Overlay) -> Figure:
             measured = clear.at(at), clear.at(at, 1)
             computed = run.at(at), run.at(at, 1)
         axes.plot(factor * computed[0], factor * computed[1], color=colour, label="run")
-        axes.plot(factor * measured[0], factor * measured[1], color=BLACK, linewidth=0.9,
+        axes.plot(factor * measured[0], factor * measured[1], color=style.BLACK, linewidth=0.9,
                   linestyle="--", label="measured")  # fmt: skip
         axes.set(xlabel=f"{own.name} [{name}]", ylabel=f"time derivative [{name}/s]")
-        legend_above(axes)
+        style.legend_above(axes)
     figure.suptitle(overlay.case.title)
     return figure
 
@@ -212,51 +206,58 @@ def page(overlay: Overlay, figures: Sequence[Path]) -> str:
     """
     numbers = overlay.numbers
     kind = "warning" if overlay.findings else "verdict"
-    outcome: list[Block] = [Paragraph(text, kind) for text in list(overlay.sentences())[1:]]
+    outcome: list[html.Block] = [
+        html.Paragraph(text, kind) for text in list(overlay.sentences())[1:]
+    ]
     pictures = [
-        Gallery([embedded(path)], CAPTIONS[path.stem], CAPTIONS[path.stem]) for path in figures
+        html.Gallery([html.embedded(path)], CAPTIONS[path.stem], CAPTIONS[path.stem])
+        for path in figures
     ]
     sections = [
-        Section("", outcome),
-        Section("Alignment", [_alignment(overlay, numbers)]),
-        *(Section(name, [_channel(own)]) for name, own in numbers["channels"].items()),
-        Section("Figures", pictures),
+        html.Section("", outcome),
+        html.Section("Alignment", [_alignment(overlay, numbers)]),
+        *(html.Section(name, [_channel(own)]) for name, own in numbers["channels"].items()),
+        html.Section("Figures", pictures),
     ]
     return html.page(f"Measured over {overlay.case.title}", sections, contents=True)
 
 
-def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> Table:
+def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> html.Table:
     """Return the numbers of the alignment as a table."""
+    offset, offset_error, drift = (
+        schema.shown(numbers[key], 1e3) for key in ("offset", "offset_error", "clock_drift")
+    )
     rows = [
-        ("offset", f"{shown(numbers['offset'], 1e3)} ± {shown(numbers['offset_error'], 1e3)} ms",
+        ("offset", f"{offset} ± {offset_error} ms",
          f"time of the run minus that of the measurement, at {numbers['first_sample']:.10g} s"),
         ("clock", f"{numbers['clock_rate']:.8g} ± {numbers['clock_rate_error']:.1g}",
-         f"seconds of the run in one measured: {shown(numbers['clock_drift'], 1e3)} ms in all"),
+         f"seconds of the run in one measured: {drift} ms in all"),
         ("method", numbers["method"], "of the alignment"),
-        ("samples", f"{numbers['samples']} in {shown(numbers['duration'])} s", "measured"),
+        ("samples", f"{numbers['samples']} in {schema.shown(numbers['duration'])} s", "measured"),
     ]  # fmt: skip
     if numbers["measured_frequency"] is not None:
         drive = f"{numbers['measured_frequency']:.6g} Hz; run: {numbers['frequency']:.6g} Hz"
         rows.append(("frequency", drive, "of the drive, from the measurement"))
     if numbers["offset_degrees"] is not None:
-        rows.append(("phase", f"{shown(numbers['offset_degrees'])}°", "the offset at the drive"))
+        phase = schema.shown(numbers["offset_degrees"])
+        rows.append(("phase", f"{phase}°", "the offset at the drive"))
     if overlay.pairs.unmatched:
         rows.append(("not in the run", ", ".join(overlay.pairs.unmatched), "left out"))
-    return Table(("", "value", "meaning"), rows)
+    return html.Table(("", "value", "meaning"), rows)
 
 
-def _channel(own: dict[str, Any]) -> Table:
+def _channel(own: dict[str, Any]) -> html.Table:
     """Return the numbers of one channel as a table."""
     rows = []
     for key, (meaning, error) in MEANINGS.items():
         if own.get(key) is None:
             continue
-        unit, factor = shown_unit(own["units"]) if key in IN_UNITS else ("", 1.0)
-        text = shown(own[key], factor)
+        unit, factor = style.shown_unit(own["units"]) if key in IN_UNITS else ("", 1.0)
+        text = schema.shown(own[key], factor)
         if error and own.get(error) is not None:
             text += f" ± {own[error]:.2g}"
         rows.append((key.replace("_", " "), f"{text}\u00a0{unit}" if unit else text, meaning))
-    return Table(("", "value", "meaning"), rows)
+    return html.Table(("", "value", "meaning"), rows)
 
 
 @dataclass(frozen=True)
@@ -377,7 +378,7 @@ class Overlay:
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield gain, phase, noise, misfit and d of each channel as texts."""
         for name, own in self.numbers["channels"].items():
-            unit, factor = shown_unit(own["units"])
+            unit, factor = style.shown_unit(own["units"])
             phase = own["phase_degrees"]
             sizes = (own["noise_rms"], own["misfit_rms"])
             distortions = (own.get("distortion_measured"), own.get("distortion_computed"))
@@ -448,7 +449,7 @@ def overlay(
     data = first if isinstance(first, xr.Dataset) else read_measured(*measurements, **options)  # type: ignore[arg-type]
     pairs = matched(history, data)
     if "periodicity" not in summary:
-        summary = summary_of_run(history, case)
+        summary = diagnostics.summary(history, case)
     course, rate, frequency = _course(pairs, case, summary.get("periodicity"))
     turn = case.period if case.is_periodic else None
     # most records are filtered before they are sampled, so that they cannot have all of the run

@@ -11,8 +11,8 @@ from scipy.signal import chirp, max_len_seq
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
-from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.measured.responses import poles, pulses, with_responses
+from delam_fem.studies.signals.reading import read_measured
+from delam_fem.studies.signals.responses import poles, pulses, with_responses
 from delam_fem.system.errors import CaseError
 
 RATE, BLOW = 4000.0, 0.004

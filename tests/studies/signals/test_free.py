@@ -12,9 +12,9 @@ from measurements import write_csv
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
-from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.measured.responses import with_free_vibrations
 from delam_fem.results.netcdf import write_dataset
+from delam_fem.studies.signals.reading import read_measured
+from delam_fem.studies.signals.responses import with_free_vibrations
 
 RATE, MODES = 250.0, ((21.0, 0.006), (27.5, 0.008))
 """Samples per second; frequency [Hz] and damping ratio before and after a change at 4 s."""

@@ -21,19 +21,10 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 from scipy.signal import detrend, find_peaks, resample_poly
 
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import (
-    BLUE,
-    label_x,
-    lamina_colours,
-    legend_above,
-    save_figure,
-    stacked,
-)
-from delam_fem.results.measured.channels import Values
-from delam_fem.results.measured.reading import history_of
-from delam_fem.results.measured.units import ratio_of
-from delam_fem.system.errors import CaseError, require
+from delam_fem.api import CaseError, FloatArray, require, style
+from delam_fem.studies.signals.channels import Values
+from delam_fem.studies.signals.reading import history_of
+from delam_fem.studies.signals.units import ratio_of
 
 QUIET = 15.0
 """Largest force over the deviation of its noise, least for blows; noise alone has 4 to 6."""
@@ -837,7 +828,7 @@ def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
     """
     drawn = {"response": responses, "free_frequency": free_vibration}
     return [
-        save_figure(partial(draw, data), directory / f"{draw.__name__}.png")
+        style.save_figure(partial(draw, data), directory / f"{draw.__name__}.png")
         for name, draw in drawn.items()
         if name in data
     ]
@@ -846,10 +837,10 @@ def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
 def responses(data: xr.Dataset) -> Figure:
     """Draw amplitudes, phases and, where there is one, the coherence over the frequency."""
     names = [str(name) for name in data["output"].to_numpy()]
-    figure, panels = stacked(3, 7.5, sharex=True, height_ratios=[2, 1, 1])
+    figure, panels = style.stacked(3, 7.5, sharex=True, height_ratios=[2, 1, 1])
     data = data.isel(frequency=data["frequency"].to_numpy() > 0.0)  # nothing is known at 0 Hz
     f = data["frequency"].to_numpy()
-    for k, (name, colour) in enumerate(zip(names, lamina_colours(len(names)), strict=True)):
+    for k, (name, colour) in enumerate(zip(names, style.lamina_colours(len(names)), strict=True)):
         h = data["response"].to_numpy()[:, k]
         panels[0].semilogy(f, np.where(h == 0.0, np.nan, np.abs(h)), color=colour, label=name)
         panels[1].plot(f, np.degrees(np.angle(h)), ".", markersize=2, color=colour)
@@ -858,22 +849,22 @@ def responses(data: xr.Dataset) -> Figure:
     panels[0].set_ylabel(f"amplitude [{data['response'].attrs.get('units', '')}]")
     panels[1].set(ylabel="phase [°]", ylim=(-190, 190), yticks=[-180, -90, 0, 90, 180])
     panels[2].set(ylabel="coherence", ylim=(0.0, 1.05))
-    label_x(panels, "frequency [Hz]")
-    legend_above(panels[0])
+    style.label_x(panels, "frequency [Hz]")
+    style.legend_above(panels[0])
     figure.suptitle(str(data["response"].attrs.get("long_name", "frequency responses")))
     return figure
 
 
 def free_vibration(data: xr.Dataset) -> Figure:
     """Draw frequency and damping of a free vibration over time, where the errors are small."""
-    figure, panels = stacked(2, 5.0, sharex=True)
+    figure, panels = style.stacked(2, 5.0, sharex=True)
     data = data.isel(free_time=data["free_frequency_error"] < STABLE * data["free_frequency"])
     for panel, name, unit, factor in zip(
         panels, ("frequency", "damping"), ("Hz", "%"), (1, 100), strict=True
     ):
         values, errors = (factor * data[f"free_{own}"] for own in (name, f"{name}_error"))
-        panel.errorbar(data["free_time"], values, 2.0 * errors, fmt=".", color=BLUE)
+        panel.errorbar(data["free_time"], values, 2.0 * errors, fmt=".", color=style.BLUE)
         panel.set_ylabel(f"{name} [{unit}]\n± two errors")
-    label_x(panels, "time [s]")
+    style.label_x(panels, "time [s]")
     figure.suptitle(str(data["free_frequency"].attrs["long_name"]))
     return figure

@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from delam_fem.results.measured.reading import COMPLEX
-from delam_fem.results.measured.responses import save_pictures
-from delam_fem.results.netcdf import write_dataset
-from delam_fem.results.schema import by_interface
-from delam_fem.system.files import write_text
+from delam_fem.api import schema, write_dataset, write_text
+from delam_fem.studies.signals.reading import COMPLEX
+from delam_fem.studies.signals.responses import save_pictures
 
 MEASURED = "measured.nc"
 """Name of the file of a measurement."""
@@ -51,7 +49,7 @@ def write_all(data: xr.Dataset, directory: Path) -> list[Path]:
         written += save_pictures(data, directory)
     if "gap0" in data:
         names = data["interface"].to_numpy() if "interface" in data.coords else [""]
-        for name, gap in zip(names, by_interface(data["gap0"]), strict=True):
+        for name, gap in zip(names, schema.by_interface(data["gap0"]), strict=True):
             rows = zip(data["x"].to_numpy().tolist(), gap.tolist(), strict=True)
             text = "\n".join(["x [m],gap [m]", *(f"{x!r},{g!r}" for x, g in rows)]) + "\n"
             path = directory / (f"gap-{name}.csv".replace("/", "_") if name else "gap.csv")

@@ -18,8 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf, pi
 
-from delam_fem.case.toml import shown
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, shown
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.results.overlay.alignment import Alignment, Course, Pairs
-from delam_fem.results.overlay.comparison import (
+from delam_fem.studies.signals.alignment import Alignment, Course, Pairs
+from delam_fem.studies.signals.comparison import (
     CLEAR,
     FACTORS,
     NEIGHBOURHOOD,

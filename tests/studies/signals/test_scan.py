@@ -9,7 +9,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
-from delam_fem.results.scan import (
+from delam_fem.studies.signals.scan import (
     ORDERS,
     Shapes,
     amplitudes,

@@ -17,7 +17,7 @@ from synthetic import AMPLITUDES, SWEEP, small_case, synthetic_history
 import delam_fem as df
 from delam_fem.results.diagnostics import summary
 from delam_fem.results.folder import Result
-from delam_fem.results.overlay.whole import Overlay
+from delam_fem.studies.signals.overlay import Overlay
 from delam_fem.system.errors import CaseError
 
 NOISE = 3e-4

@@ -17,8 +17,8 @@ from synthetic import small_case, synthetic_history
 
 import delam_fem as df
 from delam_fem.case.gap import read_gap_table
-from delam_fem.results.measured.channels import Channel
-from delam_fem.results.measured.reading import (
+from delam_fem.studies.signals.channels import Channel
+from delam_fem.studies.signals.reading import (
     EQUAL,
     assigned,
     dataset,
@@ -28,8 +28,8 @@ from delam_fem.results.measured.reading import (
     scan,
     variable_of,
 )
-from delam_fem.results.measured.units import unit_of
-from delam_fem.results.measured.writing import write_all, write_measured
+from delam_fem.studies.signals.units import unit_of
+from delam_fem.studies.signals.writing import write_all, write_measured
 from delam_fem.system.errors import CaseError
 
 RATE, N = 512.0, 301

@@ -14,8 +14,8 @@ from scipy.signal import cont2discrete, lfilter
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
-from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.measured.responses import poles, save_pictures, with_responses
+from delam_fem.studies.signals.reading import read_measured
+from delam_fem.studies.signals.responses import poles, save_pictures, with_responses
 from delam_fem.system.errors import CaseError
 
 RATE, N, SEGMENT = 200.0, 40_000, 40.0

@@ -7,7 +7,7 @@ import pytest
 from kit import refusal as message
 
 from delam_fem.case.tables import heading
-from delam_fem.results.measured.channels import (
+from delam_fem.studies.signals.channels import (
     Column,
     Sheet,
     Times,

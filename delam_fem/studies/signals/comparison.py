@@ -12,10 +12,8 @@ from scipy.linalg import solve_toeplitz
 from scipy.optimize import minimize_scalar
 from scipy.signal import czt
 
-from delam_fem.numerics.beams import ComplexArray
-from delam_fem.numerics.harmonics import total_harmonic_distortion
-from delam_fem.numerics.types import FloatArray
-from delam_fem.results.overlay.alignment import (
+from delam_fem.api import FloatArray, beams, harmonics
+from delam_fem.studies.signals.alignment import (
     COARSE,
     Alignment,
     Course,
@@ -58,7 +56,7 @@ class HarmonicFit:
     """
 
     mean: float
-    coefficients: ComplexArray
+    coefficients: beams.ComplexArray
     frequency: float
     multiple: int
     noise: float
@@ -107,7 +105,10 @@ class HarmonicFit:
         if not a.size or a[0] <= 0.0:
             return float("nan"), float("nan")
         higher = np.sqrt(max(float((a[1:] ** 2).sum()) - extra * (a.size - 1), 0.0))
-        d = np.sqrt(1.0 + float(total_harmonic_distortion(np.array([a[0], higher]))) ** 2) - 1.0
+        d = (
+            np.sqrt(1.0 + float(harmonics.total_harmonic_distortion(np.array([a[0], higher]))) ** 2)
+            - 1.0
+        )
         spread = np.sqrt(2.0 * extra * higher**2 + extra**2 * (a.size - 1))
         return float(d), float(spread / (2.0 * a[0] ** 2 * (1.0 + d)))
 
@@ -136,7 +137,7 @@ def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int
 
 def _harmonic_terms(
     time: FloatArray, values: FloatArray, lowest: float, n_orders: int
-) -> ComplexArray:
+) -> beams.ComplexArray:
     """Fit sum_k a_k exp(2 pi i k f t), k = -K … K, by least squares.
 
     The normal equations are G a = b with b_k = sum_j x_j exp(-2 pi i k f t_j) and G_kl = g(l - k),
@@ -159,7 +160,7 @@ def _harmonic_terms(
     return np.asarray(solve_toeplitz(g, both)[n_orders:] * turn)
 
 
-def _sums(values: FloatArray, time: FloatArray, lowest: float, n_orders: int) -> ComplexArray:
+def _sums(values: FloatArray, time: FloatArray, lowest: float, n_orders: int) -> beams.ComplexArray:
     """Return sum_j x_j exp(-2 pi i k f t_j) for k = 0 … K, shape (K + 1,)."""
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     even = time[0] + step * np.arange(time.size)

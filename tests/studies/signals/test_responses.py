@@ -10,7 +10,7 @@ import xarray as xr
 from kit import refusal
 from scipy.signal import lfilter
 
-from delam_fem.results.measured.responses import (
+from delam_fem.studies.signals.responses import (
     MOST_LOUD,
     QUIET,
     TRIGGER,

@@ -1,1 +1,0 @@
-"""Measured motions, responses and gaps: read, aligned with a run, compared with it."""

@@ -1,0 +1,1 @@
+"""Measured motions, responses and gaps: read, laid over a run, taken along a surface."""
