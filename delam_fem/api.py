@@ -122,6 +122,10 @@ if TYPE_CHECKING:
         require_held as require_held,
         require_kind as require_kind,
     )
+    from delam_fem.model.factors import (
+        Factor as Factor,
+        factored as factored,
+    )
     from delam_fem.model.layout import (
         CURVATURE as CURVATURE,
         Layout as Layout,
@@ -272,6 +276,7 @@ _HOMES = {
     # Structures
     "model.attached": "struck",
     "model.discretise": "assemble require_held require_kind",
+    "model.factors": "Factor factored",
     "model.layout": (
         "CURVATURE Layout Part SensorRows Structure columns_of interpolation nodal place_of "
         "selection"

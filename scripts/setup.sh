@@ -9,7 +9,8 @@ VENV=$ROOT/.venv
 EXTRA='' # or "test", an extra in pyproject.toml
 PYTHON=/usr/bin/python3 # sees the distribution's dolfinx, for any PATH
 PACKAGES=(
-    python3-dolfinx python3-petsc4py python3-mpi4py python3-meshio python3-gmsh python3-numpy
+    python3-dolfinx python3-petsc4py python3-slepc4py python3-mpi4py python3-meshio python3-gmsh
+    python3-numpy
     python3-venv
     ca-certificates            # pip downloads
     openmpi-bin                # mpirun

@@ -21,6 +21,7 @@ from delam_fem.cli.cases import (
 from delam_fem.cli.console import (
     with_messages,
 )
+from delam_fem.cli.ranks import Use
 from delam_fem.cli.run import film_command, page_command, run_command
 from delam_fem.cli.studies import (
     export_command,
@@ -77,6 +78,14 @@ BUILT_IN: dict[str, dict[str, Callable[..., None]]] = {
     },
 }
 """Commands that are no studies, by their words, in the groups of the help."""
+USES: dict[str, Use] = {
+    "run": "steps",
+    "reduce": "factors",
+    "show operators": "factors",
+    "sweep": "cases",
+    "paper": "cases",
+}
+"""What processes of MPI share of built-in commands, of which others share nothing."""
 MEANINGS = {
     "orbit": "periodic orbits, their stability, and branches over a key",
     "measure": "measured data in SI; beside a run",
@@ -93,6 +102,16 @@ def commands() -> dict[str, dict[str, Callable[..., None]]]:
     for words, study in studies().items():
         groups[study.group].setdefault(words, study_command(study))
     return groups
+
+
+def use_of(words: str) -> Use:
+    """Return what several processes of MPI share of the work of a command."""
+    study = studies().get(words)
+    if study is not None and study.shares_factors:
+        return "factors"
+    if study is not None and "workers" in study.options.common:
+        return "cases"
+    return USES.get(words, "nothing")
 
 
 def _app() -> typer.Typer:
@@ -118,7 +137,8 @@ def _app() -> typer.Typer:
                 )
                 made.add_typer(families[first], name=first, rich_help_panel=group)
             place, panel = (families[first], None) if second else (made, group)
-            place.command(second or first, rich_help_panel=panel)(with_messages(function))
+            command = with_messages(function, name, use_of(name))
+            place.command(second or first, rich_help_panel=panel)(command)
     return made
 
 

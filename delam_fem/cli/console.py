@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from delam_fem.cli.ranks import Use, launched, on_ranks
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
@@ -243,15 +244,27 @@ LogFile = Annotated[
 ]
 
 
-def with_messages(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command within `reported`, with the options `-v` and `--log` besides its own."""
+def with_messages(
+    command: Callable[..., None], words: str = "", use: Use = "nothing"
+) -> Callable[..., None]:
+    """Return a command within `reported`, with the options `-v` and `--log` besides its own.
+
+    Args:
+        command: the command.
+        words: its words.
+        use: what several processes of MPI share of its work.
+    """
     hints, own = get_type_hints(command, include_extras=True), inspect.signature(command).parameters
     parameters = {name: (hints[name], parameter.default) for name, parameter in own.items()}
 
     @functools.wraps(command)
     def called(*args: Any, verbose: bool, log_file: Path | None, **options: Any) -> None:
-        with reported(options.get("quiet", False), verbose, log_file):
-            command(*args, **options)
+        def reporting(work: Callable[[], None]) -> None:
+            with reported(options.get("quiet", False), verbose, log_file):
+                work()
+
+        comm = launched()
+        on_ranks(words, use, comm, reporting, lambda: command(*args, **options))
 
     del called.__wrapped__  # typer reads the parameters of the function below all wrappers
     take(called, parameters | {"verbose": (Verbose, False), "log_file": (LogFile, None)})

@@ -43,12 +43,12 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
 from delam_fem.case.gap import opening_at_rest
 from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Sensor, Stop
+from delam_fem.model.factors import factored
 from delam_fem.model.layout import (
     CURVATURE,
     DISPLACEMENT,
@@ -448,7 +448,7 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
             )
         place = np.array([place_of(parts[0], own.position)])
         load = layout.of_dofs(interpolation_rows(parts[0], place, numbered)).toarray()[0, dofs]
-        shape[dofs] = splu(sp.csc_matrix(K)).solve(load)
+        shape[dofs] = factored(K).solve(load)
     deflection = read @ shape
     size = np.abs(deflection)
     # the first of several that are equal but for round-off gives the sign

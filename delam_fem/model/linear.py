@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh, null_space
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import eigsh, splu
 
+from delam_fem.model.factors import Factor, factored, largest, regular
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.beams import ComplexArray
@@ -31,6 +31,8 @@ MOST_RIGID = 6
 """Largest number of rigid motions of a body."""
 NEAR_ZERO = 1e-9
 """Shift at which the smallest eigenvalues of a large scaled stiffness are sought."""
+ABOVE_ROUND_OFF = 1e-12
+"""Shift of a large floating body, in parts of the mean of its diagonal K over that of M."""
 NO_STIFFNESS = 1e-13
 """Eigenvalue of a stiffness, scaled to a unit diagonal, below which it is round-off; the smallest
 one of a cantilever of 200 elements is 3e-10."""
@@ -39,7 +41,12 @@ NO_MASS = 1e-15
 
 
 def lowest(
-    K: sp.csr_matrix, M: sp.csr_matrix, n: int, *, is_floating: bool = False
+    K: sp.csr_matrix,
+    M: sp.csr_matrix,
+    n: int,
+    *,
+    is_floating: bool = False,
+    factor: Factor | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the n lowest frequencies [Hz] and vectors, shape (n_dofs, n).
 
@@ -53,9 +60,10 @@ def lowest(
         n: number of modes.
         is_floating: whether K is singular; a shift s then makes the problem regular. Without it s
             is 0.
+        factor: factors of K + s M, if there are any; None: they are computed where they are needed.
     """
     dofs = K.shape[0]
-    shift = _shift(K, M) if is_floating else 0.0
+    shift = factor.shift if factor else _shift(K, M) if is_floating else 0.0
     if dofs <= DENSE_DOFS or 2 * n >= dofs:
         stiff = K.toarray() + shift * M.toarray() if shift else K.toarray()
         mu, vectors = eigh(M.toarray(), stiff, subset_by_index=(dofs - n, dofs - 1))
@@ -63,9 +71,8 @@ def lowest(
         with np.errstate(divide="ignore"):
             omega = np.sqrt(np.maximum(1.0 / mu - shift, 0.0)) if shift else 1.0 / np.sqrt(mu)
     else:
-        squares, vectors = eigsh(K.tocsc(), n, M.tocsc(), sigma=-shift, v0=np.ones(dofs))
-        order = np.argsort(squares)
-        omega, vectors = np.sqrt(np.maximum(squares[order], 0.0)), vectors[:, order]
+        squares, vectors = (factor or factored(K, M, shift)).lowest(n)
+        omega = np.sqrt(np.maximum(squares, 0.0))
     return omega / (2.0 * np.pi), vectors
 
 
@@ -84,9 +91,7 @@ def n_rigid(K: sp.csr_matrix) -> int:
     if K.shape[0] <= DENSE_DOFS:
         values = eigh(scaled.toarray(), eigvals_only=True)
     else:
-        values = eigsh(
-            scaled, MOST_RIGID, sigma=-NEAR_ZERO, v0=np.ones(K.shape[0]), return_eigenvectors=False
-        )
+        values = factored(scaled, sp.identity(K.shape[0]), NEAR_ZERO).lowest(MOST_RIGID)[0]
     return int(np.count_nonzero(np.abs(values) <= NO_STIFFNESS))
 
 
@@ -146,7 +151,7 @@ def first_mode(structure: Structure, number: int) -> FloatArray:
     own = structure.layout.own_dofs(number)
     K, M = (matrix[own][:, own] for matrix in (operators.stiffness, operators.mass))
     probe = operators.probes[number, own]
-    solve = splu(K.tocsc()).solve
+    solve = factored(K).solve
     shape = np.ones(own.size)
     for _ in range(_ITERATIONS):
         shape = solve(M @ shape)
@@ -200,7 +205,7 @@ def response(
     M, C, K = o.mass, o.damping, o.stiffness
     if S is not None:
         M, C, K, load = S.T @ M @ S, S.T @ C @ S, S.T @ K @ S, S.T @ load
-    U = splu(sp.csc_matrix(K + 1j * omega * C - omega**2 * M)).solve(load)
+    U = regular(K + 1j * omega * C - omega**2 * M)(load)
     return np.asarray(U if S is None else S @ U)
 
 
@@ -286,16 +291,24 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
     kept = np.flatnonzero(is_free)
     S = sp.identity(n, format="lil")
     S[pivots] = (
-        sp.csr_matrix(-splu(H[:, pivots].tocsc()).solve(H[:, kept].toarray()))
+        sp.csr_matrix(-regular(H[:, pivots])(H[:, kept].toarray()))
         @ sp.identity(n, format="csr")[kept]
     )
     return sp.csr_matrix(sp.csr_matrix(S)[:, kept])
 
 
 def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
-    """Return a shift for floating bodies, about the square of an elastic frequency [1/s2]."""
-    few = min(K.shape[0], 7)
-    return float(eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few].max()) or 1.0
+    """Return a shift for floating bodies, about the square of an elastic frequency [1/s2].
+
+    A large body has no dense matrix. Its frequencies are then found with a far smaller shift.
+    """
+    few = min(K.shape[0], MOST_RIGID + 1)
+    if K.shape[0] <= DENSE_DOFS:
+        squares = eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few]
+    else:
+        shift = ABOVE_ROUND_OFF * float(K.diagonal().sum() / M.diagonal().sum())
+        squares = factored(K, M, shift).lowest(few)[0]
+    return float(squares.max()) or 1.0
 
 
 def largest_stable_time_step(
@@ -314,7 +327,7 @@ def largest_stable_time_step(
     if o.n_dofs <= DENSE_DOFS:
         square = eigh(K.toarray(), M.toarray(), eigvals_only=True)[-1]
     else:
-        square = eigsh(K, k=1, M=M, which="LM", return_eigenvectors=False)[0]
+        square = largest(K, M)
     return courant / math.sqrt(float(square))
 
 

@@ -1,8 +1,8 @@
 """Structures in modes: a few modes of each body, and the flexibility of those that are left out.
 
 The bodies of a structure are groups of dofs that M, C and K do not couple. A body is factorised
-once. The factors give its lowest modes by inverse iteration in a Krylov space (ARPACK), and the
-static shapes of its loads.
+once (`factors.py`). The factors give its lowest modes, by inverse iteration in a Krylov space, and
+the static shapes of its loads.
 
 A body that is not held has a singular stiffness. Everything is then solved with K + s M: the modes
 are the same, and static shapes follow by iteration, see `Body.static`.
@@ -38,28 +38,18 @@ H V is dense. Deflections and slopes of the parts are readings of q.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag, eigh
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
+from delam_fem.model.factors import Factor, Solve, factored
 from delam_fem.model.layout import Layout, Reading, Structure
-from delam_fem.model.linear import DENSE_DOFS, lowest, normalised
-from delam_fem.model.operators import BaseCoupling, Operators, matrix as petsc_matrix
+from delam_fem.model.linear import lowest, normalised
+from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
-Solve = Callable[[FloatArray], FloatArray]
-"""Function of right-hand sides, shape (n,) or (n, k), that returns solutions of the same shape."""
-
-PETSC_DOFS = 20_000
-"""From here on PETSc's Cholesky factors are used: SuperLU takes several times their memory."""
-NOT_HELD = "reduction: a body is not held; support each body"
-UNSOLVED = 0.5
-"""Difference of strain energy and work, relative to the work, that shows a singular matrix. For a
-thin sheet of solids it is up to 1e-2, by round-off."""
 NOT_RAYLEIGH = 1e-12
 """Largest entry of C - α M - β K relative to the diagonal of C that is round-off."""
 FITS = 4
@@ -77,8 +67,7 @@ class Body:
         mass: M, CSC (n, n).
         damping: C, CSC (n, n).
         stiffness: K, CSC (n, n).
-        shift: s [1/s2]; 0: the body is held.
-        solve: applies (K + s M)⁻¹.
+        factor: factors of K + s M; s = 0 [1/s2]: the body is held.
         rayleigh: α and β, if the operators say them.
     """
 
@@ -86,9 +75,18 @@ class Body:
     mass: sp.csc_matrix
     damping: sp.csc_matrix
     stiffness: sp.csc_matrix
-    shift: float
-    solve: Solve
+    factor: Factor
     rayleigh: tuple[float, float] | None = None
+
+    @property
+    def shift(self) -> float:
+        """The shift s [1/s2]."""
+        return self.factor.shift
+
+    @property
+    def solve(self) -> Solve:
+        """Function that applies (K + s M)⁻¹."""
+        return self.factor.solve
 
     def modes(self, n: int) -> tuple[FloatArray, FloatArray]:
         """Return ω² [1/s2], increasing, shape (m,), and Φ with Φᵀ M Φ = 1, shape (n_dofs, m).
@@ -96,21 +94,9 @@ class Body:
         Args:
             n: number of modes; m is n, or the number of dofs where there are fewer.
         """
-        size = self.dofs.size
-        n = min(n, size)
-        if size <= DENSE_DOFS or 2 * n > size:
-            frequencies, vectors = lowest(
-                self.stiffness, self.mass, n, is_floating=self.shift > 0.0
-            )
-            squares = (2.0 * np.pi * frequencies) ** 2
-        else:
-            inverse = LinearOperator((size, size), matvec=self.solve, dtype=float)
-            squares, vectors = eigsh(
-                self.stiffness, n, self.mass, sigma=-self.shift, OPinv=inverse, v0=np.ones(size)
-            )
-            order = np.argsort(squares)
-            squares, vectors = np.maximum(squares[order], 0.0), vectors[:, order]
-        return squares, normalised(vectors, self.mass)
+        n = min(n, self.dofs.size)
+        frequencies, vectors = lowest(self.stiffness, self.mass, n, factor=self.factor)
+        return (2.0 * np.pi * frequencies) ** 2, normalised(vectors, self.mass)
 
     def static(self, loads: sp.csc_matrix, modes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the flexibility of all modes to loads, and the shapes of those left out.
@@ -189,61 +175,9 @@ def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
     """
     found = []
     for dofs, M, C, K in o.bodies():
-        A = (K + shift * M).tocsc() if shift else K
         rayleigh = o.rayleigh and (float(o.rayleigh[0][dofs[0]]), float(o.rayleigh[1][dofs[0]]))
-        found.append(Body(dofs, M, C, K, shift, _factorised(A), rayleigh))
+        found.append(Body(dofs, M, C, K, factored(K, M, shift), rayleigh))
     return found
-
-
-def _factorised(A: sp.csc_matrix) -> Solve:
-    """Return a function that solves with A, symmetric and positive definite.
-
-    Raises:
-        ValueError: A is singular.
-    """
-    solve = _by_petsc(A) if A.shape[0] >= PETSC_DOFS else None
-    if solve is None:
-        symmetric = {"SymmetricMode": True}
-        try:
-            solve = splu(A, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric).solve
-        except RuntimeError:
-            raise ValueError(NOT_HELD) from None
-    ones = np.ones(A.shape[0])
-    x = solve(ones)
-    work = float(ones @ x)
-    if not abs(float(x @ (A @ x)) - work) <= UNSOLVED * work:  # true of NaN, too
-        raise ValueError(NOT_HELD)
-    return solve
-
-
-def _by_petsc(A: sp.csc_matrix) -> Solve | None:
-    """Return a function that solves with PETSc's Cholesky factors; None: there is no PETSc."""
-    try:
-        from delam_fem.system.mpi import MPI
-
-        comm = MPI.COMM_SELF  # the door to MPI comes before PETSc
-        from petsc4py import PETSc
-    except ImportError:
-        return None
-    matrix = petsc_matrix(sp.csr_matrix(A), comm)
-    matrix.setOption(PETSc.Mat.Option.SPD, True)
-    solver = PETSc.KSP().create(comm)
-    solver.setOperators(matrix)
-    solver.setType("preonly")
-    solver.getPC().setType("cholesky")
-    solver.setUp()
-    right, left = matrix.createVecs()
-
-    def solve(b: FloatArray) -> FloatArray:
-        columns = b.reshape(len(b), -1)
-        result = np.empty_like(columns)
-        for k in range(columns.shape[1]):
-            right.array[:] = columns[:, k]
-            solver.solve(right, left)
-            result[:, k] = left.array
-        return result.reshape(b.shape)
-
-    return solve
 
 
 DEPENDENT = 1e-11

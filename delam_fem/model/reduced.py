@@ -31,8 +31,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from delam_fem.model.factors import regular
 from delam_fem.model.linear import lowest, normalised
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -197,14 +197,14 @@ def _piece(
     squares, vectors = squares[:modes], vectors[:, :modes]
     loads = np.column_stack([o.gap_matrix[:, dofs].T.toarray(), o.base.stiffness[dofs]])
     with np.errstate(all="ignore"):
-        whole = splu(K).solve(loads)
+        whole = regular(K)(loads)
     if not np.isfinite(whole).all():
         raise CaseError("model.modes: a part is not held; support each part")
     # K r + M Φ μ = f, Φᵀ M r = 0 is R f without the cancellation of K⁻¹ f - Φ ω⁻² Φᵀ f
     of_modes = sp.csc_matrix(M @ vectors)
     bordered = sp.bmat([[K, of_modes], [of_modes.T, None]], format="csc")
     residual = np.zeros((o.n_dofs, loads.shape[1]))
-    residual[dofs] = splu(bordered).solve(np.pad(loads, ((0, squares.size), (0, 0))))[: dofs.size]
+    residual[dofs] = regular(bordered)(np.pad(loads, ((0, squares.size), (0, 0))))[: dofs.size]
     if not o.base.is_force:
         residual[dofs, -1] = whole[:, -1]
     shapes = np.zeros((o.n_dofs, squares.size))

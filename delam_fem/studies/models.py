@@ -13,7 +13,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from scipy.sparse.linalg import splu
 
 from delam_fem.api import (
     Case,
@@ -27,6 +26,7 @@ from delam_fem.api import (
     Table,
     assemble,
     diagnostics,
+    factored,
     find_case,
     require,
     require_held,
@@ -181,13 +181,16 @@ def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes:
         CaseError: a motion cannot be computed.
     """
     o, count = model.structure.operators, len(model.structure.layout.parts)
+    factor = factored(o.stiffness, o.mass)
     if model.case.is_apart and not model.case.point_mass:
         natural = modes_of(model.structure, model.case, modes).frequencies.ravel()
         owners = [f", {lamina.name}" for lamina in model.case.lamina]
     else:
-        natural, owners = structure_modes(model.structure, model.case, modes).frequencies, [""]
+        natural = structure_modes(model.structure, model.case, modes, factor=factor).frequencies
+        owners = [""]
     rows = o.probes[:count]
-    bent = splu(o.stiffness.tocsc()).solve(rows.T.toarray())
+    bent = factor.solve(rows.T.toarray())
+    del factor
     if frequencies:
         _motion(model, frequencies[0], 1)  # compiled code is loaded before costs are measured
     return Measured(

@@ -65,7 +65,7 @@ def __getattr__(name: str) -> Any:
     return MPI
 
 
-__all__ = ["MPI", "end_with_any", "hold", "release", "start_petsc"]
+__all__ = ["MPI", "end_with_any", "hold", "release", "slepc", "start_petsc"]
 
 _held: list[tuple[MPI.Intracomm, Any]] = []
 """Communicators with PETSc's copies of them, which `hold` keeps."""
@@ -84,6 +84,16 @@ def start_petsc(comm: MPI.Intracomm | None = None) -> None:
     petsc4py.init(PETSC_ARGUMENTS, arch, comm)
     for option, value in RETURNING.items():  # only glibc has such options
         getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)(option, value)
+
+
+def slepc() -> Any:
+    """Return SLEPc, which begins when it is first asked for (collective); None: there is none."""
+    try:
+        with elsewhere():  # it may look for slepc.cfg
+            from slepc4py import SLEPc
+    except ImportError:
+        return None
+    return SLEPc
 
 
 def hold(comm: MPI.Intracomm) -> None:

@@ -60,17 +60,15 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
 
     Args:
         case: the case; its model is "plane-stress" or "solid".
-        comm: communicator that shares the dofs.
+        comm: communicator that shares the dofs. With stops, impactors and initial states, which
+            need the dofs of a whole lamina, every rank assembles all of them; the operators are
+            spread afterwards (`operators.spread`).
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
-    for section in ("stop", "impactor", "initial") if comm.size > 1 else ():
-        if getattr(case, section):
-            raise CaseError(
-                f"{section}: expected none with solids on several ranks, given {comm.size} ranks; "
-                "run on one"
-            )
+    if case.stop or case.impactor or case.initial:
+        comm = MPI.COMM_SELF
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
     x = points_along(case, mesh) if is_file else node_coordinates(case)

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from delam_fem.api import (
     Case,
     CaseSource,
+    Factor,
     Finding,
     FloatArray,
     IntArray,
@@ -28,6 +29,7 @@ from delam_fem.api import (
     Table,
     assemble,
     beams,
+    factored,
     find_case,
     keeping_closed,
     lowest,
@@ -170,7 +172,12 @@ class StructureModes(Finding):
 
 
 def structure_modes(
-    structure: Structure, case: Case, n: int = 6, *, kind: Kind = "free"
+    structure: Structure,
+    case: Case,
+    n: int = 6,
+    *,
+    kind: Kind = "free",
+    factor: Factor | None = None,
 ) -> StructureModes:
     """Return the lowest modes of a structure.
 
@@ -179,6 +186,7 @@ def structure_modes(
         case: the case; contact, springs and gaps at rest do not matter here.
         n: number of modes.
         kind: "free" or "closed" delaminations.
+        factor: factors of the stiffness of a structure that is held; None: they are computed.
 
     Raises:
         CaseError: there is no such kind, or the structure has fewer dofs.
@@ -188,17 +196,23 @@ def structure_modes(
     S = {"free": sp.identity(o.n_dofs, format="csr"), "closed": keeping_closed(structure)}
     most = S["closed"].shape[1]
     require(1 <= n <= most, "number of modes", f"1 to {most}", n)
-    found = {}
-    for name, matrix in S.items():
+    solutions = {}
+    is_floating = case.n_rigid > 0
+    is_tied = S["closed"].shape[1] < o.n_dofs
+    for name, matrix in S.items() if is_tied else [(kind, S["free"])]:
         count = n if name == kind else min(n + _MORE, matrix.shape[1])
-        K, M = (matrix.T @ m @ matrix for m in (o.stiffness, o.mass))
-        frequencies, vectors = lowest(K, M, count, is_floating=case.n_rigid > 0)
+        K, M = o.stiffness, o.mass
+        if name == "closed":
+            K, M = (matrix.T @ m @ matrix for m in (K, M))
+        known = factor if name == "free" or not is_tied else None
+        frequencies, vectors = lowest(K, M, count, is_floating=is_floating, factor=known)
         has_mass = np.isfinite(frequencies)
-        found[name] = frequencies[has_mass], matrix @ vectors[:, has_mass]
-    frequencies, vectors = found[kind]
+        solutions[name] = frequencies[has_mass], matrix @ vectors[:, has_mass]
+    frequencies, vectors = solutions[kind]
     most = frequencies.size
     require(n == most, "number of modes", f"1 to {most}, as no more motions have mass", n)
-    other_frequencies, other = found["closed" if kind == "free" else "free"]
+    other_kind = "closed" if kind == "free" else "free"
+    other_frequencies, other = solutions.get(other_kind, solutions[kind])
     partners = _partners(vectors, other, o.mass)
     deflections = nodal(layout, vectors.T, np.zeros(n))[0].swapaxes(0, 1)
     largest = np.abs(deflections).max(axis=(1, 2))
@@ -387,19 +401,23 @@ def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Mode
     """
     case = find_case(case).without_impactors
     structure = assemble(case)
-    whole = structure_modes(structure, case, n, kind=delaminations)
+    factor = None
+    if len(case.lamina) == 1 and not case.n_rigid:  # the lamina is the structure
+        factor = factored(structure.operators.stiffness, structure.operators.mass)
+    of_structure = structure_modes(structure, case, n, kind=delaminations, factor=factor)
     if not case.is_apart or case.point_mass:
-        return whole
-    return replace(modes_of(structure, case, n), structure=whole)
+        return of_structure
+    return replace(modes_of(structure, case, n, factor), structure=of_structure)
 
 
-def modes_of(structure: Structure, case: Case, n: int) -> Modes:
+def modes_of(structure: Structure, case: Case, n: int, factor: Factor | None = None) -> Modes:
     """Return the lowest modes of each lamina of a structure that is already assembled.
 
     Args:
         structure: the discretised laminae.
         case: the case, with the exact properties of the laminae.
         n: number of modes per lamina.
+        factor: factors of the stiffness of a single lamina; None: they are computed.
 
     Returns:
         Frequencies and shapes beside the exact ones.
@@ -414,7 +432,8 @@ def modes_of(structure: Structure, case: Case, n: int) -> Modes:
     frequencies = np.zeros((len(layout.parts), n))
     for i in range(len(layout.parts)):
         own = layout.own_dofs(i)
-        frequencies[i], vectors = lowest(o.stiffness[own][:, own], o.mass[own][:, own], n)
+        K, M = (matrix[own][:, own] for matrix in (o.stiffness, o.mass))
+        frequencies[i], vectors = lowest(K, M, n, factor=factor)
         whole = np.zeros((n, o.n_dofs))
         whole[:, own] = vectors.T
         deflections = nodal(layout, whole, np.zeros(n))[0, i]

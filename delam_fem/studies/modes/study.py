@@ -26,5 +26,10 @@ class Modes(Options):
 
 
 MODES: Study[Modes, LaminaModes | StructureModes] = Study(
-    Modes, "delam_fem.studies.modes.frequencies:compute", "Compute", "modes", takes_impactors=True
+    Modes,
+    "delam_fem.studies.modes.frequencies:compute",
+    "Compute",
+    "modes",
+    takes_impactors=True,
+    shares_factors=True,
 )

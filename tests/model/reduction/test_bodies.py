@@ -6,7 +6,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 
 from delam_fem.case.files import preset
-from delam_fem.model import modal as module
+from delam_fem.model import factors
 from delam_fem.model.beams import closed_form
 from delam_fem.model.modal import bodies
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -72,5 +72,5 @@ def test_petsc_solves_as_superlu_does(monkeypatch: pytest.MonkeyPatch) -> None:
     o = chain(30, is_held=True)
     loads = np.random.default_rng(1).normal(size=(30, 3))
     expected = bodies(o)[0].solve(loads)
-    monkeypatch.setattr(module, "PETSC_DOFS", 1)
+    monkeypatch.setattr(factors, "LARGE", 1)
     np.testing.assert_allclose(bodies(o)[0].solve(loads), expected, rtol=1e-11)

@@ -1,0 +1,181 @@
+"""Factorise sparse matrices and find their lowest eigenpairs: the one door to libraries for both.
+
+|                | factors                  | eigenpairs              |
+|----------------|--------------------------|-------------------------|
+| small          | SuperLU                  | LAPACK, of all dofs     |
+| large          | CHOLMOD, through PETSc   | ARPACK with the factors |
+| on ranks       | MUMPS, through PETSc     | SLEPc with the factors  |
+
+Without PETSc all factors are SuperLU's, without SLEPc all eigenpairs of large matrices are
+ARPACK's. Which ranks share factors is said by `sharing.py`.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from delam_fem.model import sharing
+from delam_fem.model.operators import matrix
+from delam_fem.numerics.types import FloatArray
+
+Solve = Callable[[FloatArray], FloatArray]
+"""Function of right-hand sides, shape (n,) or (n, k), that returns solutions of the same shape."""
+LARGE = 20_000
+"""Dofs from which on factors are PETSc's: SuperLU takes several times the memory."""
+NOT_HELD = "reduction: a body is not held; support each body"
+UNSOLVED = 0.5
+"""Difference of strain energy and work, relative to the work, that shows a singular matrix. For a
+thin sheet of solids it is up to 1e-2, by round-off."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """Factors of K + s M, symmetric and positive definite.
+
+    Attributes:
+        stiffness: K, shape (n, n).
+        mass: M, shape (n, n); None: there are no eigenpairs.
+        shift: s [1/s2].
+        solve: applies (K + s M)⁻¹.
+        of_ranks: function of a number of eigenpairs, which ranks find together; None: no ranks.
+    """
+
+    stiffness: sp.spmatrix
+    mass: sp.spmatrix | None
+    shift: float
+    solve: Solve
+    of_ranks: Callable[[int], tuple[FloatArray, FloatArray]] | None = None
+
+    def lowest(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return the n lowest ω² of K φ = ω² M φ, increasing, and φ, shape (n_dofs, n)."""
+        if self.of_ranks is None:
+            size = self.stiffness.shape[0]
+            inverse = LinearOperator((size, size), matvec=self.solve, dtype=float)
+            squares, vectors = eigsh(
+                self.stiffness, n, self.mass, sigma=-self.shift, OPinv=inverse, v0=np.ones(size)
+            )
+        else:
+            squares, vectors = self.of_ranks(n)
+        order = np.argsort(squares)
+        return squares[order], vectors[:, order]
+
+
+def factored(K: sp.spmatrix, M: sp.spmatrix | None = None, shift: float = 0.0) -> Factor:
+    """Factorise K + s M, symmetric and positive definite.
+
+    Args:
+        K: stiffness.
+        M: mass; None: none is needed.
+        shift: s [1/s2].
+
+    Raises:
+        ValueError: the matrix is singular.
+        MemoryError: the factors need more memory than there is.
+    """
+    if is_large := K.shape[0] >= LARGE:
+        K, M = _rows(K), None if M is None else _rows(M)
+    A = K if M is None or not shift else K + shift * M
+    factor = None
+    if is_large:
+        factor = _by_ranks(K, M, shift) or _by_petsc(K, M, shift, A)
+    if factor is None:
+        A = sp.csc_matrix(A)
+        symmetric = {"SymmetricMode": True}
+        try:
+            solve = splu(A, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric).solve
+        except RuntimeError:
+            raise ValueError(NOT_HELD) from None
+        factor = Factor(K, M, shift, solve)
+    ones = np.ones(A.shape[0])
+    x = factor.solve(ones)
+    work = float(ones @ x)
+    if not abs(float(x @ (A @ x)) - work) <= UNSOLVED * work:  # true of NaN, too
+        raise ValueError(NOT_HELD)
+    return factor
+
+
+def regular(A: sp.spmatrix) -> Callable[[Any], Any]:
+    """Return a function that solves with any regular matrix, real or complex, by SuperLU.
+
+    Raises:
+        RuntimeError: A is singular to the last bit.
+    """
+    A = sp.csc_matrix(A)
+    ordering = "MMD_AT_PLUS_A" if A.shape[0] >= LARGE else "COLAMD"  # of symmetric patterns
+    solve: Callable[[Any], Any] = splu(A, ordering).solve
+    return solve
+
+
+def largest(K: sp.spmatrix, M: sp.spmatrix) -> float:
+    """Return the largest ω² of K φ = ω² M φ [1/s2], by ARPACK, which factorises M."""
+    n = M.shape[0]
+    inverse = LinearOperator((n, n), matvec=factored(M).solve, dtype=float)
+    return float(eigsh(K, k=1, M=M, Minv=inverse, which="LM", return_eigenvectors=False)[0])
+
+
+def _rows(A: sp.spmatrix) -> sp.csr_matrix:
+    """Return a symmetric matrix by rows, without a copy where its columns are stored."""
+    by_rows = A.T if A.format == "csc" else sp.csr_matrix(A)
+    by_rows.sort_indices()
+    return by_rows
+
+
+def _by_ranks(K: sp.csr_matrix, M: sp.csr_matrix | None, shift: float) -> Factor | None:
+    """Return factors of MUMPS; None: no ranks share them."""
+    ranks = sharing.sharing()
+    if ranks is None:
+        return None
+    try:
+        number = ranks.factored(K, M, shift)
+    except ValueError:
+        raise ValueError(NOT_HELD) from None
+
+    def solve(b: FloatArray) -> FloatArray:
+        return ranks.solve(number, b)
+
+    def lowest(n: int) -> tuple[FloatArray, FloatArray]:
+        return ranks.lowest(number, n)
+
+    weakref.finalize(solve, ranks.forget, number)
+    return Factor(K, M, shift, solve, lowest if ranks.has_eigenpairs(number) else None)
+
+
+def _by_petsc(
+    K: sp.csr_matrix, M: sp.csr_matrix | None, shift: float, A: sp.csr_matrix
+) -> Factor | None:
+    """Return PETSc's Cholesky factors of A = K + s M; None: there is no PETSc."""
+    try:
+        from delam_fem.system.mpi import MPI
+
+        comm = MPI.COMM_SELF  # the door to MPI comes before PETSc
+        from petsc4py import PETSc
+    except ImportError:
+        return None
+    whole = matrix(A, comm)
+    whole.setOption(PETSc.Mat.Option.SPD, True)
+    solver = PETSc.KSP().create(comm)
+    solver.setOperators(whole)
+    solver.setType("preonly")
+    solver.getPC().setType("cholesky")
+    if PETSc.Sys.hasExternalPackage("suitesparse"):
+        solver.getPC().setFactorSolverType("cholmod")
+    solver.setUp()
+    right, left = whole.createVecs()
+
+    def solve(b: FloatArray) -> FloatArray:
+        columns = b.reshape(len(b), -1)
+        result = np.empty_like(columns)
+        for k in range(columns.shape[1]):
+            right.array[:] = columns[:, k]
+            solver.solve(right, left)
+            result[:, k] = left.array
+        return result.reshape(b.shape)
+
+    return Factor(K, M, shift, solve)

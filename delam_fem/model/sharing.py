@@ -1,0 +1,294 @@
+"""Share factors and eigenpairs among the ranks of MPI, while the first rank does all other work.
+
+The first rank assembles, reads and writes. It hands the rows of a matrix to all ranks, which
+factorise it together (MUMPS) and find its eigenpairs together (SLEPc). Between such orders the
+others wait, without keeping a core busy. So whatever the first rank computes with the factors of
+`factors.py` is shared, an error is its error alone, and only it writes to a folder.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.model.operators import matrix
+from delam_fem.numerics.types import FloatArray
+from delam_fem.system.mpi import slepc, start_petsc
+
+if TYPE_CHECKING:
+    from delam_fem.system.mpi import MPI
+
+_T = TypeVar("_T")
+
+LOOK = 0.02
+"""Longest time between two looks for an order [s]; at first it is a tenth of the time waited."""
+RESIDUAL = 1e-13
+"""Relative residual at which SLEPc takes an eigenpair."""
+SINGULAR = (-6, -10)
+"""Values of MUMPS's INFOG(1) that say that a matrix is singular."""
+
+
+class Share:
+    """What one rank has of the factors of K + s M, all calls of which are collective.
+
+    Attributes:
+        sizes: number of rows of each rank.
+        status: MUMPS's INFOG(1); below 0 there are no factors.
+    """
+
+    def __init__(
+        self, comm: MPI.Intracomm, K: sp.csr_matrix, M: sp.csr_matrix | None, shift: float
+    ) -> None:
+        """Factorise K + s M.
+
+        Args:
+            comm: communicator whose ranks have the rows in their order.
+            K: own rows of K.
+            M: own rows of M; None: there are no eigenpairs, and s is 0.
+            shift: s [1/s2].
+        """
+        from petsc4py import PETSc
+
+        library = slepc()
+        self._comm, self.sizes = comm, comm.allgather(K.shape[0])
+        self._matrices = [matrix(K, comm)]
+        if M is not None and library is not None:
+            self._matrices.append(matrix(M, comm))
+            self._eigenpairs = library.EPS().create(comm)
+            self._eigenpairs.setOperators(*self._matrices)
+            self._eigenpairs.setProblemType(library.EPS.ProblemType.GHEP)
+            self._eigenpairs.setTarget(-shift)
+            self._eigenpairs.setWhichEigenpairs(library.EPS.Which.TARGET_MAGNITUDE)
+            self._eigenpairs.setTolerances(RESIDUAL)
+            transformation = self._eigenpairs.getST()
+            transformation.setType(library.ST.Type.SINVERT)
+            transformation.setShift(-shift)
+            self._solver = transformation.getKSP()
+        else:
+            self._eigenpairs = None
+            self._solver = PETSc.KSP().create(comm)
+            if M is not None:
+                self._matrices = [matrix(sp.csr_matrix(K + shift * M), comm)]
+            self._solver.setOperators(self._matrices[0])
+        self._solver.setType(PETSc.KSP.Type.PREONLY)
+        preconditioner = self._solver.getPC()
+        preconditioner.setType(PETSc.PC.Type.CHOLESKY)
+        preconditioner.setFactorSolverType("mumps")
+        if self._eigenpairs is not None:
+            self._eigenpairs.setUp()  # K + s M is made
+        self._solver.setUp()
+        self.status = int(preconditioner.getFactorMatrix().getMumpsInfog(1))
+        self._right, self._left = self._matrices[0].createVecs()
+
+    def solve(self, b: FloatArray | None) -> FloatArray | None:
+        """Return (K + s M)⁻¹ b on the first rank, which alone has b, shape (n,)."""
+        comm, places = self._comm, (self.sizes, None)
+        comm.Scatterv(None if b is None else [b, *places, _double()], self._right.array)
+        self._solver.solve(self._right, self._left)
+        x = None if b is None else np.empty(sum(self.sizes))
+        comm.Gatherv(self._left.array_r, None if x is None else [x, *places, _double()])
+        return x
+
+    @property
+    def has_eigenpairs(self) -> bool:
+        """Whether `lowest` can be had: it needs M, and SLEPc."""
+        return self._eigenpairs is not None
+
+    def lowest(self, n: int) -> tuple[FloatArray, FloatArray | None]:
+        """Return the eigenvalues of K φ = ω² M φ nearest to -s, and φ on the first rank.
+
+        Args:
+            n: number of eigenpairs.
+
+        Raises:
+            RuntimeError: they were not found.
+        """
+        solver, comm = self._eigenpairs, self._comm
+        solver.setDimensions(n)
+        solver.solve()
+        if solver.getConverged() < n:
+            raise RuntimeError(f"SLEPc found {solver.getConverged()} of {n} eigenpairs")
+        is_first = comm.rank == 0
+        vectors = np.empty((n, sum(self.sizes))) if is_first else None
+        for k in range(n):
+            solver.getEigenvector(k, self._left)
+            row = None if vectors is None else [vectors[k], self.sizes, None, _double()]
+            comm.Gatherv(self._left.array_r, row)
+        squares = np.array([solver.getEigenvalue(k).real for k in range(n)])
+        return squares, None if vectors is None else vectors.T
+
+    def destroy(self) -> None:
+        """Free the factors."""
+        (self._eigenpairs or self._solver).destroy()
+        for each in (self._right, self._left, *self._matrices):
+            each.destroy()
+
+
+def _double() -> Any:
+    """Return MPI's name of a number in double precision."""
+    from delam_fem.system.mpi import MPI
+
+    return MPI.DOUBLE
+
+
+class Ranks:
+    """The ranks that share factors. The first one orders, and takes part in what it orders.
+
+    Attributes:
+        comm: their communicator.
+        is_busy: whether an order has begun and not ended; others may then wait forever.
+    """
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        """Begin without any factors."""
+        self.comm = comm
+        self.is_busy = False
+        self._shares: dict[int, Share] = {}
+        self._n_factors = 0
+        self._unused: list[int] = []
+
+    def factored(self, K: sp.csr_matrix, M: sp.csr_matrix | None, shift: float) -> int:
+        """Factorise K + s M and return the number of the factors.
+
+        Raises:
+            ValueError: the matrix is singular.
+            MemoryError: the factors need more memory than there is.
+        """
+        self._n_factors += 1
+        number, size = self._n_factors, self.comm.size
+        ends = [K.shape[0] * rank // size for rank in range(size + 1)]
+        pieces = (
+            (K[first:last], None if M is None else M[first:last]) for first, last in pairwise(ends)
+        )
+        status = self._together("_factor", number, shift, of_first=pieces)
+        if status in SINGULAR:
+            raise ValueError("the matrix is singular")
+        if status < 0:
+            raise MemoryError(f"MUMPS on {size} ranks, INFOG(1) = {status}")
+        return number
+
+    def solve(self, number: int, b: FloatArray) -> FloatArray:
+        """Return the solution for loads, shape (n,) or (n, k)."""
+        columns = np.ascontiguousarray(b.reshape(len(b), -1).T, dtype=np.float64)
+        x = self._together("_solve", number, len(columns), of_first=columns)
+        return np.asarray(x.T.reshape(b.shape))
+
+    def has_eigenpairs(self, number: int) -> bool:
+        """Return whether SLEPc finds eigenpairs with some factors."""
+        return self._shares[number].has_eigenpairs
+
+    def lowest(self, number: int, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return n eigenpairs; see `Share.lowest`."""
+        pairs: tuple[FloatArray, FloatArray] = self._together("_lowest", number, n)
+        return pairs
+
+    def forget(self, number: int) -> None:
+        """Free factors with the next order."""
+        self._unused.append(number)
+
+    def end(self) -> None:
+        """Free all factors, and let the other ranks go."""
+        self._together("_end")
+
+    def obey(self) -> None:
+        """Take part in what the first rank orders, until it ends."""
+        name = ""
+        while name != "_end":
+            request, begin = self.comm.Ibarrier(), time.monotonic()
+            while not request.Test():
+                time.sleep(min(LOOK, 0.1 * (time.monotonic() - begin)))
+            name, arguments = self.comm.bcast(None)
+            try:
+                getattr(self, name)(*arguments)
+            except BaseException:
+                traceback.print_exc()
+                self.comm.Abort(1)
+
+    def _together(self, name: str, *arguments: Any, of_first: Any = None) -> Any:
+        """Do something on all ranks; the first one, which calls, has further data."""
+        self.is_busy = True
+        unused, self._unused = self._unused, []
+        if unused:
+            self._order("_forget", unused)
+            self._forget(unused)
+        self._order(name, *arguments)
+        further = () if of_first is None else (of_first,)
+        result = getattr(self, name)(*arguments, *further)
+        self.is_busy = False
+        return result
+
+    def _order(self, name: str, *arguments: Any) -> None:
+        """Tell the other ranks what to take part in."""
+        self.comm.Ibarrier().Wait()
+        self.comm.bcast((name, arguments))
+
+    def _factor(self, number: int, shift: float, pieces: Iterator[Any] | None = None) -> int:
+        """Factorise what the first rank hands out, piece by piece; return MUMPS's status."""
+        if pieces is None:
+            K, M = self.comm.recv(source=0)
+        else:
+            K, M = next(pieces)
+            for rank, piece in enumerate(pieces, start=1):
+                self.comm.send(piece, dest=rank)
+        self._shares[number] = Share(self.comm, K, M, shift)
+        return self._shares[number].status
+
+    def _solve(self, number: int, count: int, columns: FloatArray | None = None) -> Any:
+        """Solve for a few loads, which the first rank has one below the other."""
+        loads = [None] * count if columns is None else columns
+        return np.array([self._shares[number].solve(load) for load in loads])
+
+    def _lowest(self, number: int, n: int) -> Any:
+        """Find eigenpairs."""
+        return self._shares[number].lowest(n)
+
+    def _forget(self, numbers: list[int]) -> None:
+        """Free factors."""
+        for number in numbers:
+            self._shares.pop(number).destroy()
+
+    def _end(self) -> None:
+        """Free all factors."""
+        self._forget(list(self._shares))
+
+
+_ranks: Ranks | None = None
+
+
+def sharing() -> Ranks | None:
+    """Return the ranks that share factors at present; None: this process is alone."""
+    return _ranks
+
+
+def shared(comm: MPI.Intracomm, work: Callable[[], _T]) -> _T | None:
+    """Do work on the first rank, while all ranks share its factors (collective).
+
+    Args:
+        comm: communicator of the ranks.
+        work: what to do.
+
+    Returns:
+        What the work returns; None on the other ranks.
+    """
+    global _ranks
+    if comm.size == 1:
+        return work()
+    start_petsc()  # all together
+    ranks = Ranks(comm)
+    if comm.rank > 0:
+        ranks.obey()
+        return None
+    _ranks = ranks
+    try:
+        return work()
+    finally:
+        _ranks = None
+        if ranks.is_busy:  # an error in the midst of an order: the others wait for the rest of it
+            comm.Abort(1)
+        ranks.end()
