@@ -26,16 +26,26 @@ from delam_fem.api import (
     statistics,
     style,
 )
-from delam_fem.studies.convergence.ladder import FREE, LIMIT, RIGID, Ladder, Method, Rung
+from delam_fem.studies.convergence.ladder import (
+    FREE,
+    LIMIT,
+    RIGID,
+    Ladder,
+    Method,
+    Rung,
+    channel_of,
+)
 from delam_fem.studies.convergence.rung import (
     WORK,
     RungResult,
     Statistic,
     amplitudes,
+    channel_units,
     converging,
     extrema,
     general,
     may_be_judged,
+    of_channel,
 )
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
@@ -59,7 +69,7 @@ class Convergence(Finding):
         """Check the names of the numbers that are judged.
 
         Raises:
-            CaseError: a name is not one of `may_be_judged`.
+            CaseError: a name is not one of `may_be_judged`, or not a channel of every method.
         """
         known = [q.name for q in may_be_judged(self.n_laminae)]
         for name in self.ladder.judged:
@@ -68,6 +78,38 @@ class Convergence(Finding):
                     f"judge: expected some of {', '.join(known)}, or one without its numbers for "
                     f"all of a kind (of no others are intervals known to hold), given {name!r}"
                 )
+        for text in self.ladder.of:
+            name, _ = channel_of(text)
+            for method, units in self._units.items():
+                if name not in units:
+                    raise CaseError(
+                        f"of: expected some of {', '.join(units)}, which {method} records at each "
+                        f"step, given {text!r}"
+                    )
+            if len(units_of_name := {units[name] for units in self._units.values()}) > 1:
+                raise CaseError(
+                    f"of: expected a channel with one unit, given {text!r} in "
+                    f"{', '.join(sorted(units_of_name))} by different laws; choose laws, or add a "
+                    'sensor of the quantity "contact force"'
+                )
+
+    @cached_property
+    def _units(self) -> dict[str, dict[str, str]]:
+        """Units of the channels that each method offers, by its name."""
+        ladder = self.ladder
+        methods = [*ladder.methods, *([LIMIT] if ladder.has_limit else [])]
+        rungs = [ladder.rung(method, ladder.meshes[0], ladder.steps[0]) for method in methods]
+        return {rung.method: channel_units(rung.case, ladder.engine) for rung in rungs}
+
+    @cached_property
+    def channels(self) -> tuple[Statistic, ...]:
+        """Measures of channels that are judged."""
+        units = next(iter(self._units.values()), {}) if self.ladder.of else {}
+        return tuple(
+            of_channel(name, measure, units[name])
+            for name, measures in map(channel_of, self.ladder.of)
+            for measure in measures
+        )
 
     @property
     def n_laminae(self) -> int:
@@ -82,14 +124,19 @@ class Convergence(Finding):
     @cached_property
     def judged(self) -> tuple[Statistic, ...]:
         """Numbers whose distance from the limit is judged."""
-        names = self.ladder.judged or [q.name for q in self.extrema]
+        names = self.ladder.judged
+        if not (names or self.ladder.of):
+            return self.extrema
         every = may_be_judged(self.n_laminae)
-        return tuple(q for q in every if any(_is_of(q.name, name) for name in names))
+        of_tips = tuple(q for q in every if any(_is_of(q.name, name) for name in names))
+        return (*of_tips, *self.channels)
 
     @property
     def what(self) -> str:
         """Names of the numbers that are judged."""
-        return ", ".join(q.symbol for q in self.judged) if self.ladder.judged else "tip extremes"
+        if self.judged == self.extrema:
+            return "tip extremes"
+        return ", ".join(q.symbol for q in self.judged)
 
     @property
     def is_complete(self) -> bool:
@@ -111,7 +158,10 @@ class Convergence(Finding):
             title=f"Convergence of {case.name}",
             tables=list(overview(self)),
             sentences=[verdict(self), there],
-            remarks=[] if self.ladder.has_limit else [NO_LIMIT],
+            remarks=[
+                *([] if self.ladder.has_limit else [NO_LIMIT]),
+                *([NOT_CALIBRATED] if self.ladder.of else []),
+            ],
             pictures={
                 f"figures/{name}": (partial(draw, self), name.replace("_", " ").capitalize())
                 for name, draw in pictures(self).items()
@@ -144,8 +194,9 @@ class Convergence(Finding):
 
         Returns:
             The largest difference of all; lengths in half peak-to-peak displacements of their
-            lamina in the limit, other numbers in their own size in the limit [-]. NaN if either is
-            missing or if the ladder has no limit.
+            lamina in the limit, levels of channels in the amplitude of the channel there, other
+            numbers in their own size there [-]. NaN if either is missing or if the ladder has no
+            limit.
         """
         if reference is None:
             if not self.ladder.has_limit:
@@ -199,7 +250,9 @@ class Convergence(Finding):
         low_high = np.array([self.value(reference, q.name) for q in self.extrema]).reshape(-1, 2)
         half = np.diff(low_high).ravel() / 2.0
         size = [
-            half[q.lamina - 1] if q.lamina else abs(value) or math.nan
+            half[q.lamina - 1]
+            if q.lamina
+            else abs(self.value(reference, q.scale) if q.scale else value) or math.nan
             for q, value in zip(self.judged, exact.tolist(), strict=True)
         ]
         return exact, np.array(size)
@@ -247,6 +300,10 @@ def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
 
 Direction = Literal["steps", "elements", "points"]
 NOTHING = "–"
+NOT_CALIBRATED = (
+    "Intervals are known to hold for the numbers of --judge; of channels they are estimated in the "
+    "same way."
+)
 NO_LIMIT = "The ladder has no rigid limit: errors against it are left out."
 
 
@@ -269,6 +326,8 @@ def tables(found: Convergence) -> Iterator[Table]:
     for direction, where, rungs in _with_limit(found.ladder, of_limit):
         yield contact_table(found, rungs, direction, where, shown)
         yield contact_table(found, rungs, direction, f"{where}: harmonics", of_harmonics)
+        if found.channels:
+            yield contact_table(found, rungs, direction, f"{where}: channels", found.channels)
     for direction, where, rungs in _with_limit(found.ladder, "rigid limit over meshes"):
         if len(rungs) > 2:
             yield limit_table(found, rungs, direction, where)
@@ -360,7 +419,7 @@ def contact_table(
 def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, title: str) -> Table:
     """Return the table of observed orders and extrapolated limits of a line of rungs."""
     rows = []
-    for q in converging(found.n_laminae):
+    for q in (*converging(found.n_laminae), *found.channels):
         told = found.limit(rungs, q.name, by=direction)
         last = number(q.factor * found.value(rungs[-1], q.name), ".4g")
         orders = ", ".join(number(p, ".2f") for p in told.orders)
@@ -379,7 +438,8 @@ def limit_text(told: statistics.Limit, q: Statistic) -> str:
 def mean_and_scatter(found: Convergence, rung: Rung, q: Statistic) -> str:
     """Return the mean and the scatter of a statistic as text."""
     value, scatter = (q.factor * x for x in found.entry(rung, q.name))
-    return f"{value:.3f} ± {scatter:.2g}" if scatter else f"{value:.3f}"
+    text = f"{value:{q.form or '.3f'}}"
+    return f"{text} ± {scatter:.2g}" if scatter else text
 
 
 def cost(found: Convergence, rung: Rung) -> str:
@@ -466,6 +526,7 @@ def _judged(found: Convergence, method: Method, rung: Rung) -> tuple[float, floa
 def overview(found: Convergence) -> Iterator[Table]:
     """Yield short tables of all methods side by side: errors, judged numbers, contact work."""
     ladder = found.ladder
+    judged = found.extrema[:1] if found.judged == found.extrema else found.judged
     for direction, where, rungs in _shown(ladder, FREE):
         yield _brief_free_table(found, rungs, direction, where)
     for direction, where, rungs in _shown(ladder, ladder.methods[0]) if ladder.methods else ():
@@ -480,13 +541,13 @@ def overview(found: Convergence) -> Iterator[Table]:
             text,
             lambda rung, method, by=direction: _percent(found, rung, method, by),  # type: ignore[misc]
         )
-        for q in dict.fromkeys((*(found.judged if ladder.judged else found.extrema[:1]), WORK)):
+        for q in dict.fromkeys((*judged, WORK)):
             yield _side_by_side(
                 found,
                 rungs,
                 direction,
                 f"{q.heading}, {where}",
-                lambda rung, _, q=q: number(q.factor * found.value(rung, q.name), ".2f"),  # type: ignore[misc]
+                lambda rung, _, q=q: number(q.factor * found.value(rung, q.name), q.form or ".2f"),  # type: ignore[misc]
             )
 
 

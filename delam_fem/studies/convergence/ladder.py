@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
 from delam_fem.api import (
+    CHANNEL_MEASURES,
     COMBINATIONS,
     LAWS,
     Case,
@@ -196,6 +197,18 @@ def usual_methods(case: Case) -> tuple[Method, ...]:
     return tuple(method(text) for text in texts)
 
 
+JUDGED_MEASURES = ("min", "max", "rms")
+"""Measures of a channel that are judged if none is named."""
+
+
+def channel_of(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return the name of the channel and the measures that a text NAME or NAME:MEASURE asks for."""
+    name, colon, measure = text.rpartition(":")
+    if colon and measure in CHANNEL_MEASURES:
+        return name, (measure,)
+    return text, JUDGED_MEASURES
+
+
 @dataclass(frozen=True)
 class Rung:
     """One run of a ladder.
@@ -208,6 +221,7 @@ class Rung:
         steps: number N of steps per period.
         periods: number of last periods in the statistics.
         case: the case that the rung computes.
+        of: names of the channels whose measures are statistics.
     """
 
     method: str
@@ -217,6 +231,7 @@ class Rung:
     steps: int
     periods: int
     case: Case
+    of: tuple[str, ...] = ()
 
     @property
     def mesh_text(self) -> str:
@@ -250,7 +265,8 @@ class Ladder:
         limit_steps: N of the rungs that stand for the rigid limit; 0, or with elastic stops: there
             are no such rungs.
         engine: name of the engine that computes the steps.
-        judged: names of the numbers that are judged, see `Convergence.judged`; none: tip extremes.
+        judged: names of the numbers that are judged, see `Convergence.judged`.
+        of: channels that are judged, as NAME or NAME:MEASURE; with neither: the extremes of tips.
     """
 
     case: Case
@@ -261,6 +277,7 @@ class Ladder:
     limit_steps: int = LIMIT_STEPS
     engine: EngineName = "compiled"
     judged: tuple[str, ...] = ()
+    of: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the ladder before any rung is computed.
@@ -340,7 +357,13 @@ class Ladder:
     @property
     def identity(self) -> str:
         """Text that is equal for ladders that can share rungs; methods and sizes may differ."""
-        return identity(self._without_sizes, periods=self.periods, engine=self.engine)
+        beside: dict[str, object] = {"channels": self.channels} if self.of else {}
+        return identity(self._without_sizes, periods=self.periods, engine=self.engine, **beside)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that are judged."""
+        return tuple(dict.fromkeys(channel_of(text)[0] for text in self.of))
 
     @property
     def _without_sizes(self) -> Case:
@@ -365,12 +388,13 @@ class Ladder:
             points["contact.points_per_element"] = mesh.per_element
         if steps > MANY_STEPS:
             periods = min(periods, FEW_PERIODS)
+        of = () if method == FREE else self.channels
         case = self.case.with_overrides(
             {
                 "mesh.file" if is_file else "mesh.elements": str(plain) if is_file else plain,
                 **points,
                 "output.fields_per_period": 0,
-                "output.window_periods": 1,
+                "output.window_periods": periods if of else 1,
                 "time.steps_per_period": steps,
                 "time.periods": min(self.periods, SETTLING) + periods,
                 **dict(method.overrides),
@@ -378,7 +402,7 @@ class Ladder:
         )
         elements = plain if isinstance(plain, int) else _elements(case)
         n_points = elements * case.contact.points_per_element
-        return Rung(method.name, mesh, elements, n_points, steps, periods, case)
+        return Rung(method.name, mesh, elements, n_points, steps, periods, case, of)
 
 
 def _plain(mesh: MeshChoice) -> int | Path:

@@ -140,6 +140,7 @@ def converge(
     limit_steps: int = LIMIT_STEPS,
     engine: EngineName = "compiled",
     judged: Sequence[str] = (),
+    of: Sequence[str] = (),
     workers: int | None = None,
     resume: bool = False,
     progress: Callable[[int, int], None] | bool | None = None,
@@ -157,7 +158,9 @@ def converge(
         periods: number of periods in the statistics.
         limit_steps: steps per period of the rigid limit; 0: no limit.
         engine: name of the engine that computes the steps.
-        judged: names of the numbers that the verdict is about, as "amplitude"; none: the
+        judged: names of the numbers that the verdict is about, as "amplitude".
+        of: channels that the verdict is about, as "tip_thin_velocity" or the name of a sensor;
+            "NAME:MEASURE" asks for one of min, max, amplitude, rms, mean. With neither: the
             extremes of the tips.
         workers: number of processes; default: one per core.
         resume: whether to continue with the runs in the folder.
@@ -178,6 +181,7 @@ def converge(
         limit_steps,
         engine,
         tuple(judged),
+        tuple(of),
     )
     with html.reporting(progress, "run") as shown:
         return run_ladder(ladder, directory, workers=workers, resume=resume, progress=shown)
@@ -283,7 +287,7 @@ def _ladder(case: Case, given: Converge) -> Ladder:
     methods = tuple(method(text) for text in given.laws or ()) or usual_methods(case)
     return Ladder(
         case, methods, tuple(refined or meshes), steps, given.periods, given.limit_steps,
-        given.engine, given.judged or (),
+        given.engine, given.judged or (), given.of or (),
     )  # fmt: skip
 
 

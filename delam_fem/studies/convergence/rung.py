@@ -23,6 +23,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from delam_fem.api import (
+    CHANNEL_MEASURES,
     LEDGER,
     MEASURES,
     N_BASE,
@@ -41,6 +42,7 @@ from delam_fem.api import (
     harmonics,
     is_lost,
     openings,
+    record_of,
     session_of,
     step_hours,
 )
@@ -71,6 +73,8 @@ class Statistic:
         unit: unit in headings.
         factor: factor from SI to this unit.
         lamina: number of the lamina whose motion it is a length of, from 1; None: no length.
+        scale: name of the statistic that is the unit of its distances; empty: itself.
+        form: format of its numbers; empty: that of the table.
     """
 
     name: str
@@ -78,6 +82,8 @@ class Statistic:
     unit: str
     factor: float = 1.0
     lamina: int | None = None
+    scale: str = ""
+    form: str = ""
 
     @property
     def heading(self) -> str:
@@ -134,6 +140,50 @@ def converging(n_laminae: int) -> tuple[Statistic, ...]:
 def may_be_judged(n_laminae: int) -> tuple[Statistic, ...]:
     """Return the statistics whose intervals hold (docs/evidence/calibration.md)."""
     return (*extrema(n_laminae), *amplitudes(n_laminae, 1), IMPULSE)
+
+
+def of_channel(name: str, measure: str, units: str) -> Statistic:
+    """Return a measure of a channel as a statistic; one of its level is judged by its amplitude."""
+    scale = f"{name}:amplitude" if measure in ("min", "max", "mean") else ""
+    unit, factor = SHOWN.get(units, (units, 1.0))
+    return Statistic(
+        f"{name}:{measure}", f"{name} {measure}", unit, factor, scale=scale, form=".4g"
+    )
+
+
+def channel_units(case: Case, engine: EngineName) -> dict[str, str]:
+    """Return the units of all channels of a case by their names, from a run of one period.
+
+    A sensor with a sampling rate is left out: its samples do not fill periods.
+    """
+    short = case.with_overrides({"time.periods": 1, "output.window_periods": 1})
+    structure = assemble(short, needs_dolfinx=False)
+    record = record_of(_run(short, structure, engine, None, 0).recorder, structure, short)
+    return {
+        str(name): channel.attrs["units"]
+        for name, channel in record.data_vars.items()
+        if channel.dims == ("time",)
+    }
+
+
+def _of_channels(run: _Run, structure: Structure, rung: Rung, size: int) -> Statistics:
+    """Return mean and scatter of all measures of a rung's channels, between blocks of periods.
+
+    Args:
+        run: the run; its window has the periods of the statistics.
+        structure: structure that moved.
+        rung: the rung.
+        size: number of periods in a block.
+    """
+    record = record_of(run.recorder, structure, rung.case)
+    entries: Statistics = {}
+    for name in rung.of:
+        periods = record[name].to_numpy().reshape(rung.periods, rung.steps)
+        for key, measure in CHANNEL_MEASURES.items():
+            values = measure.of(periods)
+            blocks = values[values.size % size :].reshape(-1, size).mean(axis=1)
+            entries[f"{name}:{key}"] = float(blocks.mean()), float(blocks.std())
+    return entries
 
 
 PeriodRow: TypeAlias = dict[str, Any]
@@ -295,9 +345,8 @@ class _Run:
 def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung with contact and return the statistics of its motion."""
     case = rung.case
-    run = _run(
-        case, assemble(case, needs_dolfinx=False), engine, _spun_up(case, engine), rung.periods
-    )
+    structure = assemble(case, needs_dolfinx=False)
+    run = _run(case, structure, engine, _spun_up(case, engine), rung.periods)
     periods, residual = run.recorder.n_closed, run.recorder.energy_residual()
     if run.outcome != "completed":
         return RungResult(
@@ -307,6 +356,8 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
         return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
     strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
     found = statistics(run.rows, strobe.T) | {"energy_residual": (residual, 0.0)}
+    if rung.of:
+        found |= _of_channels(run, structure, rung, int(found["periodicity"][0]) or 1)
     return RungResult(rung.key, run.outcome, "", found, run.cost, periods)
 
 

@@ -30,6 +30,9 @@ class Converge(Options):
         engine: engine that computes the steps.
         judged: numbers that the verdict is about: tip_min, tip_max, amplitude (of the drive's
             frequency), modal_impulse; others are not judged (default: tip_min,tip_max).
+        of: channel that the verdict is about, as tip_thin_velocity, base, "contact_stop 1", or the
+            name of a sensor: its min, max and rms; NAME:MEASURE judges one of min, max, amplitude,
+            rms, mean.
     """
 
     common = ("workers", "resume", "overwrite", "dry_run", "yes")
@@ -43,6 +46,7 @@ class Converge(Options):
     limit_steps: Annotated[int, Flag(least=0)] = 64000
     engine: Literal["petsc", "compiled"] = "compiled"
     judged: Annotated[tuple[str, ...] | None, Flag(("--judge",), "NAME,…", is_joined=True)] = None
+    of: Annotated[tuple[str, ...] | None, Flag(("--of",), "NAME")] = None
 
 
 HOME = "delam_fem.studies.convergence.run"
