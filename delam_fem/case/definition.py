@@ -6,12 +6,12 @@ import difflib
 import math
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
@@ -87,11 +87,17 @@ def _tables(value: object) -> object:
     return value
 
 
+def _listed(data: Mapping[str, Any], key: str) -> Sequence[object]:
+    """Return the tables of a section that may be repeated; none if it is something else."""
+    tables = data.get(key)
+    return tables if isinstance(tables, list | tuple) else ()
+
+
 def _placed(table: object, end: object) -> object:
-    """Return a table that acts on a point, with its place at the end if it needs one."""
+    """Return a table that acts on a point, with its place at the end if none is given."""
     if not isinstance(table, Mapping) or "lamina" not in table or "position" in table:
         return table
-    return {**table, "position": end} if table.get("shape", "force") == "force" else table
+    return {**table, "position": end}
 
 
 class Case(Section):
@@ -184,10 +190,15 @@ class Case(Section):
             return data
         end = in_si(first.get("length", POINT_LENGTH), "m", "length")
         changed = {
-            key: [_placed(table, end) for table in data[key]]
-            for key in ("sensor", "initial")
-            if isinstance(data.get(key), list | tuple)
+            "sensor": [_placed(table, end) for table in _listed(data, "sensor")],
+            "initial": [
+                _placed(table, end)
+                if isinstance(table, Mapping) and table.get("shape") == "force"
+                else table
+                for table in _listed(data, "initial")
+            ],
         }
+        changed = {key: tables for key, tables in changed.items() if tables}
         return {**data, **changed, "excitation": _placed(data.get("excitation"), end)}
 
     @model_validator(mode="after")

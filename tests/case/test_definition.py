@@ -163,7 +163,7 @@ REFUSED: list[tuple[str, Overrides]] = [
         {"excitation": {"kind": "table", "file": "a.csv", "acts_on": "force", "lamina": "thin"}},
         {"model": {"kind": "modes"}}, {"time.mass": "massless"},
         {**RIGID, "model": {"kind": "solid"}}, {**RIGID, "contact.points_per_element": 2},
-        {**RIGID, "contact.restitution": 0.1}, {**RIGID, "sensor": SENSORS[:1]},
+        {**RIGID, "contact.restitution": 0.1},
         {**RIGID, "impactor": [IMPACTOR]}, {**RIGID, **BAR},
         {"model": {"kind": "beam", "file": "a.nc"}}, {"model": {"kind": "modes", "file": "a.nc",
          "modes": 3}},

@@ -23,10 +23,15 @@ TIMES = np.array([0.5, 0.75, 1.0, 1.5, 2.0])
 
 
 def point_data(frame: int) -> dict[str, np.ndarray]:
-    """Return a scalar and a vector at the points, other ones at each frame."""
+    """Return scalars and vectors at the points, other ones at each frame."""
     n = len(POINTS)
     scalar = frame + np.arange(n) / 10.0
-    return {"von_mises": scalar.astype(np.float32), "displacement": np.outer(scalar, [1.0, -2, 3])}
+    return {
+        **{name: scalar for name in vtkhdf.NEEDED},
+        "von_mises": scalar.astype(np.float32),
+        "displacement": np.outer(scalar, [1.0, -2, 3]),
+        "velocity": np.outer(scalar, [-4.0, 5, 6]),
+    }
 
 
 @pytest.mark.parametrize("at_once", [1, 14, 15, 2**15])
@@ -57,7 +62,7 @@ def contents(path: Path) -> dict[str, np.ndarray]:
 def test_series_are_read_back(tmp_path: Path) -> None:
     series = Series.read(write(GRID, TIMES, point_data, tmp_path / "s.vtkhdf"))
     assert series.cell == "quadrilateral" and series.lamina.tolist() == [1, 2]
-    assert set(series.names) == {"von_mises", "displacement"}
+    assert set(series.names) == {*vtkhdf.NEEDED, "von_mises", "displacement", "velocity"}
     np.testing.assert_array_equal(series.times, TIMES)
     np.testing.assert_array_equal(series.points, POINTS)
     np.testing.assert_array_equal(series.cells, GRID.cells)

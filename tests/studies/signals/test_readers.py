@@ -241,7 +241,7 @@ MATLAB: dict[str, tuple[dict[str, Any], list[tuple[float | None, Columns]]]] = {
     ),
     "falling": (
         {"t": TIME[::-1], "time": TIME, "a": ONE},
-        [(None, {"time": (None, TIME), "a": (None, ONE)})],
+        [(None, {"time": (None, TIME), "t": (None, TIME[::-1]), "a": (None, ONE)})],
     ),
 }  # fmt: skip
 """What a file holds, and the sheets that follow from it."""
