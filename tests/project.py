@@ -8,12 +8,12 @@ from pathlib import Path
 from types import ModuleType
 
 ROOT = Path(__file__).parents[1]
-SCRIPTS = ROOT / "scripts"
+EVIDENCE = ROOT / "scripts" / "evidence"
 
 
 def script(name: str) -> ModuleType:
-    """Import a script of the folder scripts."""
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+    """Import a script that makes evidence."""
+    spec = importlib.util.spec_from_file_location(name, EVIDENCE / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up

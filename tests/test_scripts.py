@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from project import ROOT, SCRIPTS, script
+from project import EVIDENCE, ROOT, script
 
 
 def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[str]) -> None:
@@ -18,7 +18,7 @@ def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[
 
 @pytest.mark.nightly
 def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(SCRIPTS))  # its worker processes import it
+    monkeypatch.syspath_prepend(str(EVIDENCE))  # its worker processes import it
     module = script("benchmark")
     figures = module.main(["--short", "-o", str(tmp_path)])
     rows = figures["rows"]

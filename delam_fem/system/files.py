@@ -294,7 +294,7 @@ def remove_kept(folder: Path) -> None:
     if folder.is_symlink() or (names and IDENTITY not in names):
         given = "a link" if folder.is_symlink() else f"one with {', '.join(names[:3])}"
         raise CaseError(
-            f"{folder}: expected no such folder, or one that delam-fem has written, given {given}; "
+            f"{folder}: expected no such folder, or one written by delam-fem, given {given}; "
             "move it, or choose another folder with -o DIR"
         )
     for path in sorted(folder.rglob("*"), reverse=True):

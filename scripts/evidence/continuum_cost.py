@@ -1,6 +1,6 @@
 """Measure what a step of laminae as solids costs, against the number of dofs and of ranks.
 
-    .venv/bin/python scripts/continuum_cost.py [--short] [-o docs/evidence]
+    .venv/bin/python scripts/evidence/continuum_cost.py [--short] [-o docs/evidence]
 
 Each measurement is a process (or several, by mpirun) of its own, so that its memory is known. Times
 are those of the processor, because machines are shared; beside runs on several ranks stands the

@@ -1,6 +1,6 @@
 """Compute cases that others published, and write docs/evidence/against_others.md.
 
-    .venv/bin/python scripts/against_others.py [FILE]
+    .venv/bin/python scripts/evidence/against_others.py [FILE]
 
 The cases are files in docs/examples/others, but for three whose models are theirs (few modes, beams
 with shear, smoothed stops) and stand here. Each row has their number, ours and the difference. What
@@ -26,13 +26,13 @@ import delam_fem as df
 from delam_fem.api import Case, FloatArray, atomic, drive
 from delam_fem.model.beams import closed_form
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 CASES = Path("docs", "examples", "others")
 PAGE = ROOT / "docs" / "evidence" / "against_others.md"
 BAR = 1e-3
 """Largest difference from what others print, relative, where nothing else is said."""
 KEPT = "<!-- by hand -->\n"
-ITSELF = ".venv/bin/python scripts/against_others.py"
+ITSELF = ".venv/bin/python scripts/evidence/against_others.py"
 
 
 @dataclass(frozen=True)
@@ -505,9 +505,9 @@ def folds() -> Iterator[Row]:
 HEAD = f"""# Beside what others computed
 
 For those who judge the program by the numbers of others: tests of Code_Aster, published and exact
-solutions, and Siconos. `scripts/against_others.py` writes the tables down to "Bars". It runs the
-case files of `{CASES}` as a user would. Differences are relative and, unless a reason stands below
-the table, less than {BAR:g}; a test repeats them.
+solutions, and Siconos. `scripts/evidence/against_others.py` writes the tables down to "Bars". It
+runs the case files of `{CASES}` as a user would. Differences are relative and, unless a reason
+stands below the table, less than {BAR:g}; a test repeats them.
 """
 
 

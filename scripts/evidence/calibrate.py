@@ -1,10 +1,11 @@
 """Measure how often verdicts and intervals are right, and write docs/evidence/calibration.md.
 
-    .venv/bin/python scripts/calibrate.py [--part infer …] [--short] [--folder DIR] [-o docs]
+    .venv/bin/python scripts/evidence/calibrate.py [--part infer …] [--short] [--folder DIR]
+        [-o docs]
 
-Each module of scripts/calibration with a function `rows(is_long, folder)` is a part. It computes
-truths that the program does not know, in a folder that it may fill, and returns its rows. A part
-that runs replaces its own rows of docs/evidence/calibration.json alone; the page is written
+Each module of scripts/evidence/calibration with a function `rows(is_long, folder)` is a part. It
+computes truths that the program does not know, in a folder that it may fill, and returns its rows.
+A part that runs replaces its own rows of docs/evidence/calibration.json alone; the page is written
 from that file. The first lines of a part's docstring are its text on the page.
 """
 
@@ -23,7 +24,7 @@ from typing import Any
 
 from calibration.row import Row
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PARTS = tuple(
     path.stem
     for path in sorted((Path(__file__).parent / "calibration").glob("*.py"))
@@ -31,9 +32,9 @@ PARTS = tuple(
 )
 HEAD = """# How often verdicts and intervals are right
 
-`scripts/calibrate.py` writes this page. It puts truths before the program that no table and no fit
-has seen, from the rig as modelled and from rigs that differ from the model as real ones do, and
-counts how often what is printed is right.
+`scripts/evidence/calibrate.py` writes this page. It puts truths before the program that no table
+and no fit has seen, from the rig as modelled and from rigs that differ from the model as real ones
+do, and counts how often what is printed is right.
 
 - Rig *as modelled*: "holds" if the count lies in the binomial 95 % band of the nominal share.
 - Other rigs: "holds" if at most twice as many are wrong as promised (80 % of intervals of 90 % are

@@ -1,6 +1,7 @@
 """Compute the four reference motions and compare them with the paper's descriptions.
 
-    .venv/bin/python scripts/reference_motions.py [--preset paper] [--periods 300] [--engine petsc]
+    .venv/bin/python scripts/evidence/reference_motions.py [--preset paper] [--periods 300]
+        [--engine petsc]
 
 The exit status is 1 if a motion is of another kind than in the paper.
 """

@@ -1,8 +1,8 @@
 """Measure how many small faults, anywhere in the package, the tests notice (mutation score).
 
     .venv/bin/pip install -c .venv/constraints.txt -e .[mutation]
-    nice -n 10 .venv/bin/python scripts/mutation.py    # 200 mutants; writes the page
-    .venv/bin/python scripts/mutation.py --modules contact/rules --sample 999 --page /tmp/page.md
+    nice -n 10 .venv/bin/python scripts/evidence/mutation.py    # 200 mutants; writes the page
+    .venv/bin/python scripts/evidence/mutation.py --modules contact/rules --sample 999 --page x.md
 
 Cosmic Ray makes the faults: a sign, a factor, a comparison or a number changed in one place of a
 copy of the checkout. A mutant is killed if a test fails that passes without it.
@@ -47,8 +47,8 @@ from xml.etree import ElementTree
 Place = tuple[tuple[int, int], tuple[int, int]]
 """Line and column where something begins and after its end."""
 
-ROOT = Path(__file__).parents[1]
-CONFIG = ROOT / "scripts" / "mutation.toml"
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / "scripts" / "evidence" / "mutation.toml"
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """A fork must find no threads."""
 OPTIONS = (
@@ -72,8 +72,8 @@ PAGE_HEAD = """# How many faults the tests notice
 Line coverage says which lines run, not whether a wrong sign or a factor in them is noticed. So
 [Cosmic Ray](https://cosmic-ray.readthedocs.io) changes one place of the package (a mutant), and the
 tests that run this place judge it, machine code compiled afresh. A mutant is killed if a test fails
-that passes without it. `scripts/mutation.py` writes this page; kinds of changes, and why a mutant
-computes the same, are in `scripts/mutation.toml`.
+that passes without it. `scripts/evidence/mutation.py` writes this page; kinds of changes, and why a
+mutant computes the same, are in `scripts/evidence/mutation.toml`.
 
 **{killed} of {n} mutants, drawn at random from the {total} of all modules, are killed:
 {share:.1f} %** (95 % interval {low:.0f} to {high:.0f} %). {equivalent} of the {survived} survivors

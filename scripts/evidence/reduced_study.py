@@ -1,6 +1,6 @@
 """Measure what reduced models tend to, and how smooth their maps are; draw both.
 
-    .venv/bin/python scripts/reduced_study.py [--redraw]
+    .venv/bin/python scripts/evidence/reduced_study.py [--redraw]
 
 It writes reduced.json and figures/reduced.png in docs/evidence, whose massless.md quotes the
 numbers.
@@ -24,7 +24,7 @@ import delam_fem as df
 from delam_fem.api import Case, FloatArray, style
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, ModalMap, PeriodMap
 
-DOCS = Path(__file__).parents[1] / "docs" / "evidence"
+DOCS = Path(__file__).parents[2] / "docs" / "evidence"
 RESONANT = 3.25
 ELEMENTS = {
     "stiffness": {20: -19.73, 40: -18.79, 80: -17.99, 160: -17.65, 320: -17.5},

@@ -1,6 +1,6 @@
 """Measure beams whose nodes have no mass: orders, limits, noise and cost beside restitution.
 
-    .venv/bin/python scripts/massless_study.py [--points 20,40,80,160] [--refine 256] [-o DOCS]
+    .venv/bin/python scripts/evidence/massless_study.py [--points 20,40] [--refine 256] [-o DOCS]
 
 It replaces the tables `massless …` of docs/evidence/massless.md.
 """
@@ -22,7 +22,7 @@ from delam_fem.api import Case, lowest
 from delam_fem.model.beams import closed_form
 from delam_fem.studies.convergence.analysis import Table
 
-DOCS = Path(__file__).parents[1] / "docs" / "evidence"
+DOCS = Path(__file__).parents[2] / "docs" / "evidence"
 BEAMS: dict[str, object] = {"time.mass": "massless", "contact.restitution": 0.0}
 MODES: dict[str, object] = BEAMS | {"model.kind": "modes", "model.modes": 12}
 

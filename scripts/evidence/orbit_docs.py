@@ -1,6 +1,6 @@
 """Draw the branches of a preset over its brute-force diagram, for docs/orbits.md.
 
-    .venv/bin/python scripts/orbit_docs.py paper [--folder runs/orbits] [-o docs]
+    .venv/bin/python scripts/evidence/orbit_docs.py paper [--folder runs/orbits] [-o docs]
 
 It follows the branches from 3.3 to 4.0 Hz, sweeps the frequency both ways (each point goes on from
 the one before), draws figures/orbits_PRESET.png and prints the events, which docs/orbits.md
@@ -22,7 +22,7 @@ from delam_fem.studies.orbits.maps import FREQUENCY
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def main(arguments: list[str] | None = None) -> int:

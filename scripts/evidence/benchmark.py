@@ -1,6 +1,6 @@
 """Measure the cost of a time step for all engines, schemes and mesh sizes in one run.
 
-    .venv/bin/python scripts/benchmark.py [--short] [--limit PROGRAM] [-o docs/evidence]
+    .venv/bin/python scripts/evidence/benchmark.py [--short] [--limit PROGRAM] [-o docs/evidence]
 
 All numbers come from one run on one machine, so that their ratios are meaningful. Each time is the
 fastest of several repeats, because machines are noisy. The script prints tables; with -o it also
@@ -61,7 +61,7 @@ LASTING = (20, 40, 80)
 COUPLED_UP_TO = 200
 """Largest number of elements with consistent impulses between two steps; beyond it, simultaneous
 impacts of hundreds of pairs would take all the time."""
-PLANE = Path(__file__).parents[1] / "docs" / "examples" / "plane.toml"
+PLANE = Path(__file__).parents[2] / "docs" / "examples" / "plane.toml"
 POINTS = (1, 2, 4, 8)
 """Numbers of contact points per element."""
 REFINED = (
@@ -552,8 +552,8 @@ def markdown(figures: dict[str, Any]) -> str:
         "For those who ask how long a step takes: both engines by mesh, law and scheme, beside a "
         "bare loop and a readable one. [The continuum](../continuum.md#cost) has the cost of "
         "solids by dofs and ranks, in time and memory.\n",
-        "`scripts/benchmark.py -o docs/evidence` writes this page; `--limit PROGRAM` adds the "
-        "table beside a bare loop. All numbers are from one run on "
+        "`scripts/evidence/benchmark.py -o docs/evidence` writes this page; `--limit PROGRAM` adds "
+        "the table beside a bare loop. All numbers are from one run on "
         "one machine, each the fastest of several repeats. Times are in µs per step of processor "
         "time of the thread that steps (threads of OpenBLAS use a processor while they wait), "
         "at 1000 steps per period and 3.25 Hz from rest, with ledger and record. When the "

@@ -1,6 +1,6 @@
 """Compute the first impacts of the four reference motions and store them for the tests.
 
-    .venv/bin/python scripts/first_impacts.py [FILE]    (default: tests/data/first_impacts.npz)
+    .venv/bin/python scripts/evidence/first_impacts.py [FILE]  # tests/data/first_impacts.npz
 
 The stored file was computed with dolfinx 0.5.2, and the tests compare all other versions with it.
 Run the script again only if the model itself changes.
@@ -21,7 +21,7 @@ IMPACTS = 20
 """Number of stored impacts, counted by pairs; all of them are in the first period."""
 EVERY = 20
 """Number of steps between stored states; the states at impacts are stored as well."""
-KEPT = Path(__file__).parents[1] / "tests" / "data" / "first_impacts.npz"
+KEPT = Path(__file__).parents[2] / "tests" / "data" / "first_impacts.npz"
 
 
 def first_impacts(frequency: float, **overrides: object) -> dict[str, npt.NDArray[np.generic]]:

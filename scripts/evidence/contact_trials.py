@@ -1,6 +1,6 @@
 """Compare trial methods for contact by their errors against the rigid limit.
 
-    .venv/bin/python scripts/contact_trials.py [--periods 160] [--workers 2] [--redraw]
+    .venv/bin/python scripts/evidence/contact_trials.py [--periods 160] [--workers 2] [--redraw]
 
 The script replaces the table between `<!-- table trials -->` and `<!-- end -->` in
 docs/evidence/convergence.md and writes the figure of the comparison.
@@ -25,7 +25,7 @@ from trials.compare import (
 
 from delam_fem.api import style
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "evidence" / "convergence.md"
 FIGURE = ROOT / "docs" / "figures" / "convergence_trials.png"
 

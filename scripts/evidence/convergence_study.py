@@ -1,6 +1,6 @@
 """Compute the ladders for docs/evidence/convergence.md and update its tables and figures.
 
-    .venv/bin/python scripts/convergence_study.py [--folder runs/convergence] [--workers 2]
+    .venv/bin/python scripts/evidence/convergence_study.py [--folder runs/convergence] [--workers 2]
 
 The folder keeps finished rungs, which are not computed again; `--only` computes some of the ladders
 and leaves the document as it is. The script replaces each table of the
@@ -21,7 +21,7 @@ from delam_fem.api import style
 from delam_fem.cli.console import progress
 from delam_fem.studies.convergence.run import run_ladder
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "evidence" / "convergence.md"
 FIGURES = ROOT / "docs" / "figures"
 

@@ -3,7 +3,7 @@
 Run these commands in this order:
 
     .venv/bin/delam-fem paper -o runs/paper
-    .venv/bin/python scripts/paper_docs.py runs/paper
+    .venv/bin/python scripts/evidence/paper_docs.py runs/paper
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from delam_fem.paper.reproduce import (
     tally,
 )
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
 """Marks in README.md; a sentence that counts the claims stands between them."""
 
@@ -66,7 +66,7 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         "# The paper, figure by figure", "",
         "For readers of the paper: each of its statements with a verdict, and each of its figures "
         "computed anew.", "", f"{PAPER}. {ABOUT}", "",
-        "`scripts/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
+        "`scripts/evidence/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
         "", tally(claims), "", markdown_table(claims),
     ]  # fmt: skip
     paths = []
