@@ -545,7 +545,7 @@ def _is_entry(key: str, value: object, n_laminae: int) -> bool:
     """Return whether an entry of summary.json has the type that its measure says."""
     measure = MEASURES.get(key)
     if value is None:
-        return True
+        return key not in LISTS
     if key in LISTS:
         return isinstance(value, list) and all(isinstance(text, str) for text in value)
     if key == "settling":
