@@ -136,7 +136,8 @@ def test_what_is_no_result_of_a_run_is_refused(
 SUMMARIES = (
     "[]", "3", "null", "{", '"a"', "[" * 5000, '{"tip_min": 3}', '{"tip_min": ["a", "b"]}',
     '{"tip_min": [1, 2, 3]}', '{"settled": 3}', '{"settling": []}', '{"settling": {"decay": []}}',
-    '{"warnings": "a"}', '{"warnings": null}', '{"warnings": [1]}', '{"intervals": {"tip_min": 3}}', '{"steps": NaN}',
+    '{"warnings": "a"}',
+    '{"warnings": null}', '{"warnings": [1]}', '{"intervals": {"tip_min": 3}}', '{"steps": NaN}',
     '{"steps": 1e999}', '{"periodicity": "two"}', '{"strobe_scatters": []}', '{"outcome": {}}',
 )  # fmt: skip
 
