@@ -30,6 +30,8 @@ LOOK = 0.02
 """Longest time between two looks for an order [s]; at first it is a tenth of the time waited."""
 RESIDUAL = 1e-13
 """Relative residual at which SLEPc takes an eigenpair."""
+MOST_LOADS = 64
+"""Largest number of loads that are solved for at once: their solutions fill memory."""
 SINGULAR = (-6, -10)
 """Values of MUMPS's INFOG(1) that say that a matrix is singular."""
 
@@ -83,17 +85,44 @@ class Share:
         if self._eigenpairs is not None:
             self._eigenpairs.setUp()  # K + s M is made
         self._solver.setUp()
-        self.status = int(preconditioner.getFactorMatrix().getMumpsInfog(1))
-        self._right, self._left = self._matrices[0].createVecs()
+        self._factor = preconditioner.getFactorMatrix()
+        self.status = int(self._factor.getMumpsInfog(1))
+        self._vector = self._matrices[0].createVecRight()
 
-    def solve(self, b: FloatArray | None) -> FloatArray | None:
-        """Return (K + s M)⁻¹ b on the first rank, which alone has b, shape (n,)."""
-        comm, places = self._comm, (self.sizes, None)
-        comm.Scatterv(None if b is None else [b, *places, _double()], self._right.array)
-        self._solver.solve(self._right, self._left)
-        x = None if b is None else np.empty(sum(self.sizes))
-        comm.Gatherv(self._left.array_r, None if x is None else [x, *places, _double()])
-        return x
+    def solve(self, count: int, loads: FloatArray | None) -> FloatArray | None:
+        """Return solutions for loads, one below the other, on the first rank, which has the loads.
+
+        Args:
+            count: number of loads.
+            loads: the loads, shape (count, n); None on the other ranks.
+        """
+        from petsc4py import PETSc
+
+        comm = self._comm
+        size = (self.sizes[comm.rank], sum(self.sizes))
+        solutions = None if loads is None else np.empty_like(loads)
+        right, left = (PETSc.Mat().createDense((size, count), comm=comm) for _ in range(2))
+        own = np.empty((count, size[0]))  # a dense matrix of PETSc has column after column
+        for k in range(count):
+            comm.Scatterv(None if loads is None else self._spread(loads[k]), own[k])
+        for dense in (right, left):
+            dense.setUp()
+        right.getDenseArray()[:] = own.T
+        right.assemble()
+        left.assemble()
+        self._factor.matSolve(right, left)
+        own[:] = left.getDenseArray().T
+        for k in range(count):
+            comm.Gatherv(own[k], None if solutions is None else self._spread(solutions[k]))
+        right.destroy()
+        left.destroy()
+        return solutions
+
+    def _spread(self, values: FloatArray) -> list[Any]:
+        """Return an array of all dofs as MPI takes what it deals out or collects."""
+        from delam_fem.system.mpi import MPI
+
+        return [values, self.sizes, None, MPI.DOUBLE]
 
     @property
     def has_eigenpairs(self) -> bool:
@@ -117,24 +146,18 @@ class Share:
         is_first = comm.rank == 0
         vectors = np.empty((n, sum(self.sizes))) if is_first else None
         for k in range(n):
-            solver.getEigenvector(k, self._left)
-            row = None if vectors is None else [vectors[k], self.sizes, None, _double()]
-            comm.Gatherv(self._left.array_r, row)
+            solver.getEigenvector(k, self._vector)
+            comm.Gatherv(
+                self._vector.array_r, None if vectors is None else self._spread(vectors[k])
+            )
         squares = np.array([solver.getEigenvalue(k).real for k in range(n)])
         return squares, None if vectors is None else vectors.T
 
     def destroy(self) -> None:
         """Free the factors."""
         (self._eigenpairs or self._solver).destroy()
-        for each in (self._right, self._left, *self._matrices):
+        for each in (self._vector, *self._matrices):
             each.destroy()
-
-
-def _double() -> Any:
-    """Return MPI's name of a number in double precision."""
-    from delam_fem.system.mpi import MPI
-
-    return MPI.DOUBLE
 
 
 class Ranks:
@@ -176,8 +199,11 @@ class Ranks:
     def solve(self, number: int, b: FloatArray) -> FloatArray:
         """Return the solution for loads, shape (n,) or (n, k)."""
         columns = np.ascontiguousarray(b.reshape(len(b), -1).T, dtype=np.float64)
-        x = self._together("_solve", number, len(columns), of_first=columns)
-        return np.asarray(x.T.reshape(b.shape))
+        blocks = (columns[k : k + MOST_LOADS] for k in range(0, len(columns), MOST_LOADS))
+        solutions = [
+            self._together("_solve", number, len(block), of_first=block) for block in blocks
+        ]
+        return np.asarray(np.concatenate([columns[:0], *solutions]).T.reshape(b.shape))
 
     def has_eigenpairs(self, number: int) -> bool:
         """Return whether SLEPc finds eigenpairs with some factors."""
@@ -241,8 +267,7 @@ class Ranks:
 
     def _solve(self, number: int, count: int, columns: FloatArray | None = None) -> Any:
         """Solve for a few loads, which the first rank has one below the other."""
-        loads = [None] * count if columns is None else columns
-        return np.array([self._shares[number].solve(load) for load in loads])
+        return self._shares[number].solve(count, columns)
 
     def _lowest(self, number: int, n: int) -> Any:
         """Find eigenpairs."""
