@@ -7,8 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from project import ROOT
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, preset
 from delam_fem.model.solids.mesh import FACETS, Facing, SolidMesh
 
 Array = npt.NDArray[np.float64]

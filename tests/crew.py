@@ -77,7 +77,8 @@ class Crew:
 
 def serve(door: str) -> None:
     """Run programs as they come, until the line is closed; wait without keeping a core busy."""
-    from delam_fem.system.mpi import MPI, start_petsc
+    from delam_fem.api import MPI
+    from delam_fem.system.mpi import start_petsc
 
     start_petsc()  # all together
     world = MPI.COMM_WORLD

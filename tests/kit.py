@@ -12,9 +12,9 @@ from _pytest.mark import ParameterSet
 from covertable import make
 from typer.testing import CliRunner, Result
 
+from delam_fem.api import CaseError
 from delam_fem.cli.app import app
 from delam_fem.system.caches import _Outermost
-from delam_fem.system.errors import CaseError
 
 SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
 """Overrides that make a preset quick."""

@@ -1,7 +1,7 @@
 """Cases in modes, with contact points that have no mass."""
 
 import delam_fem as df
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 
 
 def massless(modes: int = 12, refine: int = 64, **overrides: object) -> Case:

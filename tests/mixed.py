@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 
 LAMINAE = [
     {"name": "low", "thickness": 0.003, "material": "steel", "damping_ratio": 0.011},

@@ -8,11 +8,9 @@ import numpy as np
 import xarray as xr
 
 from delam_fem import Case
-from delam_fem.case.excitation import base_motion
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, Result, base_motion
 from delam_fem.paper.lab import FREQUENCIES, Laboratory
 from delam_fem.results.diagnostics import summary
-from delam_fem.results.folder import Result
 from delam_fem.results.schema import add
 
 THROW = 0.045

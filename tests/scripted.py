@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from delam_fem.api import BaseCoupling, PeriodRecord, Recorder, Span, State
 from delam_fem.contact.decisions import NO_PAIRS, Decision
-from delam_fem.model.operators import BaseCoupling
-from delam_fem.simulation.loop import State, StepByStep
-from delam_fem.simulation.recorder import Energies, PeriodRecord, Recorder
-from delam_fem.simulation.refinement import Span
+from delam_fem.simulation.loop import StepByStep
+from delam_fem.simulation.recorder import Energies
 
 STEPS, PERIODS, DT = 4, 3, 0.5
 """Steps per period, periods, time step [s]."""

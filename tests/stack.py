@@ -16,14 +16,15 @@ from pydantic import Field
 from synthetic import FRAMES, LEDGER, NODES, STEPS, WINDOW, small_case
 
 from delam_fem import Case
-from delam_fem.case.sections import Lamina, Stop
+from delam_fem.api import N_BASE, Lamina, PeriodRecord, Structure
+from delam_fem.case.sections import Stop
 from delam_fem.contact.decisions import Decision
 from delam_fem.model.beams import closed_form
-from delam_fem.model.layout import Probe, Structure
+from delam_fem.model.layout import Probe
 from delam_fem.results import dataset
 from delam_fem.results.schema import add
 from delam_fem.simulation import recorder
-from delam_fem.simulation.recorder import N_BASE, Jumps, PeriodRecord
+from delam_fem.simulation.recorder import Jumps
 
 PERIODS = 10
 NODE = 4

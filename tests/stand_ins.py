@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.contact.decisions import NO_BLOCK, Setting
+from delam_fem.api import Setting
+from delam_fem.contact.decisions import NO_BLOCK
 
 
 @dataclass

@@ -12,10 +12,8 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.contact.decisions import Setting, Supervisor
-from delam_fem.engines.session import law_of, span_of
-from delam_fem.model.discretise import assemble
-from delam_fem.model.layout import Structure
+from delam_fem.api import Setting, Structure, assemble, law_of, span_of
+from delam_fem.contact.decisions import Supervisor
 
 SHORT = {
     "time.periods": 2, "time.steps_per_period": 200, "mesh.elements": 4,

@@ -14,7 +14,7 @@ import xarray as xr
 from crew import Crew
 
 import delam_fem as df
-from delam_fem.results.folder import Result
+from delam_fem.api import Result
 
 SHORT = {"time.periods": 4, "output.window_periods": 3, "output.fields_per_period": 8}
 EXACT_VARIABLES = ("tip_displacement", "tip_velocity", "displacement", "event_impulse")

@@ -14,7 +14,8 @@ import pytest
 from project import ROOT
 
 import delam_fem as df
-from delam_fem.case.keys import case_schema, tables
+from delam_fem.api import tables
+from delam_fem.case.keys import case_schema
 
 pytest.importorskip("furo", reason="no sphinx")
 pytestmark = [pytest.mark.once, pytest.mark.nightly]

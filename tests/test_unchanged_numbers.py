@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from unchanged_numbers import CASES, compare, store, translated
 
-from delam_fem.contact.laws import LAWS
+from delam_fem.api import LAWS
 
 
 def recorded(folder: Path, **changed: object) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from calibration.branches import Plane, jumps
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 
 
 class Toy(Plane):

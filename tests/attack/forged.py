@@ -27,16 +27,14 @@ import xarray as xr
 from attack.hostile import Endless, damaged
 
 import delam_fem as df
+from delam_fem.api import CaseError, load_numbers, read_arrays, write_arrays, write_dataset
 from delam_fem.results.diagnostics import summary as summary_of
 from delam_fem.results.export import export
 from delam_fem.results.fields.vtkhdf import Series
 from delam_fem.results.figures.run import save_figures
-from delam_fem.results.netcdf import read_dataset, write_dataset
+from delam_fem.results.netcdf import read_dataset
 from delam_fem.results.pages.report import of_result
-from delam_fem.results.reading import load_numbers
 from delam_fem.studies.signals.reading import read_measured
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import read_arrays, write_arrays
 
 SEED = 20261127
 SECONDS = 5.0
@@ -213,8 +211,7 @@ def a_measurement(rng: random.Random, folder: Path) -> None:
 
 def a_reduction(rng: random.Random, folder: Path) -> None:
     """Assemble a damaged or forged reduced model."""
-    from delam_fem.model.discretise import assemble
-    from delam_fem.model.reduction import reduced_case
+    from delam_fem.api import assemble, reduced_case
 
     if "reduced" not in _made:
         case = df.preset("paper", {**SMALL, "contact.impulse": "consistent"})

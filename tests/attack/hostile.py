@@ -21,11 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset, preset_text
+from delam_fem.api import Case, CaseError, load_case, preset, require_affordable, run_cost
+from delam_fem.case.files import preset_text
 from delam_fem.case.toml import parse_override
-from delam_fem.engines.cost import require_affordable, run_cost
-from delam_fem.system.errors import CaseError
 
 SEED = 20261121
 SECONDS = 60
@@ -112,8 +110,8 @@ def toml(rng: random.Random, text: str) -> bytes:
 
 def usable(case: Case) -> None:
     """Go as far with a case as a command does before it computes."""
+    from delam_fem.api import node_coordinates
     from delam_fem.model.beams import closed_form
-    from delam_fem.model.mesh import node_coordinates
 
     require_affordable(run_cost(case, "petsc"), "case", is_confirmed=False)
     if case.mesh.file is not None:
@@ -192,7 +190,7 @@ def a_table(rng: random.Random, folder: Path) -> None:
 
 def a_mesh(rng: random.Random, folder: Path) -> None:
     """Read a damaged mesh."""
-    from delam_fem.model.mesh import node_coordinates
+    from delam_fem.api import node_coordinates
 
     path = folder / f"mesh{rng.choice(('.msh', '.msh', '.vtk', '.vtu', '.xdmf', '.mdpa'))}"
     path.write_bytes(damaged(rng, mesh_content(path.suffix)))
@@ -201,7 +199,7 @@ def a_mesh(rng: random.Random, folder: Path) -> None:
 
 def a_solid_mesh(rng: random.Random, folder: Path) -> None:
     """Assemble solids from a damaged mesh."""
-    from delam_fem.model.discretise import assemble
+    from delam_fem.api import assemble
 
     dim = rng.choice(("plane", "plane", "solid"))
     path = folder / "solid.msh"
@@ -239,7 +237,7 @@ _WHOLE: dict[str, bytes] = {}
 
 def a_journal(rng: random.Random, folder: Path) -> None:
     """Go on from a damaged journal of a sweep; the points it gives are those that were kept."""
-    from delam_fem.simulation.loop import State
+    from delam_fem.api import State
     from delam_fem.studies.sweeps.journal import Journal
     from delam_fem.studies.sweeps.point import Chunk, Done, Point
 
@@ -308,7 +306,8 @@ def a_sweep_result(rng: random.Random, folder: Path) -> None:
 
 def a_result(rng: random.Random, folder: Path) -> None:
     """Read the damaged result of a run, as `report` does."""
-    from delam_fem.results.reading import is_complete, load_numbers
+    from delam_fem.api import load_numbers
+    from delam_fem.results.reading import is_complete
 
     case = preset("paper", SMALL)
     if "result" not in _WHOLE:

@@ -12,13 +12,11 @@ import pytest
 from kit import invoke
 from synthetic import small_case, synthetic_history
 
-from delam_fem.case.files import save_case
+from delam_fem.api import CaseError, atomic, remove_kept, save_case, write_dataset, write_json
 from delam_fem.results.diagnostics import summary
 from delam_fem.results.export import export
-from delam_fem.results.netcdf import write_dataset
 from delam_fem.simulation.checkpoint import of_study
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import OUTPUTS, PREFIX, atomic, claimed, remove_kept, write_json
+from delam_fem.system.files import OUTPUTS, PREFIX, claimed
 
 
 def told(*line: str) -> str:

@@ -20,11 +20,9 @@ import pytest
 from kit import invoke
 from scipy.io import savemat
 
-from delam_fem.case.toml import read_toml
+from delam_fem.api import CaseError, read_arrays, read_toml
 from delam_fem.model.mesh import read_file
 from delam_fem.studies.signals.reading import read_measured
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import read_arrays
 from delam_fem.system.footprint import VARIABLE, bounded, require_room
 
 MOST_BYTES = 1_000_000_000

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from delam_fem.system.files import atomic, atomic_file, write_text
+from delam_fem.api import atomic, atomic_file, write_text
 
 
 def names(folder: Path) -> set[str]:

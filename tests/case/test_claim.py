@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.system.errors import CaseError
+from delam_fem.api import Case, CaseError, load_case, preset, save_case
 from delam_fem.system.files import claimed
 
 HOLDING = """

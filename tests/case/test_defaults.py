@@ -4,15 +4,8 @@ from typing import Any
 
 import pytest
 
-from delam_fem.case.sections import (
-    MATERIALS,
-    Contact,
-    Damping,
-    Output,
-    Section,
-    Support,
-    TimeStepping,
-)
+from delam_fem.api import Contact
+from delam_fem.case.sections import MATERIALS, Damping, Output, Section, Support, TimeStepping
 
 DEFAULTS: dict[type[Section], dict[str, Any]] = {
     TimeStepping: {

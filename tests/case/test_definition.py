@@ -7,9 +7,7 @@ from typing import Any
 
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.system.errors import CaseError
+from delam_fem.api import Case, CaseError, preset
 
 Overrides = dict[str, Any]
 

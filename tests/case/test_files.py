@@ -11,11 +11,19 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from pydantic import ValidationError
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import PRESETS, load_case, preset, preset_text, save_case
-from delam_fem.case.sections import Gap, Lamina
-from delam_fem.case.toml import parse_override, toml_text
-from delam_fem.system.errors import CaseError
+from delam_fem.api import (
+    PRESETS,
+    Case,
+    CaseError,
+    Gap,
+    Lamina,
+    load_case,
+    preset,
+    save_case,
+    toml_text,
+)
+from delam_fem.case.files import preset_text
+from delam_fem.case.toml import parse_override
 
 ROUND_OFF = 1e-14
 """A few operations on doubles."""

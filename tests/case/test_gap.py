@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from delam_fem.case.files import preset
-from delam_fem.case.gap import initial_gap, opening_at_rest, read_gap_table, read_table
-from delam_fem.case.sections import Delamination, Gap, Stop
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, Gap, initial_gap, preset
+from delam_fem.case.gap import opening_at_rest, read_gap_table, read_table
+from delam_fem.case.sections import Delamination, Stop
 
 L = 0.685
 ROUND_OFF = 1e-13

@@ -9,10 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.case.identity import belong, differences, digest, identity, located, require_same
-from delam_fem.system.errors import CaseError
+from delam_fem.api import (
+    Case,
+    CaseError,
+    belong,
+    identity,
+    load_case,
+    preset,
+    require_same,
+    save_case,
+)
+from delam_fem.case.identity import differences, digest, located
 from delam_fem.system.files import PREFIX
 
 TABLE = "x [m],gap [m]\n0,0\n0.3,0.004\n0.685,0.012\n"

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset, preset_text, save_case
+from delam_fem.api import Case, CaseError, load_case, preset, save_case
+from delam_fem.case.files import preset_text
 from delam_fem.case.gap import opening_at_rest
 from delam_fem.case.sections import MATERIALS, Delamination
 from delam_fem.model.beams import closed_form
-from delam_fem.system.errors import CaseError
 
 EDGES = {"between": ("lower", "upper"), "start": 0.1, "end": 0.3}
 

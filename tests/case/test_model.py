@@ -2,8 +2,7 @@
 
 import pytest
 
-from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, load_case, preset, save_case
 
 
 def test_beams_are_the_default_and_are_not_written() -> None:

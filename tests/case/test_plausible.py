@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import PRESETS, preset
+from delam_fem.api import PRESETS, Case, FloatArray, preset
 from delam_fem.case.plausible import tell, warnings
-from delam_fem.numerics.types import FloatArray
 
 
 def test_a_narrower_strip_beside_the_bending_stiffness_of_another_is_told() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import Lamina, preset
 from delam_fem.case.keys import case_schema
 from delam_fem.case.sections import (
     MATERIALS,
@@ -17,7 +17,6 @@ from delam_fem.case.sections import (
     Delamination,
     Impactor,
     InnerSupport,
-    Lamina,
     Model,
     Sensor,
     Stop,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from delam_fem.case.tables import in_si_units, read_columns
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, read_columns
+from delam_fem.case.tables import in_si_units
 
 SAME = [[0.0, 0.25, 0.5], [0.0, 0.003, 1.5e-3]]
 

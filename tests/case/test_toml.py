@@ -10,17 +10,9 @@ import numpy as np
 import pytest
 from kit import refusal
 
+from delam_fem.api import apply_overrides, read_toml, shown, toml_text
 from delam_fem.case import toml
-from delam_fem.case.toml import (
-    apply_overrides,
-    parse_override,
-    parsed,
-    read_toml,
-    set_key,
-    shown,
-    toml_text,
-    toml_value,
-)
+from delam_fem.case.toml import parse_override, parsed, set_key, toml_value
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,10 @@ import sys
 
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.case.keys import tables
+from delam_fem.api import Case, CaseError, in_si, preset, tables
 from delam_fem.case.sections import SENSOR_UNITS
 from delam_fem.case.toml import parse_override
-from delam_fem.case.values import Unit, in_si
-from delam_fem.system.errors import CaseError
+from delam_fem.case.values import Unit
 
 LAMINA = {
     "name": "thick", "length": "685 mm", "width": "4 cm", "thickness": "2mm",

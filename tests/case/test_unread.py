@@ -17,11 +17,8 @@ import pytest
 from numpy.typing import NDArray
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.case.keys import Key, Table, tables
-from delam_fem.case.toml import toml_text
-from delam_fem.system.errors import CaseError
+from delam_fem.api import Case, CaseError, preset, tables, toml_text
+from delam_fem.case.keys import Key, Table
 
 ROUND_OFF = 1e-9
 """Largest difference, relative to the largest value of a variable, that is none."""

@@ -9,8 +9,8 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
+from delam_fem.api import in_si
 from delam_fem.case import values
-from delam_fem.case.values import in_si
 
 
 def said(kind: Any, value: object) -> str:

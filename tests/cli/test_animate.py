@@ -9,7 +9,7 @@ from PIL import Image
 from synthetic import small_case, synthetic_history
 from typer.testing import CliRunner
 
-from delam_fem.case.files import save_case
+from delam_fem.api import save_case
 from delam_fem.cli.app import app
 
 

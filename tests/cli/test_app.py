@@ -18,11 +18,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import delam_fem
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset, save_case
+from delam_fem.api import Case, CaseError, load_case, preset, save_case
 from delam_fem.cli.app import app, commands
 from delam_fem.cli.console import LONGEST, PlainProgress, _shortened, progress
-from delam_fem.system.errors import CaseError
 
 PERIODS = 20
 

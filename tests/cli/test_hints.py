@@ -16,11 +16,9 @@ from kit import SMALL, SWEEP, invoke
 from rich.console import Console
 
 import delam_fem as df
-from delam_fem.case.files import preset, save_case
-from delam_fem.case.toml import apply_overrides
+from delam_fem.api import CaseError, apply_overrides, preset, save_case
 from delam_fem.cli.console import progress
 from delam_fem.studies.orbits import search
-from delam_fem.system.errors import CaseError
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 

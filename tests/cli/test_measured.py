@@ -11,7 +11,7 @@ from measurements import recorded, write_csv
 from synthetic import small_case, synthetic_history
 from typer.testing import CliRunner
 
-from delam_fem.case.files import save_case
+from delam_fem.api import save_case
 from delam_fem.cli.app import app
 
 

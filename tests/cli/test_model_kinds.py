@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 import delam_fem as df
+from delam_fem.api import reduced_case
 from delam_fem.cli.app import app, commands
 from delam_fem.model import discretise
-from delam_fem.model.reduction import reduced_case
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
 COARSE = ("--set", "mesh.elements=3")

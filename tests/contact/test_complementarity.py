@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from kit import compiled
 
+from delam_fem.api import FloatArray
 from delam_fem.contact import complementarity
 from delam_fem.contact.complementarity import SOLVED, Again, nothing_known, solve
-from delam_fem.numerics.types import FloatArray
 
 ROUND_OFF = 1e-9
 """Of solutions with condition numbers up to about 1e6, relative to the velocities."""

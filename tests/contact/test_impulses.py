@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from stand_ins import seen, setting
 
+from delam_fem.api import SCHEMES, FloatArray, Impulse, Law
 from delam_fem.contact.decisions import Decision
-from delam_fem.contact.laws import SCHEMES, Impulse, Law
-from delam_fem.numerics.types import FloatArray
 
 
 def impact(

@@ -8,20 +8,9 @@ import numpy as np
 import pytest
 from stand_ins import seen, setting
 
-from delam_fem.case.sections import Contact
+from delam_fem.api import COMBINATIONS, LAWS, SCHEMES, CaseError, Contact, Law, Scheme
 from delam_fem.contact.decisions import Decision, LawNumbers
-from delam_fem.contact.laws import (
-    COMBINATIONS,
-    LAWS,
-    SCHEMES,
-    Combination,
-    Law,
-    LawName,
-    Scheme,
-    SchemeName,
-    combination,
-)
-from delam_fem.system.errors import CaseError
+from delam_fem.contact.laws import Combination, LawName, SchemeName, combination
 
 
 def test_the_tables_have_the_names_of_case_files() -> None:

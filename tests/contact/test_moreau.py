@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from stand_ins import seen, setting
 
+from delam_fem.api import SCHEMES, FloatArray, Law
 from delam_fem.contact.decisions import Supervisor
-from delam_fem.contact.laws import SCHEMES, Law
-from delam_fem.numerics.types import FloatArray
 
 E, GAMMA = 0.25, 1e-2
 

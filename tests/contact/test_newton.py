@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from stand_ins import Seen, seen, setting
 
+from delam_fem.api import SCHEMES, FloatArray, Law
 from delam_fem.contact.decisions import Supervisor
-from delam_fem.contact.laws import SCHEMES, Law
-from delam_fem.numerics.types import FloatArray
 
 E = 0.25
 GAMMA = 1e-2

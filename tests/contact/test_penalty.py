@@ -3,8 +3,9 @@
 import numpy as np
 from stand_ins import Seen, seen, setting
 
+from delam_fem.api import SCHEMES, Law
 from delam_fem.contact.decisions import Decision
-from delam_fem.contact.laws import SCHEMES, Law, LawName
+from delam_fem.contact.laws import LawName
 
 
 def examined(law: LawName, now: Seen) -> Decision | None:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from mixed import FORCE, INNER, STOPS, apart, bonded
 
-from delam_fem.case.definition import Case
-from delam_fem.engines.session import session_of
+from delam_fem.api import Case, session_of
 from delam_fem.model.beams import closed_form
 
 SAME = 1e-7

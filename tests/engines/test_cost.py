@@ -7,22 +7,23 @@ from types import SimpleNamespace
 
 import pytest
 
-from delam_fem.case.files import load_case, preset
-from delam_fem.engines.cost import (
+from delam_fem.api import (
     FILE_BYTES,
-    START_SECONDS,
+    CaseError,
     Cost,
+    EngineName,
+    load_case,
+    preset,
+    reduced_case,
     require_affordable,
     run_cost,
     step_hours,
 )
-from delam_fem.engines.session import EngineName
+from delam_fem.engines.cost import START_SECONDS
 from delam_fem.model import discretise
-from delam_fem.model.reduction import reduced_case
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep, sweep_cost
 from delam_fem.system import mpi
-from delam_fem.system.errors import CaseError
 
 FINE_SOLID = {"mesh.elements": 40, "model.strips": 2}
 

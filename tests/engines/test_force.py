@@ -9,11 +9,10 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 import delam_fem as df
+from delam_fem.api import run, solve
 from delam_fem.case.excitation import HalfSine
-from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.network import point_load
-from delam_fem.pipeline import run
 from delam_fem.studies.sweeps.grid import sweep_of
 
 ENGINES = ("petsc", "compiled")

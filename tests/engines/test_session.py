@@ -10,10 +10,10 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.contact.decisions import Decision, Kinematics, Setting
-from delam_fem.contact.laws import SCHEMES, Scheme
+from delam_fem.api import SCHEMES, EngineName, Kinematics, Scheme, Setting, solve
+from delam_fem.contact.decisions import Decision
 from delam_fem.engines import session as session_module
-from delam_fem.engines.session import ENGINES, EngineName, solve
+from delam_fem.engines.session import ENGINES
 
 STEPS = 2000
 NEWMARK, MOREAU = SCHEMES["newmark"], SCHEMES["moreau-jean"]

@@ -11,7 +11,7 @@ import scipy.linalg
 from project import ROOT
 
 from delam_fem import CaseError, load_case, run
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.network import point_load

@@ -9,8 +9,7 @@ import pytest
 from scipy.linalg import eigh
 
 import delam_fem as df
-from delam_fem.model.discretise import assemble
-from delam_fem.model.mesh import node_coordinates
+from delam_fem.api import assemble, node_coordinates
 from delam_fem.reference import matrices
 
 D, L = 0.01, 0.5

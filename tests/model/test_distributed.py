@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import MPI, preset
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import DistributedOperators, spread, whole
-from delam_fem.system.mpi import MPI
 
 
 @pytest.fixture

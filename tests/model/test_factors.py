@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse as sp
 from crew import Crew
 
+from delam_fem.api import lowest
 from delam_fem.model.factors import LARGE
-from delam_fem.model.linear import lowest
 
 FREE = 5.0, 2.0
 """Stiffness of the springs of a chain [N/m], and its masses [kg]."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from delam_fem.api import Layout, Part
 from delam_fem.model import layout
-from delam_fem.model.layout import BASE, FIXED, Layout, Part
+from delam_fem.model.layout import BASE, FIXED
 
 X = np.array([0.0, 0.1, 0.25, 0.3, 0.6])
 """Uneven, so that a wrong power of h shows."""

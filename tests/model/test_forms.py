@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.engines.session import solve
+from delam_fem.api import MPI, solve
 from delam_fem.model import _dolfinx
 from delam_fem.model.operators import spread
-from delam_fem.system.mpi import MPI
 
 import dolfinx  # isort: skip  # the door to it comes first
 import ufl  # isort: skip

@@ -12,8 +12,7 @@ from covertable import make
 from typer.testing import CliRunner
 
 from delam_fem import CaseError, Result, Sweep, run
-from delam_fem.api import Study
-from delam_fem.case.definition import Case
+from delam_fem.api import Case, Study
 from delam_fem.cli.app import app
 from delam_fem.engines.session import ENGINES
 from delam_fem.model import discretise

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from delam_fem import CaseError, Result, preset as df_preset, run
-from delam_fem.case.definition import Case
-from delam_fem.engines.session import ENGINES, EngineName
-from delam_fem.model.discretise import assemble
-from delam_fem.model.layout import Structure
+from delam_fem.api import Case, EngineName, Structure, assemble
+from delam_fem.engines.session import ENGINES
 
 M, K, D = 2.0, 800.0, 0.05
 """Angular frequency 20 rad/s."""

@@ -8,9 +8,8 @@ import meshio
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset
 from delam_fem.model.beams import closed_form, forms
-from delam_fem.system.errors import CaseError
 
 X = np.array([0.0, 0.05, 0.12, 0.15, 0.21, 0.28, 0.33, 0.4])
 

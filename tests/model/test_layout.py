@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from delam_fem.case.files import preset
+from delam_fem.api import Layout, Part, Structure, preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.layout import BASE, FIXED, Interface, Layout, Part, Probe, Structure
+from delam_fem.model.layout import BASE, FIXED, Interface, Probe
 
 X = np.array([0.0, 0.1, 0.3])
 

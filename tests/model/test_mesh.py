@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from project import ROOT
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.model.mesh import node_coordinates
-from delam_fem.system.errors import CaseError
+from delam_fem.api import Case, CaseError, node_coordinates, preset
 
 LENGTH = 0.685
 

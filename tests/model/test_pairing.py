@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from delam_fem.api import Part, selection
 from delam_fem.model.layout import (
     BASE,
     FIXED,
     Interface,
-    Part,
     gap_matrix,
     in_order,
     opposite,
-    selection,
     tributary_lengths,
 )
 

@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.model.operators import BaseCoupling
+from delam_fem.api import BaseCoupling
 
 PETSc = pytest.importorskip("petsc4py.PETSc")
 MASS, STIFFNESS, SPEED = 2.0, 800.0, 0.3

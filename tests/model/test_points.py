@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, Part, preset
 from delam_fem.model.beams import closed_form, forms
 from delam_fem.model.layout import (
     BASE,
     DISPLACEMENT,
     FIXED,
     SLOPE,
-    Part,
     at_stations,
     bending_moment,
     gap_matrix,
@@ -24,7 +22,6 @@ from delam_fem.model.layout import (
     opposite,
     tributary_lengths,
 )
-from delam_fem.system.errors import CaseError
 
 X = np.array([0.0, 0.1, 0.3, 0.4])
 CUBIC = np.polynomial.Polynomial([0.2, -1.0, 3.0, 7.0])

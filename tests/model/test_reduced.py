@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import Operators, preset, reduce
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
-from delam_fem.model.reduced import reduce
 
 
 def operators(**overrides: object) -> Operators:

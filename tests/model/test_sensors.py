@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, Structure, preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.layout import Structure
-from delam_fem.system.errors import CaseError
 
 AT = {"lamina": "thin", "position": 0.3}
 STRAIN = {"name": "e", "quantity": "strain"}

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from delam_fem.model.linear import largest_stable_time_step, require_stable
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.system.errors import CaseError
+from delam_fem.api import BaseCoupling, CaseError, Operators, largest_stable_time_step
+from delam_fem.model.linear import require_stable
 
 
 def chain(n: int = 4) -> Operators:

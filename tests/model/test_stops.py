@@ -11,9 +11,8 @@ import pytest
 from covertable import make
 
 from delam_fem import CaseError, Result, load_case, run, save_case
-from delam_fem.case.definition import Case
-from delam_fem.case.toml import toml_text
-from delam_fem.engines.session import ENGINES, EngineName
+from delam_fem.api import Case, EngineName, toml_text
+from delam_fem.engines.session import ENGINES
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.results.schema import VARIABLES

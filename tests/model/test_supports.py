@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from delam_fem import CaseError, run
-from delam_fem.case.definition import Case
+from delam_fem.api import Case, lowest
 from delam_fem.engines.session import ENGINES
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
-from delam_fem.model.linear import lowest
 
 EI, L, RHO_A = 10.0, 0.5, 0.1
 LAMINA = {

@@ -7,10 +7,10 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
+from delam_fem.api import BaseCoupling, Operators, at_start, response
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
-from delam_fem.model.linear import at_start, response, slowest_decay
-from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.linear import slowest_decay
 
 DISCRETE = 1e-3
 """Ten cubic elements: the lowest frequencies are within 1e-4 of the exact ones."""

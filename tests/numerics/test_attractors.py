@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.numerics import settling as at
+from delam_fem.api import settling as at
 
 N = 128
 K = np.arange(N)

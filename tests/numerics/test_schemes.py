@@ -7,8 +7,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from delam_fem.contact.laws import SCHEMES, Scheme
-from delam_fem.system.errors import CaseError
+from delam_fem.api import SCHEMES, CaseError, Scheme
 
 
 def test_the_table_has_average_acceleration_central_difference_and_the_midpoint() -> None:

@@ -6,7 +6,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 from scipy.special import gamma
 
-from delam_fem.numerics import beams
+from delam_fem.api import beams
 from delam_fem.numerics.beams import StruckBeam
 
 QUADRATURE = 1e-4

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 from delam_fem.paper import lab as lab_module, portraits, shapes
 from delam_fem.paper.claims import Numbers, judged
 from delam_fem.paper.lab import BEATS, MOTIONS, SAME_FREQUENCY, Laboratory, Plan, motion_case

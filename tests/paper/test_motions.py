@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from reference_motions import HEADINGS, row
 
-from delam_fem.case.files import preset
+from delam_fem.api import Result, preset
 from delam_fem.paper.lab import (
     FREQUENCIES,
     MOTIONS,
@@ -22,7 +22,6 @@ from delam_fem.paper.lab import (
     strikes,
 )
 from delam_fem.results.diagnostics import contact_begins
-from delam_fem.results.folder import Result
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan()

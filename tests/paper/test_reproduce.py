@@ -15,6 +15,7 @@ from PIL import Image
 from prescribed import Prescribed
 from typer.testing import CliRunner
 
+from delam_fem.api import CaseError, json_ready
 from delam_fem.cli.app import app
 from delam_fem.paper import (
     histories,
@@ -38,8 +39,6 @@ from delam_fem.paper.lab import (
 )
 from delam_fem.paper.reproduce import entries, tally, write_page
 from delam_fem.studies.executors import Serial
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import json_ready
 
 PLAN = Plan(
     plane_points=2, plane_periods=200, response_step=0.875, response_periods=40, thresholds=2,

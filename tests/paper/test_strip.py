@@ -8,9 +8,7 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.case.sections import Lamina
-from delam_fem.contact.laws import SCHEMES, Law
-from delam_fem.engines.session import ImpactTable
+from delam_fem.api import SCHEMES, ImpactTable, Lamina, Law
 from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.paper import ground, lateral, strip as strips
 from delam_fem.paper.claims import Numbers

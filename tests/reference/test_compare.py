@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, Operators, preset
 from delam_fem.model.beams.closed_form import assemble
-from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import Comparison, Motions, compare, operator_differences
-from delam_fem.system.errors import CaseError
 
 CHANGE = 1e-6
 SAME_MATRICES, SAME_MOTION = 1e-13, 1e-11

@@ -5,12 +5,9 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from delam_fem.case.files import preset
-from delam_fem.case.sections import Contact
+from delam_fem.api import BaseCoupling, Contact, Operators, Structure, preset
 from delam_fem.contact import complementarity
 from delam_fem.model.beams.closed_form import assemble
-from delam_fem.model.layout import Structure
-from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.reference.loop import MassSolver, consistent_impact, decide, lumped_impact
 
 ROUND_OFF = 1e-10  # relative; M of 6 elements has a condition number of 1e4

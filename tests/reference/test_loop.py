@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, preset
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.reference.loop import Standing, simulate_reference
-from delam_fem.system.errors import CaseError
 
 ENERGY = 1e-10  # average acceleration conserves exactly; 200 steps of round-off on stiff modes
 SMALL = {"mesh.elements": 4, "time.steps_per_period": 200}

@@ -6,12 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.case.gap import initial_gap
-from delam_fem.case.sections import Gap
+from delam_fem.api import Case, Gap, Operators, initial_gap, preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import operator_differences
 

@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, preset
 from delam_fem.model.beams import closed_form
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import compare, operator_differences
-from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-9
 """Relative to the diagonal; the saddle point problem loses digits."""

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.model.discretise import assemble
+from delam_fem.api import Case, assemble
 from delam_fem.results.quality import BLOW_STEPS, unresolved_blows
 
 M, K, V, GAP, HEAVY = 0.007, 1e7, 1.0, 1e-3, 1e6

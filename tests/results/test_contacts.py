@@ -14,8 +14,8 @@ from kit import refusal
 from scipy.integrate import solve_ivp
 
 import delam_fem as df
-from delam_fem.engines.session import ENGINES, EngineName
-from delam_fem.results.reading import load_numbers
+from delam_fem.api import EngineName, load_numbers
+from delam_fem.engines.session import ENGINES
 
 M, K, D, F, OMEGA = 0.5, 800.0, 0.05, 2.0, 2.0 * math.pi * 7.0
 """Mass [kg], spring [N/m] (6.37 Hz), damping ratio, force [N] and its angular frequency [rad/s]."""

@@ -16,9 +16,7 @@ from synthetic import (
     tip_motion,
 )
 
-from delam_fem.case.definition import Case
-from delam_fem.results import diagnostics
-from delam_fem.system.files import json_ready
+from delam_fem.api import Case, diagnostics, json_ready
 
 ROUND_OFF = 1e-10
 """Relative to the largest amplitude: a transform of a thousand samples loses few digits."""

@@ -8,13 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import LEDGER, Case, Result, preset, run
 from delam_fem.model.beams import closed_form
-from delam_fem.pipeline import run
 from delam_fem.results.diagnostics import ROUND_OFF, gain_warning, may_add_energy
-from delam_fem.results.folder import Result
-from delam_fem.simulation.recorder import LEDGER
 
 LITERAL = preset("paper", {"contact.law": "newton"})
 SETTLED = {"contact.law": "newton", "damping.rayleigh": "mass", "output.fields_per_period": 0}

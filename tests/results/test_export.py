@@ -14,8 +14,8 @@ from scipy.io import loadmat
 from stack import STOPS, three_laminae, with_stops
 
 import delam_fem as df
+from delam_fem.api import CaseError
 from delam_fem.results.export import export, operators
-from delam_fem.system.errors import CaseError
 
 
 def three() -> tuple[xr.Dataset, Any]:

@@ -7,7 +7,7 @@ import stack
 from stack import three_laminae
 from synthetic import FRAMES, STEPS, WINDOW, small_case, synthetic_history
 
-from delam_fem.results import diagnostics
+from delam_fem.api import diagnostics
 
 
 def test_contact_line_is_the_farthest_contact() -> None:

@@ -7,8 +7,8 @@ import xarray as xr
 from stack import three_laminae
 from synthetic import FRAMES, NODES, STEPS, WINDOW, small_case, synthetic_history
 
+from delam_fem.api import Result
 from delam_fem.results.dataset import grouped
-from delam_fem.results.folder import Result
 
 
 def test_every_variable_is_in_one_group() -> None:

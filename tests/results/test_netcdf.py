@@ -11,10 +11,8 @@ import pytest
 import xarray as xr
 from synthetic import small_case, synthetic_history
 
-from delam_fem.case.files import save_case
-from delam_fem.results.netcdf import read_dataset, write_dataset
-from delam_fem.results.reading import load_numbers
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, load_numbers, save_case, write_dataset
+from delam_fem.results.netcdf import read_dataset
 
 
 @pytest.fixture(scope="module")

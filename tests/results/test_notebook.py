@@ -9,8 +9,8 @@ from project import ROOT
 from synthetic import small_case, synthetic_history
 
 import delam_fem as df
+from delam_fem.api import diagnostics
 from delam_fem.reference.compare import compare
-from delam_fem.results import diagnostics
 from delam_fem.results.figures.run import FIGURES
 from delam_fem.studies.convergence import run as ladders
 from delam_fem.studies.diagrams import diagram

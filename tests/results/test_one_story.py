@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 import delam_fem as df
+from delam_fem.api import load_numbers
 from delam_fem.cli.app import app
 from delam_fem.results import folder as folders
-from delam_fem.results.reading import load_numbers
 from delam_fem.system.files import UNFINISHED
 
 SHORT = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from project import ROOT
 
-from delam_fem.results import schema
+from delam_fem.api import schema
 from delam_fem.results.schema import blas, git_revision
 
 

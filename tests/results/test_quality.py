@@ -7,14 +7,11 @@ import pytest
 from synthetic import STEPS
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, Recorder, is_lost, preset
 from delam_fem.model.beams import closed_form
 from delam_fem.results import quality
 from delam_fem.results.diagnostics import GROUP_PERIODS, ProbeMotion
-from delam_fem.results.quality import contacts_by_period, is_lost, quality_warnings
-from delam_fem.simulation.recorder import Recorder
-from delam_fem.system.errors import CaseError
+from delam_fem.results.quality import contacts_by_period, quality_warnings
 
 SHORT = {
     "mesh.elements": 3,

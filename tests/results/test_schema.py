@@ -14,7 +14,7 @@ from project import ROOT
 from synthetic import small_case, synthetic_history
 
 import delam_fem as df
-from delam_fem.results import schema
+from delam_fem.api import schema
 from delam_fem.studies.orbits.follow import VARIABLES as OF_BRANCHES
 from delam_fem.studies.signals.reading import BESIDES
 from delam_fem.studies.sweeps.point import VARIABLES as OF_SWEEPS

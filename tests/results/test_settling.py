@@ -16,10 +16,10 @@ from hypothesis import example, given, settings, strategies as st
 from synthetic import STEPS, small_case
 
 import delam_fem as df
-from delam_fem.engines.session import EngineName, session_of
+from delam_fem.api import EngineName, diagnostics, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.settling import TOLERANCE, Settling
-from delam_fem.results import diagnostics, quality
+from delam_fem.results import quality
 from delam_fem.results.diagnostics import periodicity
 
 SMALL = {

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case
+from delam_fem.api import Case, load_case
 
 STEEL: dict[str, Any] = {
     "name": "body", "length": 0.3, "width": 0.02, "thickness": 0.002, "material": "steel",

@@ -16,7 +16,7 @@ from trials.runners import (
     runners,
 )
 
-from delam_fem.engines.session import motion_of
+from delam_fem.api import motion_of
 from delam_fem.model.beams import closed_form
 
 SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11

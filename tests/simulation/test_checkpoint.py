@@ -16,10 +16,10 @@ from kit import refusal
 from scripted import Engine, motion, recorder
 
 import delam_fem as df
-from delam_fem.case.identity import identity
+from delam_fem.api import identity, read_arrays, write_arrays
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.loop import simulate
-from delam_fem.system.files import claimed, read_arrays, write_arrays
+from delam_fem.system.files import claimed
 
 KEYS = {
     "mesh.elements": 3, "time.steps_per_period": 20, "time.periods": 4,

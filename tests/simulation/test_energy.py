@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kit import compiled
 
-from delam_fem.case.excitation import SweptMotion
+from delam_fem.api import SweptMotion
 from delam_fem.simulation import recorder
 from delam_fem.simulation.recorder import add_rows
 

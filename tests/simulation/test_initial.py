@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import first_mode, initial_state, preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.linear import first_mode
 from delam_fem.numerics.beams import cantilever_mode
-from delam_fem.simulation.loop import initial_state
 
 N = 8
 STRUCTURE = closed_form.assemble(preset("paper", {"mesh.elements": N}))

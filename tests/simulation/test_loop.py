@@ -12,13 +12,20 @@ import numpy as np
 import pytest
 from stand_ins import setting
 
+from delam_fem.api import (
+    SCHEMES,
+    BaseCoupling,
+    CaseError,
+    Law,
+    Recorder,
+    Span,
+    State,
+    one_period,
+    set_initial,
+)
 from delam_fem.contact.decisions import Decision
-from delam_fem.contact.laws import SCHEMES, Law
-from delam_fem.model.operators import BaseCoupling
-from delam_fem.simulation.loop import State, StepByStep, one_period, set_initial, simulate
-from delam_fem.simulation.recorder import Energies, Recorder
-from delam_fem.simulation.refinement import Span
-from delam_fem.system.errors import CaseError
+from delam_fem.simulation.loop import StepByStep, simulate
+from delam_fem.simulation.recorder import Energies
 
 G = 10.0
 DT = 1e-3

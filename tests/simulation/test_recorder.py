@@ -7,8 +7,8 @@ import pytest
 import scripted
 from scripted import DT, PERIODS, STEPS, Engine, U, motion, recorder
 
+from delam_fem.api import LEDGER, N_BASE
 from delam_fem.simulation.loop import simulate
-from delam_fem.simulation.recorder import LEDGER, N_BASE
 
 
 def test_strobes_and_envelopes_of_each_period() -> None:

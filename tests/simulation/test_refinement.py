@@ -7,18 +7,17 @@ import pytest
 from kit import compiled
 
 import delam_fem as df
+from delam_fem.api import CaseError, Span
 from delam_fem.simulation import refinement
 from delam_fem.simulation.refinement import (
     AHEAD,
     BACK,
     NOT_REFINED,
     Refinement,
-    Span,
     base_rows,
     nearness,
     unforeseen_warning,
 )
-from delam_fem.system.errors import CaseError
 
 base_within = compiled(refinement.base_within)
 

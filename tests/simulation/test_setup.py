@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.case.excitation import HarmonicMotion, SweptMotion
-from delam_fem.case.files import preset
-from delam_fem.engines.session import at_rest, by_period, span_of
-from delam_fem.simulation.refinement import Span
+from delam_fem.api import Span, SweptMotion, by_period, preset, span_of
+from delam_fem.case.excitation import HarmonicMotion
+from delam_fem.engines.session import at_rest
 
 SPAN = Span(time_step=0.01, steps_per_period=50, periods=7)
 

@@ -10,18 +10,11 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem.api import N_BASE, PeriodRecord, SensorRows, frames_of, steps_of
 from delam_fem.case.sections import Sensor
 from delam_fem.contact.decisions import Decision
-from delam_fem.model.layout import SensorRows
 from delam_fem.simulation import signals
-from delam_fem.simulation.recorder import N_BASE, PeriodRecord
-from delam_fem.simulation.signals import (
-    frames_of,
-    low_passed,
-    resting_pairs,
-    spring_forces,
-    steps_of,
-)
+from delam_fem.simulation.signals import low_passed, resting_pairs, spring_forces
 
 N = 500
 SENSORS: list[dict[str, Any]] = [

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scripted import DT, STEPS, Engine, U, motion, recorder
 
-from delam_fem.engines.session import Solution
+from delam_fem.api import LEDGER, Solution
 from delam_fem.simulation.loop import simulate
-from delam_fem.simulation.recorder import LEDGER
 
 
 def solution(window: int, ends_at: int = 12) -> Solution:

@@ -16,8 +16,8 @@ from types import ModuleType
 import pytest
 from project import ROOT
 
+from delam_fem.api import CaseError
 from delam_fem.studies import executors
-from delam_fem.system.errors import CaseError
 
 RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 

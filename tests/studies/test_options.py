@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 import delam_fem as df
-from delam_fem.plugins.options import Flag
-from delam_fem.system.errors import CaseError
+from delam_fem.api import CaseError, Flag
 
 
 @pytest.mark.parametrize("value", [1, 2, "2"])

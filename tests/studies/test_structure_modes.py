@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, preset
 from delam_fem.cli.app import app
 from delam_fem.model import discretise
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.beams.network import never_opens
 from delam_fem.studies.modes.frequencies import Modes, StructureModes, modes, structure_modes
-from delam_fem.system.errors import CaseError
 
 MID_PLANE = {"lamina.lower.thickness": 0.001, "lamina.upper.thickness": 0.001}
 

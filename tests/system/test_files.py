@@ -9,20 +9,18 @@ import numpy as np
 import pytest
 from kit import refusal
 
-from delam_fem.system.errors import require, require_number
-from delam_fem.system.files import (
-    OUTPUTS,
-    PREFIX,
-    DiskFile,
+from delam_fem.api import (
     atomic,
     atomic_file,
-    claimed,
     json_ready,
     read_arrays,
+    require,
     write_arrays,
     write_json,
     write_text,
 )
+from delam_fem.system.errors import require_number
+from delam_fem.system.files import OUTPUTS, PREFIX, DiskFile, claimed
 
 
 def test_numbers_are_made_ready_for_json(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ from types import ModuleType
 
 import pytest
 
+from delam_fem.api import added
 from delam_fem.system import imports
-from delam_fem.system.imports import Within, added, elsewhere
+from delam_fem.system.imports import Within, elsewhere
 
 
 def test_the_working_folder_is_left_and_found_again(

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from delam_fem.api import CaseError
 from delam_fem.system import mpi
-from delam_fem.system.errors import CaseError
 
 
 @pytest.fixture

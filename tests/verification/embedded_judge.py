@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import nnls
 
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, Operators
 
 CLOSED = 1e-4
 """Share of Δt times the largest gap rate below which a gap counts as closed."""

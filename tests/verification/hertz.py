@@ -23,11 +23,11 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from petsc4py import PETSc
 
+from delam_fem.api import MPI
 from delam_fem.contact import complementarity
 from delam_fem.model.solids.facing import Points, at_middles, at_vertices, gap_rows, project
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import FACETS, Facing, SolidMesh
-from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -13,14 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
+from delam_fem.api import N_BASE, SCHEMES, BaseCoupling, FloatArray, Operators, Scheme, State, solve
 from delam_fem.contact import laws
-from delam_fem.contact.laws import SCHEMES, Scheme
-from delam_fem.engines.session import solve
 from delam_fem.model.beams.closed_form import element_mass, element_stiffness, sum_elements
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.loop import State
-from delam_fem.simulation.recorder import N_BASE
 from delam_fem.simulation.refinement import Refinement
 
 Motion = Callable[[FloatArray], FloatArray]

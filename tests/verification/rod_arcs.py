@@ -13,9 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from delam_fem.case.definition import Case
+from delam_fem.api import Case, FloatArray
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.types import FloatArray
 
 UNIT = 62711.98
 """The first angular frequency of the rod of Vadcard, Batailly and Thouverez [rad/s]."""

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 
 SAMPLES = 60
 """Instants per period of the fastest mode, or of the drive, at which the gap is looked at."""

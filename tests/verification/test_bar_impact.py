@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from problems import Bar, Law, Motions, simulate
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 
 UNIT_BAR = Bar(young_modulus=900.0, area=1.0, density=1.0, length=10.0, gap=5.0, speed=10.0)
 STEEL_BAR = Bar(210e9, area=3.14e-4, density=7800.0, length=1.0, gap=5e-5, speed=0.1)

@@ -19,12 +19,10 @@ import ufl
 from problems import Bar, Law, Motions, simulate
 from test_bar_impact import UNIT_BAR
 
+from delam_fem.api import MPI, BaseCoupling, FloatArray, Operators
 from delam_fem.model import _dolfinx
-from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.numerics.types import FloatArray
-from delam_fem.system.mpi import MPI
 
 COURANT = 0.1
 """Time step in crossings of an element."""

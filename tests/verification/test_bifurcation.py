@@ -12,8 +12,7 @@ from calibration.oscillator import forcing, multipliers, oscillator
 from problems import Law
 from scipy.optimize import brentq
 
-from delam_fem.engines.session import session
-from delam_fem.simulation.refinement import Span
+from delam_fem.api import Span, session
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import BLOCKS, STUDENT, Exponent, largest_exponent, mean_growth
 from delam_fem.studies.sweeps.run import run_sweep

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from problems import Law, Motions, ball, gravity, simulate
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 
 G = 8.0
 """A power of two: with dyadic times every number of the test on the grid is exact in float64."""

@@ -9,11 +9,8 @@ import pytest
 from embedded_judge import moreau_jean
 
 import delam_fem as df
-from delam_fem.case.excitation import base_motion
-from delam_fem.engines.session import Solution, solve
+from delam_fem.api import Operators, Solution, base_motion, node_coordinates, solve
 from delam_fem.model.beams import closed_form
-from delam_fem.model.mesh import node_coordinates
-from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices as judge
 from delam_fem.simulation.refinement import Refinement
 

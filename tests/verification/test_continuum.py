@@ -8,15 +8,12 @@ import pytest
 from scipy.sparse.linalg import spsolve
 from split_beam import SplitBeam
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.model.layout import DISPLACEMENT, Structure
-from delam_fem.model.linear import lowest
+from delam_fem.api import MPI, Case, Structure, lowest, preset
+from delam_fem.model.layout import DISPLACEMENT
 from delam_fem.model.solids.assembly import assemble
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.model.solids.unknowns import Unknowns, held
-from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 THICK, THIN = 0, 1

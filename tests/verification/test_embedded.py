@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.engines.session import EngineName, session_of
+from delam_fem.api import N_BASE, EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.harmonics import harmonic_amplitudes
-from delam_fem.simulation.recorder import N_BASE
 from delam_fem.studies.modes.frequencies import structure_modes
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep

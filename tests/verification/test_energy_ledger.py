@@ -12,18 +12,23 @@ from kit import covering
 from problems import Law, Motions, simulate
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import HarmonicMotion, base_motion
-from delam_fem.case.files import preset
+from delam_fem.api import (
+    LEDGER,
+    SCHEMES,
+    BaseCoupling,
+    Case,
+    FloatArray,
+    Operators,
+    Result,
+    Scheme,
+    base_motion,
+    preset,
+    run,
+    solve,
+)
+from delam_fem.case.excitation import HarmonicMotion
 from delam_fem.contact import laws as contact
-from delam_fem.contact.laws import SCHEMES, Scheme
-from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.types import FloatArray
-from delam_fem.pipeline import run
-from delam_fem.results.folder import Result
-from delam_fem.simulation.recorder import LEDGER
 
 Engine = Literal["petsc", "compiled"]
 

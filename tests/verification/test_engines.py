@@ -8,14 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.engines.session import ENGINES, EngineName, session_of
+from delam_fem.api import LEDGER, Case, EngineName, Recorder, State, preset, run, session_of
+from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import tributary_lengths
-from delam_fem.pipeline import run
-from delam_fem.simulation.loop import State
-from delam_fem.simulation.recorder import LEDGER, Recorder
 
 SAME = 1e-9
 """m, m/s; round-off that some hundred impacts have amplified (seen: 1e-11 and less)."""

@@ -14,14 +14,19 @@ import numpy as np
 import pytest
 from covertable import make
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.contact.laws import COMBINATIONS
-from delam_fem.engines.session import ENGINES, EngineName, session_of
+from delam_fem.api import (
+    COMBINATIONS,
+    Case,
+    EngineName,
+    FloatArray,
+    Operators,
+    PeriodRecord,
+    Recorder,
+    preset,
+    session_of,
+)
+from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.recorder import PeriodRecord, Recorder
 
 SAME = 1e-8
 """Of the largest displacement; round-off that some hundred impacts have amplified (seen: 5e-10). A

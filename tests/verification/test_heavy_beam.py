@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from problems import HeavyBeam, Law, simulate
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 
 BEAM = HeavyBeam(flexural_rigidity=1.0, mass_per_length=1.0, length=4.0, gravity=24.0)
 """With it l = δ^(1/4) in SI numbers."""

@@ -17,7 +17,7 @@ import pytest
 from calibration.oscillator import forcing, impact_phase, orbit, oscillator
 from problems import Law, Motions, simulate
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 
 # ω, s, e, V; order of V in Δt. Where c = s = 0, V does not depend on s in the first order.
 ROWS = [

@@ -7,13 +7,13 @@ from mpi4py import MPI
 from problems import Law, simulate
 from scipy.optimize import brentq
 
+from delam_fem.api import SCHEMES, State
 from delam_fem.contact import laws
-from delam_fem.contact.laws import SCHEMES, SchemeName
+from delam_fem.contact.laws import SchemeName
 from delam_fem.model.beams.forms import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.paper import ground, strip as strips
 from delam_fem.paper.strip import LIFT, Rolling, TipBlock, rolling, thin_strip, tip_block
-from delam_fem.simulation.loop import State
 
 ROUND_OFF = 1e-12
 """Relative, of assembled matrices."""

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
-from delam_fem.engines.session import session_of
+from delam_fem.api import openings, preset, session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.model.linear import openings
 from delam_fem.studies.convergence.rung import row_of
 
 

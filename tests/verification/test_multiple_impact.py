@@ -12,8 +12,8 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
+from delam_fem.api import EngineName, solve
 from delam_fem.contact.laws import SchemeName
-from delam_fem.engines.session import EngineName, solve
 
 OUTCOMES = {
     ("newmark", 1.0): (0.0, 0.0, 1.0),

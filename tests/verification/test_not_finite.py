@@ -12,16 +12,14 @@ from stack import three_laminae
 from synthetic import PERIODS, small_case
 
 import delam_fem as df
-from delam_fem.engines.session import EngineName, solve
+from delam_fem.api import LEDGER, CaseError, EngineName, Recorder, is_lost, solve, statistics
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics import statistics
 from delam_fem.numerics.settling import judge
 from delam_fem.numerics.statistics import Table
 from delam_fem.results import quality
 from delam_fem.results.diagnostics import gain_warning
 from delam_fem.results.pages.report import sentence
-from delam_fem.results.quality import is_lost, quality_warnings
-from delam_fem.simulation.recorder import LEDGER, Recorder
+from delam_fem.results.quality import quality_warnings
 from delam_fem.studies.convergence.ladder import Ladder, method
 from delam_fem.studies.convergence.rung import compute as compute_rung
 from delam_fem.studies.detection.detect import Measurement, detect
@@ -32,7 +30,6 @@ from delam_fem.studies.signals.alignment import Alignment
 from delam_fem.studies.signals.comparison import Comparison, findings
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import PointRunner
-from delam_fem.system.errors import CaseError
 
 BAD = (np.nan, np.inf, -np.inf)
 SMALL = {

@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from kit import invoke
 
 import delam_fem as df
+from delam_fem.api import EngineName
 from delam_fem.contact import rules
-from delam_fem.engines.session import EngineName
 
 LAMINA = {"length": 0.4, "width": 0.02, "thickness": 0.001, "material": "steel"}
 TOGETHER = 1e-9

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import Case, FloatArray
 
 OMEGA, DEFLECTION, N, PERIODS = 2.0 * np.pi * 3.0, 1e-3, 40, 3
 STEP = 1.0 / N

@@ -17,7 +17,7 @@ from problems import Law, Prescribed
 from scipy.optimize import brentq
 
 import delam_fem as df
-from delam_fem.simulation.refinement import Span
+from delam_fem.api import Span
 from delam_fem.studies.orbits import continuation
 from delam_fem.studies.orbits.continuation import events_of
 from delam_fem.studies.orbits.maps import Problem, StrobeMap, modal

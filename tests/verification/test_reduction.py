@@ -7,14 +7,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, EngineName, FloatArray, IntArray, Structure, preset, session_of
 from delam_fem.engines.compiled import modes
-from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.model.layout import Structure
 from delam_fem.model.modal import basis_of, projected
-from delam_fem.numerics.types import FloatArray, IntArray
 
 ALL, SOME = 20, 6
 """Modes of a lamina of ten elements: all there are; some, and the rest's flexibility."""

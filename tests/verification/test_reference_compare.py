@@ -2,7 +2,7 @@
 
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.reference.compare import compare
 
 MATRICES = 1e-12  # relative: quadrature is exact, so round-off of a few hundred terms

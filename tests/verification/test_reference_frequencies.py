@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.studies.modes.frequencies import modes_of
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.reference.loop import ReferenceRun, simulate_reference
 from delam_fem.reference.matrices import assemble
 

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, Operators, preset
 from delam_fem.model.beams.closed_form import assemble
-from delam_fem.model.operators import Operators
 from delam_fem.numerics.beams import transmissibility
 from delam_fem.reference.loop import Standing, simulate_reference
 

@@ -11,15 +11,22 @@ import pytest
 import scipy.sparse as sp
 from problems import Law, Motions, ball, gravity, simulate
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import (
+    SCHEMES,
+    BaseCoupling,
+    Case,
+    EngineName,
+    Operators,
+    Recorder,
+    State,
+    preset,
+    session_of,
+    solve,
+)
 from delam_fem.contact import laws
-from delam_fem.contact.laws import SCHEMES
-from delam_fem.engines.session import ENGINES, EngineName, session_of, solve
+from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.simulation.loop import State
-from delam_fem.simulation.recorder import EFFORT, HIT, Recorder
+from delam_fem.simulation.recorder import EFFORT, HIT
 from delam_fem.simulation.refinement import Refinement
 
 CLOSED = 1e-9

@@ -11,12 +11,16 @@ from calibration.oscillator import forcing, impact_phase, orbit, oscillator
 from kit import covering
 from problems import Law, simulate
 
-from delam_fem.case.files import preset
-from delam_fem.contact.laws import COMBINATIONS, combined_name
-from delam_fem.engines.session import session_of
+from delam_fem.api import (
+    COMBINATIONS,
+    LEDGER,
+    BaseCoupling,
+    Operators,
+    combined_name,
+    preset,
+    session_of,
+)
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.simulation.recorder import LEDGER
 
 RESTITUTIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
 RIGID = [combined_name(law, scheme) for law, scheme in COMBINATIONS if law == "newton"]

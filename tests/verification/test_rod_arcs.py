@@ -9,7 +9,7 @@ import pytest
 from rod_arcs import UNIT, Orbit, Rod, folds
 
 import delam_fem as df
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 
 ROD = Path(__file__).parents[2] / "docs" / "examples" / "others" / "rod.toml"
 

@@ -10,7 +10,7 @@ import pytest
 from saltation import StoppedSystem, exact_orbit
 from scipy.optimize import brentq
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 
 EXACT = 1e-8
 DOUBLING = 1e-9

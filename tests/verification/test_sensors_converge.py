@@ -10,9 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.model.discretise import assemble
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import Case, FloatArray, assemble
 
 AT: dict[str, Any] = {"lamina": "thin", "position": 0.685}
 ROOT: dict[str, Any] = {"lamina": "thin", "position": 0.1}

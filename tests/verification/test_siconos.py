@@ -16,12 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.excitation import base_motion
-from delam_fem.case.files import preset
+from delam_fem.api import Case, FloatArray, base_motion, preset, run
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.types import FloatArray
-from delam_fem.pipeline import run
 
 pytestmark = [
     pytest.mark.siconos,

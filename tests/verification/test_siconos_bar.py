@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 from problems import Bar, Law, Motions, simulate
 
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, Operators
 
 pytestmark = [
     pytest.mark.siconos,

@@ -10,15 +10,10 @@ import numpy as np
 import pytest
 from problems import Law, simulate
 
-from delam_fem.case.files import preset
+from delam_fem.api import SCHEMES, FloatArray, Impulse, Operators, Setting, preset, run
 from delam_fem.contact import laws
-from delam_fem.contact.decisions import Setting
-from delam_fem.contact.laws import SCHEMES, Impulse
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import FloatArray
-from delam_fem.pipeline import run
 
 ROUND_OFF = 1e-12
 """Relative to the kinetic energy."""

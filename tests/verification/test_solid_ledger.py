@@ -6,8 +6,7 @@ thousand times the displacement. A scheme that forms u + Δt² a loses the digit
 
 import pytest
 
-from delam_fem.case.files import preset
-from delam_fem.pipeline import run
+from delam_fem.api import preset, run
 
 
 @pytest.mark.parametrize(

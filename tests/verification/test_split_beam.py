@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from split_beam import SplitBeam
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, lowest, preset
 from delam_fem.model.beams import closed_form, forms
-from delam_fem.model.linear import kept_closed, lowest
+from delam_fem.model.linear import kept_closed
 
 E, RHO, H, L, B = 70e9, 2700.0, 0.002, 0.4, 0.02
 UNIT = 2.0 * math.pi * L**2 * math.sqrt(12.0 * RHO / (E * H**2))

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from problems import ball
 
-from delam_fem.contact.laws import SCHEMES, Law
-from delam_fem.engines.session import EngineName, solve
-from delam_fem.simulation.loop import State
+from delam_fem.api import SCHEMES, EngineName, Law, State, solve
 
 STEP = 0.125
 """Time step [s]; exact in binary, as are the heights."""

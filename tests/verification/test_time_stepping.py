@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, State, node_coordinates, preset, run
 from delam_fem.model.beams import closed_form, forms
-from delam_fem.model.mesh import node_coordinates
 from delam_fem.numerics.beams import transmissibility
-from delam_fem.pipeline import run
 from delam_fem.reference import matrices
 from delam_fem.reference.loop import simulate_reference
-from delam_fem.simulation.loop import State
 
 UNDAMPED = {
     "lamina.thick.damping_ratio": 0.0,

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import pytest
 
-from delam_fem.case.keys import KINDS, case_text, tables
+from delam_fem.api import tables
+from delam_fem.case.keys import KINDS, case_text
 
 
 def test_all_keys_are_the_stored_ones(stored: Callable[[str], None]) -> None:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from delam_fem.case.files import PRESETS, preset
-from delam_fem.case.keys import Table, tables
+from delam_fem.api import PRESETS, preset, tables
+from delam_fem.case.keys import Table
 
 
 def table(name: str, kind: str = "") -> Table:

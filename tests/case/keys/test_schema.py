@@ -8,9 +8,9 @@ from typing import Any
 import jsonschema
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import PRESETS, preset, preset_text
-from delam_fem.case.keys import case_schema, tables
+from delam_fem.api import PRESETS, Case, preset, tables
+from delam_fem.case.files import preset_text
+from delam_fem.case.keys import case_schema
 
 
 @pytest.fixture(scope="module")

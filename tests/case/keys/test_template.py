@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset
-from delam_fem.case.keys import KINDS, WIDTH, KindName, case_text, tables
+from delam_fem.api import Case, load_case, preset, tables
+from delam_fem.case.keys import KINDS, WIDTH, KindName, case_text
 
 PRESETS = {"apart": "default", "paper": "paper", "layered": "embedded", "edge": "edge"}
 

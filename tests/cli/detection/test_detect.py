@@ -90,7 +90,7 @@ def test_a_bad_scan_leaves_no_folder_behind(tmp_path: Path) -> None:
 def test_a_measured_file_is_judged_like_a_simulated_scan(tmp_path: Path) -> None:
     import numpy as np
 
-    from delam_fem.case.files import preset
+    from delam_fem.api import preset
     from delam_fem.studies.detection.detect import simulated
     from delam_fem.studies.detection.study import Scan
 

@@ -66,7 +66,7 @@ def test_infer(tmp_path: Path) -> None:
 def test_infer_takes_a_measured_scan(tmp_path: Path) -> None:
     import numpy as np
 
-    from delam_fem.case.files import preset
+    from delam_fem.api import preset
     from delam_fem.studies.detection.detect import simulated
     from delam_fem.studies.detection.study import Scan
 

@@ -11,8 +11,23 @@ import pytest
 import scipy.sparse as sp
 from kit import compiled
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import (
+    BaseCoupling,
+    Case,
+    CaseError,
+    FloatArray,
+    Operators,
+    Recorder,
+    Span,
+    State,
+    engine_of,
+    law_of,
+    motion_of,
+    preset,
+    scheme_of,
+    set_initial,
+    span_of,
+)
 from delam_fem.contact import complementarity
 from delam_fem.contact.decisions import IMPACTS, MOREAU, PENALTY, LawNumbers
 from delam_fem.engines.compiled import (
@@ -26,14 +41,8 @@ from delam_fem.engines.compiled import (
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
 from delam_fem.engines.compiled.state import Log, packed, view_at
 from delam_fem.engines.compiled.system import Problem, StepNumbers, build
-from delam_fem.engines.session import engine_of, law_of, motion_of, scheme_of, span_of
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.loop import State, set_initial, simulate
-from delam_fem.simulation.recorder import Recorder
-from delam_fem.simulation.refinement import Span
-from delam_fem.system.errors import CaseError
+from delam_fem.simulation.loop import simulate
 
 ROUND_OFF = 1e-11
 """Relative, of a few hundred operations on matrices of condition 1e6 and less."""

@@ -9,13 +9,10 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.contact.laws import SCHEMES
+from delam_fem.api import SCHEMES, Operators, Solution, State, solve
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.engine import compiled_engine
-from delam_fem.engines.session import Solution, solve
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
-from delam_fem.simulation.loop import State
 
 F, A = 63.7, 6.2e-7
 SAME = 1e-7

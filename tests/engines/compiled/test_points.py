@@ -9,13 +9,11 @@ import numba
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import FloatArray, Operators, preset
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.state import Memory, memory, packed, view_at
 from delam_fem.engines.compiled.system import StepNumbers, System, build
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import FloatArray
 
 SCHEME = StepNumbers.moreau_jean(1e-4)
 SHAPES: list[dict[str, object]] = [

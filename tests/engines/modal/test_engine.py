@@ -11,11 +11,9 @@ import pytest
 from massless import massless
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.engines.session import session_of
+from delam_fem.api import LEDGER, Case, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.beams import transmissibility
-from delam_fem.simulation.recorder import LEDGER
 
 SHORT: dict[str, object] = {
     "mesh__elements": 8,

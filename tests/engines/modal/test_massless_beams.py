@@ -9,13 +9,10 @@ import pytest
 from kit import covering, invoke
 
 import delam_fem as df
-from delam_fem.case.definition import Case
+from delam_fem.api import Case, assemble, lowest, motion_of, reduce, session_of
 from delam_fem.contact.complementarity import solve
-from delam_fem.engines.session import ENGINES, motion_of, session_of
+from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
-from delam_fem.model.discretise import assemble
-from delam_fem.model.linear import lowest
-from delam_fem.model.reduced import reduce
 from delam_fem.studies.detection.detect import Scan, simulated
 from delam_fem.studies.detection.modulation import pump_of
 

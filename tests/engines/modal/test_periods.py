@@ -7,10 +7,8 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import brentq
 
+from delam_fem.api import BaseCoupling, Operators, Periods, Reduced, reduce
 from delam_fem.contact.complementarity import solve
-from delam_fem.engines.modal import Periods
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.reduced import Reduced, reduce
 
 
 def mass_at_stop(compliance: float, creep: float, gap: float = 0.0) -> Reduced:

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import Operators, preset
 from delam_fem.contact.decisions import Decision
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
 
 DT = 2e-4
 ROUND_OFF = 1e-8

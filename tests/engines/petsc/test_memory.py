@@ -7,9 +7,9 @@ import sys
 
 import scipy.sparse as sp
 
+from delam_fem.api import MPI
 from delam_fem.engines.petsc import linear_algebra  # noqa: F401  # it starts PETSc
 from delam_fem.model.operators import matrix
-from delam_fem.system.mpi import MPI
 
 
 def test_a_matrix_of_one_rank_is_in_the_memory_of_its_rows() -> None:

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import Operators, preset
 from delam_fem.contact.decisions import NO_PAIRS, Decision
 from delam_fem.engines.petsc import newmark, theta
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
 from delam_fem.simulation.refinement import AHEAD, BACK
 
 ROUND_OFF = 1e-9

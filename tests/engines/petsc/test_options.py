@@ -13,12 +13,10 @@ import scipy.sparse as sp
 from project import ROOT
 
 import delam_fem as df
-from delam_fem.case.files import preset
+from delam_fem.api import MPI, Solution, preset, solve
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.engines.session import Solution, solve
 from delam_fem.model import discretise
 from delam_fem.model.operators import matrix, with_near_null
-from delam_fem.system.mpi import MPI
 
 from petsc4py import PETSc  # isort: skip  # the door to MPI comes first
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.model.beams import forms
 
 WEDGE_ROOT = 5.3151

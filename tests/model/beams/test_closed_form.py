@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, Structure, preset
 from delam_fem.model.beams.closed_form import (
     assemble,
     element_lumped_mass,
     element_mass,
     element_stiffness,
 )
-from delam_fem.model.layout import Structure
-from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-12  # relative to the largest entry
 H, EI, RHO_A = 0.37, 1.7, 0.23

@@ -7,10 +7,8 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, Operators, preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import operator_differences
 

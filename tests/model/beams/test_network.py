@@ -7,14 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, Operators, Structure, lowest, network, preset
 from delam_fem.model.beams import closed_form, forms
-from delam_fem.model.beams.network import joined, network
-from delam_fem.model.layout import BASE, DISPLACEMENT, FIXED, Structure
-from delam_fem.model.linear import kept_closed, lowest
-from delam_fem.model.operators import Operators
-from delam_fem.system.errors import CaseError
+from delam_fem.model.beams.network import joined
+from delam_fem.model.layout import BASE, DISPLACEMENT, FIXED
+from delam_fem.model.linear import kept_closed
 
 ROUND_OFF = 1e-11
 """Relative to the largest entry; assembled, transformed and condensed in another order."""

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import Operators, preset
 from delam_fem.model.beams import closed_form
 from delam_fem.model.modal import basis_of
-from delam_fem.model.operators import Operators
 
 ROUND_OFF = 1e-9
 """Of static shapes, relative to stiffnesses that differ by the fourth power of the elements."""

@@ -5,11 +5,10 @@ import pytest
 import scipy.sparse as sp
 from scipy.linalg import eigh
 
-from delam_fem.case.files import preset
+from delam_fem.api import BaseCoupling, Operators, preset
 from delam_fem.model import factors
 from delam_fem.model.beams import closed_form
 from delam_fem.model.modal import bodies
-from delam_fem.model.operators import BaseCoupling, Operators
 
 
 def chain(n: int, *, is_held: bool) -> Operators:

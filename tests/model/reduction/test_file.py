@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 from project import ROOT
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset
-from delam_fem.model.discretise import assemble
-from delam_fem.model.reduction import Reduction, reduced_case
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import read_arrays, write_arrays
+from delam_fem.api import (
+    Case,
+    CaseError,
+    assemble,
+    load_case,
+    preset,
+    read_arrays,
+    reduced_case,
+    write_arrays,
+)
+from delam_fem.model.reduction import Reduction
 
 SMALL = {"mesh.elements": 6}
 SENSOR = {"name": "s", "quantity": "displacement", "lamina": "thin", "position": 0.3}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.model import layout
 from delam_fem.model.beams import closed_form
 from delam_fem.model.modal import basis_of, projected

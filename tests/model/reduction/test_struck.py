@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case
+from delam_fem.api import Case, FloatArray, assemble, load_case, nodal, reduced_case
 from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
-from delam_fem.model.discretise import assemble
-from delam_fem.model.layout import nodal
-from delam_fem.model.reduction import reduced_case
-from delam_fem.numerics.types import FloatArray
 
 L = 0.5
 LAMINA = {

@@ -7,13 +7,11 @@ from bricks import two_bricks
 from crew import Crew
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, Structure, lowest, preset
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
-from delam_fem.model.layout import DISPLACEMENT, Structure
-from delam_fem.model.linear import lowest
+from delam_fem.model.layout import DISPLACEMENT
 from delam_fem.model.solids.assembly import assemble, whole_bodies
-from delam_fem.system.errors import CaseError
 
 PLANE = {"model.kind": "plane-stress", "mesh.elements": 20}
 SOLID = {"model.kind": "solid", "model.strips": 2, "mesh.elements": 10}

@@ -5,14 +5,13 @@ import pytest
 import scipy.sparse as sp
 from bricks import two_bricks
 
-from delam_fem.case.files import preset
+from delam_fem.api import MPI, preset
 from delam_fem.model.solids import unknowns
 from delam_fem.model.solids.assembly import assemble
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.model.solids.unknowns import Columns
-from delam_fem.system.mpi import MPI
 
 COUNTS = {"quadrilateral": (3, 2), "hexahedron": (2, 2, 1)}
 ROUND_OFF = 1e-12

@@ -6,8 +6,8 @@ import pytest
 import scipy.sparse as sp
 from bricks import two_bricks
 
+from delam_fem.api import MPI
 from delam_fem.model.solids.forms import Solid
-from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 COUNTS = {

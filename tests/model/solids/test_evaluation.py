@@ -6,9 +6,9 @@ import pytest
 from bricks import two_bricks
 from crew import Crew
 
+from delam_fem.api import MPI
 from delam_fem.model.solids.forms import Solid, evaluate
 from delam_fem.model.solids.mesh import SolidMesh, locate
-from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 ROUND_OFF = 1e-11  # relative; derivatives of cubic polynomials in cells of size 0.1

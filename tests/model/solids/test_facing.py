@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from bricks import two_bricks
 from scipy.sparse.linalg import splu
 
-from delam_fem.model.layout import Part
+from delam_fem.api import MPI, Part
 from delam_fem.model.solids.facing import (
     Pairs,
     Points,
@@ -23,7 +23,6 @@ from delam_fem.model.solids.facing import (
 )
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import Facing, SolidMesh
-from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 ROUND_OFF = 1e-12

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, preset
 from delam_fem.model.solids.mesh import FACETS, SolidMesh
 from delam_fem.model.solids.meshing import MOST_DOFS, bonded_cells, lattice
-from delam_fem.system.errors import CaseError
 
 
 def plane(name: str, **overrides: object) -> Case:

@@ -11,16 +11,11 @@ from bricks import MESHES, case_of
 from crew import Crew
 from project import ROOT
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, assemble, preset, run, solid_mesh
 from delam_fem.model import linear
-from delam_fem.model.discretise import assemble
 from delam_fem.model.solids import meshing
 from delam_fem.model.solids.facing import at_vertices, project
 from delam_fem.model.solids.mesh import SolidMesh, volumes
-from delam_fem.model.solids.meshing import solid_mesh
-from delam_fem.pipeline import run
-from delam_fem.system.errors import CaseError
 
 Array = npt.NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from crew import Crew
 
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 
 L = 0.5
 LOWER = {

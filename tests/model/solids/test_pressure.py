@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from bricks import two_bricks
 
+from delam_fem.api import MPI, FloatArray
 from delam_fem.model import _dolfinx
 from delam_fem.model.solids.body import Body, Shape
 from delam_fem.model.solids.facing import at_places, at_vertices, project
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import FACETS
-from delam_fem.numerics.types import FloatArray
-from delam_fem.system.mpi import MPI
 
 COUNTS = {
     "triangle": ((5, 2), (7, 1)),

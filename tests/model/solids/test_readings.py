@@ -6,13 +6,11 @@ import pytest
 import scipy.sparse as sp
 from bricks import two_bricks
 
-from delam_fem.case.files import preset
+from delam_fem.api import MPI, CaseError, preset
 from delam_fem.model.layout import DISPLACEMENT, SLOPE, Reading
 from delam_fem.model.solids import body
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.system.errors import CaseError
-from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 ROUND_OFF = 1e-11

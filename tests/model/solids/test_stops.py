@@ -10,10 +10,9 @@ import pytest
 from crew import Crew
 
 from delam_fem import CaseError, Result, run
-from delam_fem.case.definition import Case
+from delam_fem.api import Case, lowest
 from delam_fem.engines.session import ENGINES
 from delam_fem.model import discretise
-from delam_fem.model.linear import lowest
 
 L, WIDTH, THICKNESS = 0.5, 0.02, 0.005
 LAMINA = {

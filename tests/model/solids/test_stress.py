@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from bricks import two_bricks
 
+from delam_fem.api import MPI, FloatArray
 from delam_fem.model.solids.body import Body, Shape
 from delam_fem.model.solids.forms import COMPONENTS, Solid, sampled, von_mises
-from delam_fem.numerics.types import FloatArray
-from delam_fem.system.mpi import MPI
 
 YOUNG, NU = 3.0, 0.3
 COUNTS = {

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from bricks import two_bricks
 
-from delam_fem.case.files import preset
+from delam_fem.api import MPI, CaseError, preset
 from delam_fem.model.solids.body import surface
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.model.solids.unknowns import Held, Unknowns, held, neutral_axis
-from delam_fem.system.errors import CaseError
-from delam_fem.system.mpi import MPI
 
 EMBEDDED = {"model.kind": "plane-stress", "mesh.elements": 10}
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from delam_fem.case.files import preset
+from delam_fem.api import MPI, preset
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.model.solids.unknowns import SHARED, Unknowns, held
-from delam_fem.system.mpi import MPI
 
 CASES = {
     "apart": ("default", {}),

@@ -14,10 +14,9 @@ from synthetic import FRAMES, NODES, STEPS, WINDOW, small_case, synthetic_histor
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 import delam_fem as df
+from delam_fem.api import CaseError, Result
 from delam_fem.results.diagnostics import summary
-from delam_fem.results.folder import Result
 from delam_fem.studies.signals.reading import scan
-from delam_fem.system.errors import CaseError
 
 CASE = small_case()
 HISTORY = synthetic_history(CASE)

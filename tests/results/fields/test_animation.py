@@ -10,13 +10,11 @@ from PIL import Image, ImageSequence
 from synthetic import FRAMES, WINDOW, small_case, synthetic_history
 
 from delam_fem import run
-from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
+from delam_fem.api import Case, CaseError, save_case
 from delam_fem.results.fields import animation
 from delam_fem.results.fields.animation import LIGHTS, SIZE, animate, write_film
 from delam_fem.results.figures.style import lamina_colours
 from delam_fem.simulation.recorder import HIT, RESTING
-from delam_fem.system.errors import CaseError
 
 PERIODS = 0.3
 """Length of the films: frames 14 to 19 of the last period."""

@@ -13,9 +13,8 @@ from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 import delam_fem as df
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray, Result
 from delam_fem.results.fields.derived import Frames, contact_force_of_laminae, write_solid
-from delam_fem.results.folder import Result
 
 KEYS = {
     "excitation.frequency": 3.25,

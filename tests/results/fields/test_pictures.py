@@ -8,7 +8,7 @@ import xarray as xr
 from stack import STOPS, three_laminae, with_stops
 from synthetic import small_case, synthetic_history
 
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 from delam_fem.case.sections import InnerSupport, Support
 from delam_fem.results.fields import pictures
 

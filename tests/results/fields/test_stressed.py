@@ -9,11 +9,11 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import delam_fem as df
+from delam_fem.api import Result, load_numbers
 from delam_fem.cli.app import app
 from delam_fem.results.fields import animation, pictures
 from delam_fem.results.fields.vtkhdf import Series
-from delam_fem.results.folder import Result, save_views
-from delam_fem.results.reading import load_numbers
+from delam_fem.results.folder import save_views
 
 KEYS = {
     "excitation.frequency": 3.25,

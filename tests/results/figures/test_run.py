@@ -14,8 +14,9 @@ from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case
+from delam_fem.api import style
 from delam_fem.results.fields.derived import scalars_of
-from delam_fem.results.figures import run as contact_figures, run as figures, style
+from delam_fem.results.figures import run as contact_figures, run as figures
 from delam_fem.results.figures.style import (
     DPI,
     HISTORY_PERIODS,

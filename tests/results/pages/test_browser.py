@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from synthetic import small_case, synthetic_history
 
-from delam_fem.results import diagnostics
+from delam_fem.api import diagnostics
 from delam_fem.results.figures import run as figures
 from delam_fem.results.pages import report
 

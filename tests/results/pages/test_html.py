@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from delam_fem.results.pages import html
+from delam_fem.api import html
 from delam_fem.results.pages.html import (
     Cell,
     Code,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem import run
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 from delam_fem.results.fields.pictures import CORNERS, Ribbons
 from delam_fem.results.figures.run import contact_line
 from delam_fem.results.pages.report import film

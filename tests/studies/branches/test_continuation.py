@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from toys import DelayedLogistic, Henon, Toy
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.orbits import continuation
 from delam_fem.studies.orbits.continuation import (
     Path,

@@ -16,11 +16,11 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
+from delam_fem.api import CaseError
 from delam_fem.studies.orbits import follow as following
 from delam_fem.studies.orbits.follow import FOLDER, RESULT, follow
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.studies.orbits.study import Follow
-from delam_fem.system.errors import CaseError
 
 SMALL = {"mesh.elements": 3, "time.steps_per_period": 60, "excitation.frequency": 3.8}
 FEW = Perturbations(copies=4)

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import load_case, preset
+from delam_fem.api import Case, CaseError, load_case, preset
 from delam_fem.numerics.statistics import orders_of_errors
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import (
@@ -24,7 +23,6 @@ from delam_fem.studies.convergence.ladder import (
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
 from delam_fem.studies.convergence.study import Converge
 from delam_fem.studies.linear import first_frequencies
-from delam_fem.system.errors import CaseError
 
 CASE = preset("default", {"damping.rayleigh": "stiffness"})
 DECAYING = preset("default", {f"lamina.{name}.damping_ratio": 0.05 for name in ("thick", "thin")})

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset
 from delam_fem.studies.convergence import run as run_module
 from delam_fem.studies.convergence.analysis import (
     FREE_FLOOR,
@@ -27,7 +27,6 @@ from delam_fem.studies.convergence.analysis import (
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, method
 from delam_fem.studies.convergence.run import RESULT, load_results, run_ladder
 from delam_fem.studies.convergence.rung import RungResult, converging, extrema
-from delam_fem.system.errors import CaseError
 
 CASE, LAW = preset("default"), "newton@moreau-jean"
 STEPS, MESHES = (500, 1000, 2000, 4000), (5, 10, 20, 40)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.case.definition import Case
+from delam_fem.api import Case, CaseError
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.studies.convergence.analysis import Convergence, verdict
 from delam_fem.studies.convergence.ladder import FREE, Ladder, method
 from delam_fem.studies.convergence.rung import compute
-from delam_fem.system.errors import CaseError
 
 FILE_ORDER = {2: [0, 1], 4: [0, 1, 3, 2], 8: [0, 1, 3, 2, 4, 5, 7, 6]}
 """Vertices of facets and cells in the order of gmsh."""

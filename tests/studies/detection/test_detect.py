@@ -6,14 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, json_ready, preset
 from delam_fem.studies.detection.detect import detect, intact, per_sample, per_shape, simulated
 from delam_fem.studies.detection.indices import mark
 from delam_fem.studies.detection.study import Detect, Scan
 from delam_fem.studies.signals.scan import shapes_of
-from delam_fem.system.errors import CaseError
-from delam_fem.system.files import json_ready
 
 
 def embedded(frequency: float, **keys: object) -> Case:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset
 from delam_fem.studies.detection.detect import detect, intact
 from delam_fem.studies.detection.excitation import (
     RATIOS,
@@ -15,7 +15,6 @@ from delam_fem.studies.detection.excitation import (
     excitation_figure,
     excitation_map,
 )
-from delam_fem.system.errors import CaseError
 
 COARSE = {"mesh.elements": 20}
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.numerics.statistics import Posterior, uniform
 from delam_fem.studies.detection.indices import curvature
 from delam_fem.studies.detection.infer import (

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, preset
 from delam_fem.model.beams import closed_form
 from delam_fem.studies.detection.detect import intact, simulated
 from delam_fem.studies.detection.study import Scan
 from delam_fem.studies.linear import linear_amplitudes, settling_periods, steady_motion
 from delam_fem.studies.signals.scan import scan_positions, shapes_of, surface_of
-from delam_fem.system.errors import CaseError
 
 COARSE = {"mesh.elements": 20, "time.steps_per_period": 100}
 

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
+from delam_fem.api import Case, CaseError, preset
 from delam_fem.studies.detection import modulation as module
 from delam_fem.studies.detection.detect import common_turns, intact, simulated
 from delam_fem.studies.detection.indices import sideband_ratio
 from delam_fem.studies.detection.modulation import modulation, pump_of
 from delam_fem.studies.detection.study import Modulate, Scan
 from delam_fem.studies.signals.scan import amplitudes
-from delam_fem.system.errors import CaseError
 
 PUMP, PROBE = 60.0, 350.0
 

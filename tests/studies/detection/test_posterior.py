@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.numerics.statistics import Posterior
 from delam_fem.studies.detection.infer import Inferred, observed, prior_of, truth_of
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.population import (
     ELEMENTS,
@@ -20,7 +20,6 @@ from delam_fem.studies.detection.population import (
     roc,
     trials,
 )
-from delam_fem.system.errors import CaseError
 
 
 def test_the_regression_finds_the_curve_that_made_the_hits() -> None:

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import delam_fem as df
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 from delam_fem.cli.app import app
 from delam_fem.studies.detection.detect import intact
 from delam_fem.studies.detection.tap import LEAST, index, lengths, limits, noisy, taps

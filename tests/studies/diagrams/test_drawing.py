@@ -16,9 +16,8 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset, settling as at
 from delam_fem.cli.app import app
-from delam_fem.numerics import settling as at
 from delam_fem.results.figures.style import edges, styled
 from delam_fem.studies.diagrams import (
     POINT_STYLE,
@@ -27,7 +26,6 @@ from delam_fem.studies.diagrams import (
     diagram,
     save_diagram,
 )
-from delam_fem.system.errors import CaseError
 
 N_STROBES = 64
 FREQUENCIES = np.array([3.0, 3.2, 3.4, 3.6, 3.8])

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from delam_fem import load_sweep
-from delam_fem.case.files import preset
+from delam_fem.api import preset
 from delam_fem.case.toml import parse_override
 from delam_fem.results.figures.style import ORANGE, SKY
 from delam_fem.studies import diagrams

@@ -11,7 +11,7 @@ import xarray as xr
 
 import delam_fem as df
 from delam_fem import CaseError
-from delam_fem.case.definition import Case
+from delam_fem.api import Case
 from delam_fem.studies.identification.identify import drawn, of_rig
 from delam_fem.studies.signals.reading import SCHEMA
 from delam_fem.studies.signals.writing import write_measured

@@ -2,11 +2,8 @@ import numpy as np
 import pytest
 from calibration.resonance import Rig, tip
 
-from delam_fem.case.excitation import SweptMotion
-from delam_fem.case.files import preset
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import CaseError, FloatArray, SweptMotion, preset
 from delam_fem.studies.identification.resonance import BLOCKS, Resonance, _covariance, fit
-from delam_fem.system.errors import CaseError
 
 FREQUENCY, D, NOISE = 1.4357, 0.008, 1e-4
 SIGMAS = 3.5

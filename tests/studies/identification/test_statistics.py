@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from delam_fem.api import CaseError
 from delam_fem.studies.identification import identify
-from delam_fem.system.errors import CaseError
 
 FREQUENCY = 3.25
 RNG = np.random.default_rng(7)

@@ -4,8 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
-from delam_fem.engines.session import session_of
+from delam_fem.api import CaseError, preset, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.statistics import Posterior, uniform
 from delam_fem.studies.identification.identify import (
@@ -18,7 +17,6 @@ from delam_fem.studies.identification.identify import (
     tips_of,
 )
 from delam_fem.studies.sweeps.point import probe_motion
-from delam_fem.system.errors import CaseError
 
 CASE = {
     "time.mass": "lumped",

@@ -4,10 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset
 from delam_fem.studies.identification.resonance import HEADING, identified
 from delam_fem.studies.identification.study import Resonance
-from delam_fem.system.errors import CaseError
 
 SWEEP = {
     "excitation.kind": "sweep",

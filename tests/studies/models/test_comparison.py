@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset
 from delam_fem.studies.models import ModelComparison, Motion, compare_models, difference_until
-from delam_fem.system.errors import CaseError
 
 CASE = preset("default", {"mesh.elements": 8, "time.steps_per_period": 500, "time.refine": 4})
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toys import Henon
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 
 

@@ -9,7 +9,7 @@ import pytest
 from massless import massless
 
 import delam_fem as df
-from delam_fem.case.identity import identity
+from delam_fem.api import identity
 from delam_fem.studies.orbits import maps
 from delam_fem.studies.orbits.maps import KeptMap
 from delam_fem.studies.orbits.newton import Perturbations

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.engines.session import session_of
+from delam_fem.api import CaseError, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily
 from delam_fem.studies.orbits.search import settled
-from delam_fem.system.errors import CaseError
 
 SMALL = {
     "mesh.elements": 4, "time.steps_per_period": 200, "time.periods": 30,

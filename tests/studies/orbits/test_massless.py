@@ -5,7 +5,7 @@ import pytest
 from massless import massless
 
 import delam_fem as df
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.maps import ModalMap
 
 

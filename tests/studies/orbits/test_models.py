@@ -10,9 +10,9 @@ import pytest
 from massless import massless
 
 import delam_fem as df
+from delam_fem.api import CaseError
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.studies.orbits.search import map_of, usual
-from delam_fem.system.errors import CaseError
 
 SMALL = {"mesh__elements": 8, "time__steps_per_period": 200, "excitation__frequency": 3.45}
 FEW = Perturbations(copies=4, size=1e-3, kick=0.03)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from massless import massless
 
-from delam_fem.numerics.types import FloatArray
+from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.maps import ModalMap, Nature, Passage, PeriodMap, Slow
 from delam_fem.studies.orbits.newton import Powered, derivative_at, shoot
 

@@ -6,6 +6,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.stats import linregress
 
+from delam_fem.api import CaseError
 from delam_fem.studies.signals.alignment import (
     MOST_SAMPLES,
     Alignment,
@@ -16,7 +17,6 @@ from delam_fem.studies.signals.alignment import (
     gains,
     matched,
 )
-from delam_fem.system.errors import CaseError
 
 N, CYCLES, PERIOD = 200, 6, 0.5
 

@@ -10,10 +10,10 @@ import xarray as xr
 from scipy.signal import chirp, max_len_seq
 from typer.testing import CliRunner
 
+from delam_fem.api import CaseError
 from delam_fem.cli.app import app
 from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.responses import poles, pulses, with_responses
-from delam_fem.system.errors import CaseError
 
 RATE, BLOW = 4000.0, 0.004
 """Samples per second, and the duration of a blow [s]; 16 samples know its force to 0.3 %."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kit import refusal as message
 
-from delam_fem.case.tables import heading
+from delam_fem.api import heading
 from delam_fem.studies.signals.channels import (
     Column,
     Sheet,

@@ -11,8 +11,8 @@ import xarray as xr
 from measurements import write_csv
 from typer.testing import CliRunner
 
+from delam_fem.api import write_dataset
 from delam_fem.cli.app import app
-from delam_fem.results.netcdf import write_dataset
 from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.responses import with_free_vibrations
 

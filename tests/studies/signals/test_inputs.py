@@ -18,8 +18,8 @@ import pyuff
 import xarray as xr
 from scipy.io import savemat
 
+from delam_fem.api import CaseError
 from delam_fem.studies.signals.reading import lines, read_measured
-from delam_fem.system.errors import CaseError
 
 N, RATE = 40, 200.0
 TIME = np.arange(N) / RATE

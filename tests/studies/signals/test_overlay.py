@@ -15,10 +15,9 @@ from scipy.stats import binom
 from synthetic import AMPLITUDES, SWEEP, small_case, synthetic_history
 
 import delam_fem as df
+from delam_fem.api import CaseError, Result
 from delam_fem.results.diagnostics import summary
-from delam_fem.results.folder import Result
 from delam_fem.studies.signals.overlay import Overlay
-from delam_fem.system.errors import CaseError
 
 NOISE = 3e-4
 """Standard deviation of the noise [m]: 3 % of the amplitudes."""

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
-from delam_fem.results.folder import Result
+from delam_fem.api import Result
 from delam_fem.results.schema import add
 from delam_fem.studies.signals.overlay import Overlay
 

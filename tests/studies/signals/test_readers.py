@@ -12,6 +12,7 @@ import pyuff
 import xarray as xr
 from scipy.io import savemat
 
+from delam_fem.api import CaseError
 from delam_fem.results.netcdf import read_dataset
 from delam_fem.studies.signals.channels import Sheet
 from delam_fem.studies.signals.readers import (
@@ -23,7 +24,6 @@ from delam_fem.studies.signals.readers import (
     read_universal,
 )
 from delam_fem.studies.signals.reading import sheets_of
-from delam_fem.system.errors import CaseError
 
 N = 9
 TIME = 0.5 + 0.25 * np.arange(N)

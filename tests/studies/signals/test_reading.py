@@ -16,6 +16,7 @@ from scipy.io import savemat
 from synthetic import small_case, synthetic_history
 
 import delam_fem as df
+from delam_fem.api import CaseError
 from delam_fem.case.gap import read_gap_table
 from delam_fem.studies.signals.channels import Channel
 from delam_fem.studies.signals.reading import (
@@ -30,7 +31,6 @@ from delam_fem.studies.signals.reading import (
 )
 from delam_fem.studies.signals.units import unit_of
 from delam_fem.studies.signals.writing import write_all, write_measured
-from delam_fem.system.errors import CaseError
 
 RATE, N = 512.0, 301
 """Samples per second and samples: no multiple of 4 or 6, the numbers in a line of a UFF."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from delam_fem.case.files import preset
+from delam_fem.api import CaseError, preset
 from delam_fem.model.beams import closed_form
 from delam_fem.studies.signals.scan import (
     ORDERS,
@@ -18,7 +18,6 @@ from delam_fem.studies.signals.scan import (
     shapes_of,
     surface_of,
 )
-from delam_fem.system.errors import CaseError
 
 
 def test_points_are_equidistant_from_the_first_to_the_length() -> None:

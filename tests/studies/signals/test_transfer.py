@@ -13,10 +13,10 @@ from measurements import write_csv
 from scipy.signal import cont2discrete, lfilter
 from typer.testing import CliRunner
 
+from delam_fem.api import CaseError
 from delam_fem.cli.app import app
 from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.responses import poles, save_pictures, with_responses
-from delam_fem.system.errors import CaseError
 
 RATE, N, SEGMENT = 200.0, 40_000, 40.0
 MODES = ((3.2, 0.012, 1.0), (19.7, 0.008, -5.0))

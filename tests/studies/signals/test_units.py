@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, strategies as st
 from project import ROOT
 
+from delam_fem.api import CaseError
 from delam_fem.studies.signals.units import QUANTITIES, UNITS, of_quantity, ratio_of, unit_of
-from delam_fem.system.errors import CaseError
 
 PAGE = (ROOT / "docs" / "measured_units.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| (?:`(.*)`|\(nothing\)) \| (.+) \| (.+) \|$", PAGE, re.MULTILINE)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from delam_fem.simulation.loop import State
+from delam_fem.api import CaseError, State
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
 from delam_fem.studies.sweeps.run import run_sweep
-from delam_fem.system.errors import CaseError
 
 ROW = np.arange(3.0)
 STATE = State(np.ones((3, 2)), np.array([True]))

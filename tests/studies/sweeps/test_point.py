@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.case.definition import Case
-from delam_fem.case.files import preset
-from delam_fem.case.values import Section
+from delam_fem.api import Case, Section, preset
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import PointRunner, assembly_key, quantities
 

@@ -10,9 +10,7 @@ import stack
 from stack import three_laminae
 from synthetic import WINDOW
 
-from delam_fem.model.layout import Structure
-from delam_fem.results import diagnostics
-from delam_fem.simulation.recorder import N_BASE
+from delam_fem.api import N_BASE, Structure, diagnostics
 from delam_fem.studies.sweeps.grid import Record
 from delam_fem.studies.sweeps.point import VARIABLES, probe_motion, quantities, row_of
 

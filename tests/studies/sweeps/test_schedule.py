@@ -9,9 +9,9 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 import numpy as np
 import pytest
 
+from delam_fem.api import CaseError
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
 from delam_fem.studies.sweeps.schedule import CHUNK_SECONDS, INDEPENDENT, Schedule, Track
-from delam_fem.system.errors import CaseError
 
 
 class Fake(Executor):

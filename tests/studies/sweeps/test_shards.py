@@ -15,6 +15,7 @@ import pytest
 from project import ROOT
 from typer.testing import CliRunner
 
+from delam_fem.api import CaseError
 from delam_fem.cli.app import app
 from delam_fem.studies.sweeps.dataset import merge_sweep
 from delam_fem.studies.sweeps.grid import Sweep, load_sweep, sweep_of
@@ -22,7 +23,6 @@ from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
 from delam_fem.studies.sweeps.run import run_shard, run_sweep, share_size
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, owners, parse_shard
-from delam_fem.system.errors import CaseError
 
 TINY = """
 base = "paper"
