@@ -193,7 +193,7 @@ if TYPE_CHECKING:
         verdict_of as verdict_of,
     )
     from delam_fem.results.reading import load_numbers as load_numbers
-    from delam_fem.results.record import record_of as record_of
+    from delam_fem.results.record import offered as offered, record_of as record_of
     from delam_fem.results.schema import (
         CHANNEL_MEASURES as CHANNEL_MEASURES,
         MEASURES as MEASURES,
@@ -315,7 +315,7 @@ _HOMES = {
     "results.netcdf": "open_dataset require_alone write_dataset",
     "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
     "results.reading": "load_numbers",
-    "results.record": "record_of",
+    "results.record": "offered record_of",
     "results.schema": (
         "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
         "versions"

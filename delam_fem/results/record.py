@@ -29,7 +29,7 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS
-from delam_fem.model.layout import Structure
+from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results import dataset
 from delam_fem.results.contacts import named
@@ -82,6 +82,39 @@ def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
     return record
 
 
+def offered(layout: Layout, case: Case) -> dict[str, str]:
+    """Return the units of the channels that the record of a case has, by their names."""
+    units: dict[str, str] = {}
+    for name in layout.names:
+        units |= {f"tip_{name}": "m", f"tip_{name}_velocity": "m/s"}
+    units |= {"drive": "N"} if case.excitation.acts_on == "force" else {"base": "m"}
+    striking = [(interface.name, interface.first_pair) for interface in layout.interfaces]
+    striking += [(named(stop.number, case)[1], stop.first_pair) for stop in layout.stops]
+    for name, first_pair in striking:
+        is_recorded = layout.gap_row is not None and first_pair >= layout.first_gap
+        if unit := _contact_unit(case, is_recorded=is_recorded):
+            units[f"contact_{name}"] = unit
+    for sensor in layout.sensors:
+        name = f"{SENSOR}{sensor.name}" if sensor.name in units else sensor.name
+        units[name] = sensor.unit
+    return units
+
+
+def _contact_unit(case: Case, *, is_recorded: bool) -> str:
+    """Return the unit of the channel of a contact; empty: there is none.
+
+    Args:
+        case: case of the run.
+        is_recorded: whether its gaps, and so the forces of its springs, are recorded at each step.
+    """
+    law = case.contact.law
+    if law == "none":
+        return ""
+    if is_recorded or not LAWS[law].spring:
+        return "N"
+    return "" if law == "penalty" else "N s"
+
+
 def record_of(recorder: Recorder, structure: Structure, case: Case) -> xr.Dataset:
     """Return the record of what a recorder has kept in its window; see `of_run`."""
     return of_run(dataset.history(recorder, structure, case, {}), case)
@@ -110,14 +143,16 @@ def _add_tips(record: xr.Dataset, history: xr.Dataset) -> None:
 
 def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray, str]]:
     """Yield name, values and unit of the force, or of the impulses, of each contact."""
-    if "event_node" not in history or case.contact.law == "none":
+    if "event_node" not in history:
         return
     forces = history["contact_force"] if "contact_force" in history else None
     known = [] if forces is None else forces["contact"].to_numpy().tolist()
-    has_spring = bool(LAWS[case.contact.law].spring)
     for name, is_its in _events_of(history, case):
+        unit = _contact_unit(case, is_recorded=name in known)
+        if not unit:
+            continue
         if forces is not None and name in known:
-            yield name, forces[known.index(name)].to_numpy(), "N"
+            yield name, forces[known.index(name)].to_numpy(), unit
             continue
         steps, is_inside = steps_of_events(history)
         chosen = is_its & is_inside
@@ -126,10 +161,7 @@ def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray,
             weights=history["event_impulse"].to_numpy()[chosen],
             minlength=history.sizes["time"],
         ).astype(np.float64)
-        if not has_spring:
-            yield name, impulses / case.time_step, "N"
-        elif case.contact.law != "penalty":
-            yield name, impulses, "N s"
+        yield name, impulses / case.time_step if unit == "N" else impulses, unit
 
 
 def _events_of(history: xr.Dataset, case: Any) -> Iterator[tuple[str, BoolArray]]:

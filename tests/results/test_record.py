@@ -14,7 +14,9 @@ from kit import refusal
 from scipy import sparse
 
 import delam_fem as df
+from delam_fem.model.discretise import assemble
 from delam_fem.results.folder import load_numbers, load_result
+from delam_fem.results.record import offered
 
 M, K, D, F, OMEGA = 0.5, 800.0, 0.05, 2.0, 2.0 * math.pi * 7.0
 """Mass [kg], spring [N/m] (6.37 Hz), damping ratio, force [N] and its angular frequency [rad/s]."""
@@ -169,3 +171,29 @@ def test_probes_of_operators_are_channels() -> None:
     amplitude = F / abs(K - M * OMEGA**2 + 1j * OMEGA * DAMPER)
     values = result.record["tip_end"].to_numpy()
     assert np.ptp(values) / 2.0 == pytest.approx(amplitude, rel=2e-4)
+
+
+STOPS = [{"lamina": "one", "side": "above", "gap": 1.5e-3, "on": "ground"}]
+ELASTIC = [{**STOPS[0], "stiffness": 4000.0}]
+SAME_NAME = {**SENSORS[0], "name": "tip_one", "sampling_rate": 300.0}
+FEW = {"time.periods": 1, "output.window_periods": 1, "mesh.elements": 4}
+FORCES = [{"name": "all", "quantity": "contact force", "between": ["thick", "thin"]}]
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        case_of(sensor=[SAME_NAME]),
+        case_of(stop=STOPS, contact={"law": "newton"}),
+        case_of(stop=ELASTIC, contact={"law": "penalty"}, sensor=[LOAD_CELL]),
+        *(df.preset("paper", {**FEW, "contact.law": law}) for law in ("newton", "penalty")),
+        df.preset("paper", FEW),
+        df.preset("paper", {**FEW, "sensor": FORCES}),
+        df.preset("embedded", FEW),
+    ],
+    ids=["sensor", "rigid", "elastic", "newton", "penalty", "both", "forces", "delamination"],
+)
+def test_the_channels_of_a_case_are_known_before_it_runs(case: df.Case) -> None:
+    record = df.run(case, engine="compiled").record
+    units = {str(name): channel.attrs["units"] for name, channel in record.data_vars.items()}
+    assert offered(assemble(case, needs_dolfinx=False).layout, case) == units

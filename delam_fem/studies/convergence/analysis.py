@@ -99,7 +99,7 @@ class Convergence(Finding):
         ladder = self.ladder
         methods = [*ladder.methods, *([LIMIT] if ladder.has_limit else [])]
         rungs = [ladder.rung(method, ladder.meshes[0], ladder.steps[0]) for method in methods]
-        return {rung.method: channel_units(rung.case, ladder.engine) for rung in rungs}
+        return {rung.method: channel_units(rung.case) for rung in rungs}
 
     @cached_property
     def channels(self) -> tuple[Statistic, ...]:

@@ -41,6 +41,7 @@ from delam_fem.api import (
     first_shapes,
     harmonics,
     is_lost,
+    offered,
     openings,
     record_of,
     session_of,
@@ -151,19 +152,14 @@ def of_channel(name: str, measure: str, units: str) -> Statistic:
     )
 
 
-def channel_units(case: Case, engine: EngineName) -> dict[str, str]:
-    """Return the units of all channels of a case by their names, from a run of one period.
+def channel_units(case: Case) -> dict[str, str]:
+    """Return the units of all channels of a case that may be judged, by their names.
 
     A sensor with a sampling rate is left out: its samples do not fill periods.
     """
-    short = case.with_overrides({"time.periods": 1, "output.window_periods": 1})
-    structure = assemble(short, needs_dolfinx=False)
-    record = record_of(_run(short, structure, engine, None, 0).recorder, structure, short)
-    return {
-        str(name): channel.attrs["units"]
-        for name, channel in record.data_vars.items()
-        if channel.dims == ("time",)
-    }
+    units = offered(assemble(case, needs_dolfinx=False).layout, case)
+    sampled = {sensor.name for sensor in case.sensor if sensor.sampling_rate is not None}
+    return {name: unit for name, unit in units.items() if name not in sampled}
 
 
 def _of_channels(run: _Run, structure: Structure, rung: Rung, size: int) -> Statistics:

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.api import (
+    CHANNEL_MEASURES,
     SENSOR,
     Case,
     CaseError,
@@ -38,7 +39,13 @@ from delam_fem.api import (
 from delam_fem.studies.signals.scan import ORDERS, scan_positions
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
 from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
-from delam_fem.studies.sweeps.point import VARIABLES, PointRunner, Quantity, quantities
+from delam_fem.studies.sweeps.point import (
+    VARIABLES,
+    PointRunner,
+    Quantity,
+    channel_units,
+    quantities,
+)
 from delam_fem.studies.sweeps.schedule import owners
 
 if TYPE_CHECKING:
@@ -120,9 +127,10 @@ def _require_sweep(data: xr.Dataset) -> None:
         == sum(int(data.attrs[f"n_{what}"]) for what in COUNTED[1:])
     )
     assert isinstance(data.attrs["outcome"], str)
+    of_channels = {f"{name}_{key}" for name in file.record.channels for key in CHANNEL_MEASURES}
     for name in data.data_vars:
         kind = data[name].dtype.kind
-        is_known = str(name) in VARIABLES or str(name).startswith(SENSOR)
+        is_known = str(name) in {*VARIABLES, *of_channels} or str(name).startswith(SENSOR)
         assert is_known and kind in ("OUT" if name in ("outcome", "error") else "f")
         assert data[name].dims[: data["outcome"].ndim] == data["outcome"].dims
 
@@ -313,7 +321,8 @@ def write_result(
     hosts, processors = zip(*sorted(joined.machines), strict=True) if joined.machines else ((), ())
     machines = {"hosts": ", ".join(hosts), "processors": ", ".join(sorted(set(processors)))}
     write_json(directory / OCCASION, {**occasion(), **machines, **about})
-    grid, wanted = tuple(sweep.sizes), quantities(sweep.file.record, layout)
+    grid = tuple(sweep.sizes)
+    wanted = quantities(sweep.file.record, layout, channel_units(sweep, layout))
     outer, *inner = sweep.sizes.values()
     per_index, size = math.prod(inner), sum(quantity.size for quantity in wanted)
     step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))

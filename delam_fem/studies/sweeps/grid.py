@@ -219,6 +219,8 @@ class Record(Section):
         harmonics: number of harmonics of the tips whose amplitudes and phases are recorded.
         node_distortion: whether to record d and THD of the displacement at every node.
         energies: whether to record the energy ledger, averaged over the window.
+        channels: names of channels of a run's record, of which min, max, amplitude, rms and mean
+            over the window are kept as NAME_min, ….
         scan: points whose velocity is recorded as complex shapes at multiples of the excitation.
         lyapunov: number of periods for the largest Lyapunov exponent; 0: not computed.
         perturbation: initial distance of the second motion for this exponent, relative to the norm
@@ -230,6 +232,7 @@ class Record(Section):
     harmonics: CountOrNone = 0
     node_distortion: Annotated[bool, Field(strict=True), Expected("true or false")] = False
     energies: Annotated[bool, Field(strict=True), Expected("true or false")] = False
+    channels: Annotated[tuple[str, ...], Expected("a list of different names of channels")] = ()
     scan: ScanRecord | None = None
     lyapunov: CountOrNone = 0
     perturbation: _Perturbation = 0.03

@@ -216,10 +216,12 @@ class Quantity(Variable):
         dims: dimensions beside those of the grid.
         shape: their sizes.
         scan: the points of the scan, if the sweep records one.
+        channel: name of the channel and of its measure; empty: it is no measure of a channel.
     """
 
     shape: tuple[int, ...]
     scan: ScanRecord | None = None
+    channel: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -232,12 +234,40 @@ def scanned(scan: ScanRecord, layout: Layout) -> FloatArray:
     return scan_positions(float(layout.x[-1]), scan.spacing, scan.first)
 
 
-def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
+def channel_units(sweep: Sweep, layout: Layout) -> dict[str, str]:
+    """Return the units of the channels that a sweep keeps, by their names.
+
+    Args:
+        sweep: the sweep.
+        layout: layout of its first point.
+
+    Raises:
+        CaseError: the first point has no such channel.
+    """
+    names = sweep.file.record.channels
+    if not names:
+        return {}
+    from delam_fem.api import offered  # here: it needs xarray, which workers load if they must
+
+    units = offered(layout, sweep.case(0))
+    wrong = [name for name in names if name not in units]
+    if wrong or len(set(names)) < len(names):
+        raise CaseError(
+            f"record.channels: expected different ones of {', '.join(units)}, given "
+            f"{', '.join(wrong or names)}"
+        )
+    return {name: units[name] for name in names}
+
+
+def quantities(
+    record: Record, layout: Layout, channels: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Quantity, ...]:
     """Return the numbers that a sweep keeps of each point, in the order of its row.
 
     Args:
         record: section `record` of the sweep file.
         layout: layout of the structure.
+        channels: what `channel_units` returns.
     """
     sizes = {
         "lamina": len(layout.parts),
@@ -250,7 +280,12 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
     rows = [row for key, group in RECORDED.items() if getattr(record, key) for row in group]
     for own in layout.sensors if record.summary else ():
         rows += of_sensor(own, record.harmonics)
-    return tuple(
+    of_channels = [
+        Quantity(f"{name}_{key}", (), units, f"{measure.meaning} {name}", (), None, (name, key))
+        for name, units in channels.items()
+        for key, measure in CHANNEL_MEASURES.items()
+    ]
+    of_tables = [
         Quantity(
             row.name,
             row.dims,
@@ -260,7 +295,8 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
             record.scan,
         )
         for row in rows
-    )
+    ]
+    return (*of_tables, *of_channels)
 
 
 SETTLED = {"settled": 1.0, "not settled": 0.0, "irregular": -1.0}
@@ -317,6 +353,8 @@ def row_of(
         values |= _node_distortion(recorder, structure.layout)
     for signal in signals(recorder, structure, case):
         values |= _of_signal(signal, case)
+    if any(quantity.channel for quantity in wanted):
+        values |= _of_channels(wanted, recorder, structure, case)
     if "scan_real" in names and (scan := wanted[0].scan) is not None:
         values |= _scan(case, recorder, structure, scan)
     window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]
@@ -344,6 +382,23 @@ def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
         **{f"{name}_{key}": CHANNEL_MEASURES[key].of(value) for key in OF_CHANNEL},
         f"{name}_harmonics": amplitudes,
     }
+
+
+def _of_channels(
+    wanted: tuple[Quantity, ...], recorder: Recorder, structure: Structure, case: Case
+) -> dict[str, npt.ArrayLike]:
+    """Return the measures of channels; what this point has in another unit or not at all is NaN."""
+    from delam_fem.api import record_of  # here: it needs xarray, which workers load if they must
+
+    record = record_of(recorder, structure, case)
+    values: dict[str, npt.ArrayLike] = {}
+    for quantity in wanted:
+        if not quantity.channel:
+            continue
+        name, key = quantity.channel
+        if name in record and record[name].attrs["units"] == quantity.units and record[name].size:
+            values[quantity.name] = CHANNEL_MEASURES[key].of(record[name].to_numpy())
+    return values
 
 
 def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeMotion:
@@ -657,6 +712,11 @@ class PointRunner:
             kind = "" if isinstance(error, CaseError) else f"{type(error).__name__}: "
             return Point(index, "failed", f"{kind}{error}", None), None
 
+    @cached_property
+    def channels(self) -> dict[str, str]:
+        """Units of the channels that the sweep keeps, by their names."""
+        return channel_units(self.sweep, self.structure(self.sweep.case(0)).layout)
+
     def structure(self, case: Case) -> Structure:
         """Return the discretised case, from memory if another case with the same model made it."""
         return self._discretised(case).structure
@@ -724,7 +784,7 @@ class PointRunner:
                     perturbation=record.perturbation,
                 )
                 extra |= {"lyapunov_exponent": found.value, "lyapunov_error": found.error}
-        wanted = quantities(record, layout)
+        wanted = quantities(record, layout, self.channels)
         row = row_of(wanted, case, recorder, structure, extra, decay)
         return Point(index, outcome, "", row), state
 

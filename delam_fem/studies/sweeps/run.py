@@ -57,7 +57,7 @@ from delam_fem.studies.sweeps.dataset import (
 )
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.journal import Joined, Journal, remove_journal
-from delam_fem.studies.sweeps.point import Done, PointRunner, quantities
+from delam_fem.studies.sweeps.point import Done, PointRunner, channel_units, quantities
 from delam_fem.studies.sweeps.schedule import (
     INDEPENDENT,
     MOST_SHARDS,
@@ -486,10 +486,11 @@ def sweep_cost(
     n_workers = workers or executors.n_cores()
     if layout is None:
         layout = PointRunner(sweep).structure(case).layout
+    channels = channel_units(sweep, layout)
     longer = 1.0 + 3.0 * record.lyapunov / case.n_periods
     each = step_hours(case, sweep.file.engine) * longer + POINT_SECONDS / 3600.0
     hours = n * each / n_workers + STUDY_SECONDS / 3600.0
-    row = 8.0 * sum(quantity.size for quantity in quantities(record, layout))
+    row = 8.0 * sum(quantity.size for quantity in quantities(record, layout, channels))
     worker = run_cost(case, sweep.file.engine).memory * n_workers
     files = FILE_BYTES + 2.0 * n * (row + POINT_BYTES)
     return Cost(hours, 8 * n + worker, files, (1 + n_workers) * WORKER_BYTES)
