@@ -176,7 +176,7 @@ def test_probes_of_operators_are_channels() -> None:
 STOPS = [{"lamina": "one", "side": "above", "gap": 1.5e-3, "on": "ground"}]
 ELASTIC = [{**STOPS[0], "stiffness": 4000.0}]
 SAME_NAME = {**SENSORS[0], "name": "tip_one", "sampling_rate": 300.0}
-FEW = {"time.periods": 1, "output.window_periods": 1, "mesh.elements": 4}
+FEW = {"time.periods": 1, "output.window_periods": 1, "mesh.elements": 12}
 FORCES = [{"name": "all", "quantity": "contact force", "between": ["thick", "thin"]}]
 
 
