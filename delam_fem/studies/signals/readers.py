@@ -221,6 +221,7 @@ def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
     if others and others[0] in rows.coords:
         labels = [f"{name} {label}" for label in rows[others[0]].to_numpy()]
     units, quantity = variable.attrs.get("units"), str(variable.attrs.get("quantity", ""))
+    quantity = quantity.removeprefix("base ")  # of a record: "base displacement"
     columns = matrix_columns(name, rows.to_numpy(), labels, units)
     return [replace(column, quantity=quantity) for column in columns]
 

@@ -191,14 +191,36 @@ def _with_histories(
             drives[name] = own
         else:
             words = f"{channel.si.quantity or 'signal'}: {channel.name}"
-            sensors[name] = (("time",), own, {"units": channel.si.units, "long_name": words})
+            about = {"units": channel.si.units, "long_name": words, **_attributes(channel)}
+            sensors[name] = (("time",), own, about)
     laminae = list(dict.fromkeys(lamina for own in tips.values() for lamina in own))
     if laminae:
         data = data.assign_coords(lamina=laminae)
     none = np.full(time.size, np.nan)
     tables = {name: [own.get(lamina, none) for lamina in laminae] for name, own in tips.items()}
     schema.add(data, time=time, **tables, **drives)
+    for quantity, name in OF_TIPS.items():
+        if name in tables:
+            data[name].attrs |= {"quantity": quantity, "place": "the tips"}
+    for name in drives:
+        place = "the base" if name.startswith("base") else "the driven point"
+        data[name].attrs |= {"quantity": name.replace("_", " "), "place": place}
     return data.assign(sensors)  # at once: one by one, thousands take minutes
+
+
+def _attributes(channel: Channel) -> dict[str, Any]:
+    """Return quantity and place of a channel, as a record of a run has them."""
+    is_base = channel.name.lower() == "base"
+    quantity = f"base {channel.si.quantity}" if is_base else channel.si.quantity
+    lamina = channel.lamina or _lamina_of(channel)
+    places = [lamina] if lamina else []
+    attributes: dict[str, Any] = {"quantity": quantity}
+    if lamina:
+        attributes["lamina"] = lamina
+    if channel.position is not None:
+        attributes["x"] = channel.position
+        places.append(f"{channel.position:g} m")
+    return {**attributes, "place": " at ".join(places) or channel.name}
 
 
 def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) -> xr.Dataset:

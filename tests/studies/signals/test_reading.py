@@ -104,6 +104,26 @@ def test_units_of_sensors(tmp_path: Path, unit: str, factor: float, quantity: st
     assert data["sensor_mid"].attrs["units"] == si
 
 
+def test_measured_channels_have_the_attributes_of_a_record(tmp_path: Path) -> None:
+    columns = (TIME, THICK, THIN, THIN, THICK, 9.81 * THIN)
+    path = table(tmp_path / "m.csv", "", *columns)
+    channels = {
+        "tip thick": "col2:m", "tip thin": "col3:m", "mid": "col4:mm/s@120mm/thin",
+        "cell": "col5:N", "base": "col6:g",
+    }  # fmt: skip
+    data = read_measured(path, channels=channels)
+    again = read_measured(write_measured(data, tmp_path / "measured.nc"))
+    for measured in (data, again):
+        expected = {"units": "m/s", "quantity": "velocity", "lamina": "thin", "x": 0.12}
+        assert expected.items() <= measured["sensor_mid"].attrs.items()
+        assert "0.12 m" in measured["sensor_mid"].attrs["place"]
+        assert measured["sensor_base"].attrs["quantity"] == "base acceleration"
+        assert measured["tip_displacement"].attrs["quantity"] == "displacement"
+        cell = measured["sensor_cell"].attrs
+        assert (cell["quantity"], cell["place"], cell["units"]) == ("force", "cell", "N")
+        assert "x" not in cell and "lamina" not in cell
+
+
 def test_columns_without_names_are_assigned(tmp_path: Path) -> None:
     path = table(tmp_path / "m.csv", "", TIME, 1e3 * THICK, THIN)
     data = read_measured(
