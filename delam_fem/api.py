@@ -94,7 +94,7 @@ if TYPE_CHECKING:
         run_cost as run_cost,
         step_hours as step_hours,
     )
-    from delam_fem.engines.modal import Drive as Drive, Period as Period, Periods as Periods
+    from delam_fem.engines.massless import Drive as Drive, Period as Period, Periods as Periods
     from delam_fem.engines.session import (
         EngineName as EngineName,
         ImpactTable as ImpactTable,
@@ -114,7 +114,6 @@ if TYPE_CHECKING:
         span_of as span_of,
         start_of as start_of,
     )
-    from delam_fem.model.attached import struck as struck
     from delam_fem.model.beams.closed_form import beam as beam
     from delam_fem.model.beams.network import network as network
     from delam_fem.model.discretise import (
@@ -149,11 +148,12 @@ if TYPE_CHECKING:
         openings as openings,
         response as response,
     )
+    from delam_fem.model.massless import Reduced as Reduced, reduce as reduce
     from delam_fem.model.mesh import node_coordinates as node_coordinates
     from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
-    from delam_fem.model.reduced import Reduced as Reduced, reduce as reduce
     from delam_fem.model.reduction import reduced_case as reduced_case
     from delam_fem.model.solids.meshing import cells_along as cells_along, solid_mesh as solid_mesh
+    from delam_fem.model.stops_sensors import struck as struck
     from delam_fem.numerics import (
         beams as beams,
         harmonics as harmonics,
@@ -275,7 +275,7 @@ _HOMES = {
     "contact.decisions": "Kinematics Setting",
     "contact.laws": "COMBINATIONS LAWS SCHEMES Impulse Law Scheme combined_name",
     # Structures
-    "model.attached": "struck",
+    "model.stops_sensors": "struck",
     "model.discretise": "assemble require_held require_kind",
     "model.factors": "Factor factored",
     "model.layout": (
@@ -290,7 +290,7 @@ _HOMES = {
     "model.beams.closed_form": "beam",
     "model.beams.network": "network",
     "model.operators": "BaseCoupling Operators",
-    "model.reduced": "Reduced reduce",
+    "model.massless": "Reduced reduce",
     "model.reduction": "reduced_case",
     "model.solids.meshing": "cells_along solid_mesh",
     # Motions
@@ -298,7 +298,7 @@ _HOMES = {
         "FILE_BYTES POINT_SECONDS STUDY_SECONDS WORKER_BYTES Cost require_affordable run_cost "
         "step_hours"
     ),
-    "engines.modal": "Drive Period Periods",
+    "engines.massless": "Drive Period Periods",
     "engines.session": (
         "EngineName ImpactTable Prescribed Session Solution by_period engine_of "
         "initialise_petsc_alone law_of modes_of motion_of scheme_of session session_of solve "

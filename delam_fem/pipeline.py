@@ -40,10 +40,10 @@ from delam_fem.engines.session import (
     solve,
 )
 from delam_fem.model import discretise
-from delam_fem.model.attached import overlap_at_start
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import DistributedOperators, Operators
+from delam_fem.model.stops_sensors import overlap_at_start
 from delam_fem.results import contacts, dataset, diagnostics, quality, record
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, Problem, Result

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import hypothesis
 import pytest
-from crew import Crew
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from mpi_pool import Crew
 
 for name, value in {
     "MPLBACKEND": "Agg",

@@ -9,7 +9,7 @@ import xarray as xr
 
 from delam_fem import Case
 from delam_fem.api import FloatArray, Result, base_motion
-from delam_fem.paper.lab import FREQUENCIES, Laboratory
+from delam_fem.paper.runs import FREQUENCIES, Laboratory
 from delam_fem.results.diagnostics import summary
 from delam_fem.results.schema import add
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from crew import Crew
+from mpi_pool import Crew
 
 import delam_fem as df
 from delam_fem.api import Result

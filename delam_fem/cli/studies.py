@@ -402,7 +402,6 @@ def paper_command(
     quiet: Quiet = False,
 ) -> None:
     """Reproduce the paper: figures, numbers, and its claims beside the computed results."""
-    from delam_fem.paper.lab import FAST, FULL, laboratory
     from delam_fem.paper.reproduce import (
         FIGURES,
         chosen,
@@ -413,6 +412,7 @@ def paper_command(
         tally,
         write_page,
     )
+    from delam_fem.paper.runs import FAST, FULL, laboratory
     from delam_fem.system.files import claimed
 
     names = chosen(figures or [])

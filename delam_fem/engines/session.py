@@ -103,7 +103,7 @@ def engine_of(
         raise CaseError(f"{what}: expected Operators, given DistributedOperators")
     one = cast(Operators, operators)
     if modes is not None:
-        from delam_fem.engines.modal import ModalEngine
+        from delam_fem.engines.massless import ModalEngine
 
         is_open, refine = law.name == "none", refinement.factor
         return ModalEngine(one, modes, time_step, refine, is_open=is_open)

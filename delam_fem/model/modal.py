@@ -368,7 +368,7 @@ def projected(structure: Structure, basis: Basis) -> Structure:
     """Return a structure in the coordinates of a basis.
 
     Deflections and slopes are readings of the coordinates. There is no lumped mass: impulses act
-    through M = I. Sensors are left out, see `attached.with_sensors`.
+    through M = I. Sensors are left out, see `stops_sensors.with_sensors`.
 
     Args:
         structure: the full structure.

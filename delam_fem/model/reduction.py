@@ -16,11 +16,11 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
-from delam_fem.model.attached import striking_rows, with_start
 from delam_fem.model.discretise import assemble, require_bending, require_mass
 from delam_fem.model.layout import Structure
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.reduction_file import require_coupled, write
+from delam_fem.model.stops_sensors import striking_rows, with_start
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
 

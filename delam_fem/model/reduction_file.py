@@ -20,10 +20,10 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
-from delam_fem.model.attached import StrainRows
 from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
 from delam_fem.model.layout import Interface, Layout, Reading, Structure, in_order
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import read_arrays, write_arrays

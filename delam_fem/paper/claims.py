@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from delam_fem.api import FloatArray, diagnostics, style
-from delam_fem.paper.lab import Laboratory, is_as_described, strikes
+from delam_fem.paper.runs import Laboratory, is_as_described, strikes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

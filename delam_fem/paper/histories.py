@@ -25,7 +25,8 @@ from delam_fem.paper.claims import (
     roughness,
     tip_positions,
 )
-from delam_fem.paper.lab import (
+from delam_fem.paper.panels import four_by_two, line, portrait, show
+from delam_fem.paper.runs import (
     BEATS,
     FREQUENCIES,
     LAWS,
@@ -36,7 +37,6 @@ from delam_fem.paper.lab import (
     motion_case,
     strikes,
 )
-from delam_fem.paper.panels import four_by_two, line, portrait, show
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -313,7 +313,7 @@ def measure_velocities(lab: Laboratory) -> Numbers:
 def tip_strikes(result: Result, fit_samples: int = 1) -> Jumps:
     """Find strikes from the tip velocities alone, as the experiment does; at most one per period.
 
-    `lab.strikes` finds strikes from the gap, which the experiment does not measure.
+    `runs.strikes` finds strikes from the gap, which the experiment does not measure.
 
     Args:
         result: result of a run with strikes.

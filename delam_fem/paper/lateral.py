@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.api import style
-from delam_fem.paper import ground
+from delam_fem.paper import rigid_ground
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
-from delam_fem.paper.lab import Laboratory
-from delam_fem.paper.panels import line, show
-from delam_fem.paper.strip import (
+from delam_fem.paper.falling_strip import (
     LIFT,
     LONG,
     PEAK_DURATION,
@@ -24,6 +22,8 @@ from delam_fem.paper.strip import (
     rolling_study,
     tip_block,
 )
+from delam_fem.paper.panels import line, show
+from delam_fem.paper.runs import Laboratory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,9 +121,9 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
     from matplotlib.patches import Rectangle
 
     strip, n = block.lamina, 100
-    x = 1e3 * np.concatenate([[0.0], ground.nodes(strip, n)])
+    x = 1e3 * np.concatenate([[0.0], rigid_ground.nodes(strip, n)])
     length, t = 1e3 * strip.length, 1e3 * strip.thickness
-    up = 1e3 * np.concatenate([[0.0], ground.lifted(strip, n, LIFT, "tip force")[::2]])
+    up = 1e3 * np.concatenate([[0.0], rigid_ground.lifted(strip, n, LIFT, "tip force")[::2]])
     axes.fill_between(x, 0.0, t, color=style.BASE_COLOUR, linewidth=0.0)
     axes.plot(
         x, up + 0.5 * t, color=style.BLACK, linestyle="--", label="lifted, before the release"
@@ -167,7 +167,7 @@ def _draw_contact_line(axes: Axes, run: Rolling) -> None:
     direction, speed = run.front()
     words = "clamp → tip" if direction > 0.0 else "tip → clamp"
     size = f"{1e3 * run.lamina.thickness:g} mm × {1e3 * run.lamina.length:.0f} mm"
-    sag = 1e3 * ground.sag(run.lamina, run.gravity)
+    sag = 1e3 * rigid_ground.sag(run.lamina, run.gravity)
     show(
         axes,
         line(1e3 * time[seen], x[pair[seen]], ".", color=style.SKY, markersize=2.5,
@@ -228,7 +228,7 @@ def completed(
 def _draw_heights(axes: Axes, study: RollingStudy) -> None:
     """Draw the direction of the contact line over the height of the tip, in sags of the strip."""
     runs = [*study.by_height.values(), study.stiff]
-    ratio = [run.tip[0] / ground.sag(run.lamina, run.gravity) for run in runs]
+    ratio = [run.tip[0] / rigid_ground.sag(run.lamina, run.gravity) for run in runs]
     direction = [run.front()[0] for run in runs]
     show(
         axes,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from delam_fem.api import diagnostics, style
-from delam_fem.paper.lab import FREQUENCIES, PaperMethod
+from delam_fem.paper.runs import FREQUENCIES, PaperMethod
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,8 +18,8 @@ from delam_fem.api import (
     style,
 )
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
-from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
 from delam_fem.paper.panels import line, show
+from delam_fem.paper.runs import FREQUENCIES, RESONANT, Laboratory, motion_case
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -24,8 +24,8 @@ from delam_fem.paper.claims import (
     roughness,
     settling,
 )
-from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, both_methods, motion_case
 from delam_fem.paper.panels import four_by_two, line, portrait, show, two_portraits
+from delam_fem.paper.runs import FREQUENCIES, RESONANT, Laboratory, both_methods, motion_case
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

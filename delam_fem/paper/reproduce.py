@@ -17,7 +17,7 @@ from typing import Any
 from delam_fem.api import CaseError, atomic, html, json_ready, style, write_json, write_text
 from delam_fem.paper import histories, lateral, parameters, portraits, responses, shapes
 from delam_fem.paper.claims import HEADING, Claim, Piece
-from delam_fem.paper.lab import Laboratory
+from delam_fem.paper.runs import Laboratory
 
 PAPER = (
     'I. Müller, "Clapping in Delaminated Sandwich-beams due to Forced Oscillations", '

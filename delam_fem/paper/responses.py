@@ -10,7 +10,8 @@ import numpy as np
 
 from delam_fem.api import BoolArray, Case, FloatArray, Lamina, beams, style
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
-from delam_fem.paper.lab import (
+from delam_fem.paper.panels import Line, line, show
+from delam_fem.paper.runs import (
     BAND,
     FREQUENCIES,
     RESONANT,
@@ -22,7 +23,6 @@ from delam_fem.paper.lab import (
     swept_envelope,
     swept_extremes,
 )
-from delam_fem.paper.panels import Line, line, show
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from delam_fem.api import Case, FloatArray, Gap, Lamina, diagnostics, initial_gap, style
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
-from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
+from delam_fem.paper.runs import RESONANT, Laboratory, motion_case
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

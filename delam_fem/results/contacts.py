@@ -6,7 +6,7 @@ gap is not positive, or it is hit within the step. Closures less than
 because near a clamp some of its pairs touch all the time; its impulses and forces are those of all
 its pairs.
 
-The gaps of stops and impactors are recorded at each step; see `attached.with_sensors`. Those of
+The gaps of stops and impactors are recorded at each step: `stops_sensors.with_sensors`. Those of
 interfaces are, if a sensor reads contact forces. Otherwise the springs of interfaces are known at
 the frames alone, because to record all gaps takes as long as the steps themselves.
 """

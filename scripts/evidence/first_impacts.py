@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 import delam_fem as df
-from delam_fem.paper.lab import FREQUENCIES
+from delam_fem.paper.runs import FREQUENCIES
 
 IMPACTS = 20
 """Number of stored impacts, counted by pairs; all of them are in the first period."""

@@ -18,7 +18,7 @@ from rich.table import Table
 
 import delam_fem as df
 from delam_fem.api import preset
-from delam_fem.paper.lab import MOTIONS, Motion, contacts, strikes
+from delam_fem.paper.runs import MOTIONS, Motion, contacts, strikes
 
 if TYPE_CHECKING:
     from delam_fem.api import EngineName, Result

@@ -9,7 +9,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from kit import invoke
+from support import invoke
 from synthetic import small_case, synthetic_history
 
 from delam_fem.api import CaseError, atomic, remove_kept, save_case, write_dataset, write_json

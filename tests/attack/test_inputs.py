@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 from attack.hostile import KINDS, SEED
-from kit import invoke
 from project import ROOT
+from support import invoke
 
 LIMIT = 3600.0
 """Time after which a process counts as hanging; it computes hundreds of inputs [s]."""

@@ -17,8 +17,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from kit import invoke
 from scipy.io import savemat
+from support import invoke
 
 from delam_fem.api import CaseError, read_arrays, read_toml
 from delam_fem.model.mesh import read_file

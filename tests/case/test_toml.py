@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kit import refusal
+from support import refusal
 
 from delam_fem.api import apply_overrides, read_toml, shown, toml_text
 from delam_fem.case import toml

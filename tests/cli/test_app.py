@@ -13,8 +13,8 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
-from kit import invoke
 from rich.console import Console
+from support import invoke
 from typer.testing import CliRunner
 
 import delam_fem

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from kit import invoke
+from support import invoke
 
 CASE = """name = "full"
 [[lamina]]

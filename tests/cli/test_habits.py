@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from kit import SMALL, SWEEP, invoke
 from rich.console import Console
+from support import SMALL, SWEEP, invoke
 
 from delam_fem.api import CaseError, load_case, preset
 from delam_fem.cli import console as messages

@@ -12,8 +12,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from kit import SMALL, SWEEP, invoke
 from rich.console import Console
+from support import SMALL, SWEEP, invoke
 
 import delam_fem as df
 from delam_fem.api import CaseError, apply_overrides, preset, save_case

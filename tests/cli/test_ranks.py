@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from crew import Crew
+from mpi_pool import Crew
 
 START = """
 from pathlib import Path

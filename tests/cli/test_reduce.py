@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from crew import Crew
+from mpi_pool import Crew
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app

@@ -9,8 +9,8 @@ from typing import Any
 
 import matplotlib
 import pytest
-from kit import invoke
 from matplotlib.figure import Figure
+from support import invoke
 
 import delam_fem as df
 from delam_fem.api import Finding, Report, RunContext, Table

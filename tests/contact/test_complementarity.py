@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from kit import compiled
+from support import compiled
 
 from delam_fem.api import FloatArray
 from delam_fem.contact import complementarity

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stand_ins import seen, setting
+from fakes import seen, setting
 
 from delam_fem.api import SCHEMES, FloatArray, Impulse, Law
 from delam_fem.contact.decisions import Decision

@@ -6,7 +6,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from stand_ins import seen, setting
+from fakes import seen, setting
 
 from delam_fem.api import COMBINATIONS, LAWS, SCHEMES, CaseError, Contact, Law, Scheme
 from delam_fem.contact.decisions import Decision, LawNumbers

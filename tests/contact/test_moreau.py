@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from stand_ins import seen, setting
+from fakes import seen, setting
 
 from delam_fem.api import SCHEMES, FloatArray, Law
 from delam_fem.contact.decisions import Supervisor

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fakes import Seen, seen, setting
 from hypothesis import given, settings, strategies as st
-from stand_ins import Seen, seen, setting
 
 from delam_fem.api import SCHEMES, FloatArray, Law
 from delam_fem.contact.decisions import Supervisor

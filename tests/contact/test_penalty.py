@@ -1,7 +1,7 @@
 """The laws without impacts."""
 
 import numpy as np
-from stand_ins import Seen, seen, setting
+from fakes import Seen, seen, setting
 
 from delam_fem.api import SCHEMES, Law
 from delam_fem.contact.decisions import Decision

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from crew import Crew
+from mpi_pool import Crew
 
 from delam_fem.api import lowest
 from delam_fem.model.factors import LARGE

@@ -18,7 +18,7 @@ from delam_fem.paper.claims import (
     rough_part,
     yes,
 )
-from delam_fem.paper.lab import peak_frequencies
+from delam_fem.paper.runs import peak_frequencies
 from delam_fem.results.diagnostics import PERIODIC_MARGIN, PERIODIC_SCATTER
 
 

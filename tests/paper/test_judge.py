@@ -13,9 +13,9 @@ from project import ROOT
 
 from delam_fem.paper import parameters, portraits, responses
 from delam_fem.paper.claims import Claim, Criterion, Numbers, Verdict, judged, yes
-from delam_fem.paper.lab import Laboratory, Plan, motion_case
 from delam_fem.paper.portraits import NARROW, SCATTERS, WIDE
 from delam_fem.paper.reproduce import FIGURES
+from delam_fem.paper.runs import Laboratory, Plan, motion_case
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan(thresholds=2)
@@ -379,7 +379,7 @@ import sys
 
 sys.modules["matplotlib"] = None  # an import of it fails
 
-from delam_fem.paper.lab import Laboratory, Plan
+from delam_fem.paper.runs import Laboratory, Plan
 from delam_fem.paper.reproduce import FIGURES
 from delam_fem.system.files import json_ready
 from delam_fem.studies.executors import Serial

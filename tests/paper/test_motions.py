@@ -11,7 +11,7 @@ import xarray as xr
 from reference_motions import HEADINGS, row
 
 from delam_fem.api import Result, preset
-from delam_fem.paper.lab import (
+from delam_fem.paper.runs import (
     FREQUENCIES,
     MOTIONS,
     RESONANT,

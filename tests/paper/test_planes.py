@@ -9,7 +9,8 @@ import xarray as xr
 
 from delam_fem.paper import parameters, responses
 from delam_fem.paper.claims import Numbers
-from delam_fem.paper.lab import (
+from delam_fem.paper.parameters import KINDS, THRESHOLDS
+from delam_fem.paper.runs import (
     BAND,
     SWEEP_SECONDS,
     Plan,
@@ -17,7 +18,6 @@ from delam_fem.paper.lab import (
     swept_envelope,
     swept_extremes,
 )
-from delam_fem.paper.parameters import KINDS, THRESHOLDS
 from delam_fem.results.diagnostics import STROBES
 
 FIRST, SECOND = np.array([0.0, 0.3, 0.6]), np.array([1e2, 1e3])

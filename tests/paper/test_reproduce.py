@@ -19,15 +19,16 @@ from delam_fem.api import CaseError, json_ready
 from delam_fem.cli.app import app
 from delam_fem.paper import (
     histories,
-    lab as paper_lab,
     parameters,
     portraits,
     reproduce,
     responses,
+    runs as paper_lab,
     shapes,
 )
 from delam_fem.paper.claims import HEADING, Claim, rough_part, settling, tip_positions
-from delam_fem.paper.lab import (
+from delam_fem.paper.reproduce import entries, tally, write_page
+from delam_fem.paper.runs import (
     BAND,
     Laboratory,
     Plan,
@@ -37,7 +38,6 @@ from delam_fem.paper.lab import (
     swept_case,
     swept_envelope,
 )
-from delam_fem.paper.reproduce import entries, tally, write_page
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan(

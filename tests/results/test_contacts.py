@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kit import refusal
 from scipy.integrate import solve_ivp
+from support import refusal
 
 import delam_fem as df
 from delam_fem.api import EngineName, load_numbers

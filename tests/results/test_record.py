@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from kit import refusal
 from scipy import sparse
+from support import refusal
 
 import delam_fem as df
 from delam_fem.model.discretise import assemble

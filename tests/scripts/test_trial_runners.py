@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from kit import compiled
+from support import compiled
 from trials import compare as trials, schemes as ts, steps
 from trials.runners import (
     LIMIT,

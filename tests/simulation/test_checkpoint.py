@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from kit import refusal
 from scripted import Engine, motion, recorder
+from support import refusal
 
 import delam_fem as df
 from delam_fem.api import identity, read_arrays, write_arrays

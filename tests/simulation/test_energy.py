@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kit import compiled
+from support import compiled
 
 from delam_fem.api import SweptMotion
 from delam_fem.simulation import recorder

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stand_ins import setting
+from fakes import setting
 
 from delam_fem.api import (
     SCHEMES,

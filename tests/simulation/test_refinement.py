@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kit import compiled
+from support import compiled
 
 import delam_fem as df
 from delam_fem.api import CaseError, Span

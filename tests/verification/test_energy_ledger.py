@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from kit import covering
 from problems import Law, Motions, simulate
 from scipy.sparse.linalg import spsolve
+from support import covering
 
 from delam_fem.api import (
     LEDGER,

@@ -12,8 +12,8 @@ from delam_fem.contact import laws
 from delam_fem.contact.laws import SchemeName
 from delam_fem.model.beams.forms import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.numerics.beams import cantilever_roots
-from delam_fem.paper import ground, strip as strips
-from delam_fem.paper.strip import LIFT, Rolling, TipBlock, rolling, thin_strip, tip_block
+from delam_fem.paper import falling_strip as strips, rigid_ground
+from delam_fem.paper.falling_strip import LIFT, Rolling, TipBlock, rolling, thin_strip, tip_block
 
 ROUND_OFF = 1e-12
 """Relative, of assembled matrices."""
@@ -92,7 +92,7 @@ def test_half_waves_arrive_by_the_dispersion_relation(block: TipBlock) -> None:
 
 def impact_loss(n: int, restitution: float) -> float:
     """Return the loss when the tip of a strip that moves downwards as a whole meets the ground."""
-    operators = ground.on_ground(ground.steel_strip(), n, "tip")
+    operators = rigid_ground.on_ground(rigid_ground.steel_strip(), n, "tip")
     motion = np.zeros((3, 2 * n))
     motion[1, ::2] = -1.0
     out = strips.run(
@@ -161,8 +161,12 @@ def test_height_over_sag_decides_how_the_strip_lands(
 
 
 def test_strips_with_the_same_height_over_sag_land_alike() -> None:
-    thin, thick = thin_strip(), ground.steel_strip(damping_ratio=0.002)
-    height = LIFT * ground.sag(thick, ground.GRAVITY) / ground.sag(thin, ground.GRAVITY)
+    thin, thick = thin_strip(), rigid_ground.steel_strip(damping_ratio=0.002)
+    height = (
+        LIFT
+        * rigid_ground.sag(thick, rigid_ground.GRAVITY)
+        / rigid_ground.sag(thin, rigid_ground.GRAVITY)
+    )
     runs = [
         rolling(lamina, height=h, n_elements=20, steps_per_period=5_000)
         for lamina, h in ((thin, LIFT), (thick, height))
@@ -173,9 +177,9 @@ def test_strips_with_the_same_height_over_sag_land_alike() -> None:
 
 
 @pytest.mark.parametrize(("lift", "direction"), [("tip force", -1), ("uniform load", 1)])
-def test_without_weight_the_second_mode_decides(lift: ground.Lift, direction: int) -> None:
+def test_without_weight_the_second_mode_decides(lift: rigid_ground.Lift, direction: int) -> None:
     # at a quarter of the period of mode 1 mode 2 has turned: cos(ω2 T1/4) = -0.91
-    run = rolling(ground.steel_strip(damping_ratio=0.002), lift=lift, gravity=0.0)
+    run = rolling(rigid_ground.steel_strip(damping_ratio=0.002), lift=lift, gravity=0.0)
     found, speed = run.front()
     assert direction * found > 0.99
     assert 300.0 < speed < 600.0
@@ -183,7 +187,7 @@ def test_without_weight_the_second_mode_decides(lift: ground.Lift, direction: in
 
 def test_a_first_mode_lands_at_once_and_loses_all_at_impacts() -> None:
     run = rolling(
-        ground.steel_strip(damping_ratio=0.002), lift="first mode", gravity=0.0, n_elements=40
+        rigid_ground.steel_strip(damping_ratio=0.002), lift="first mode", gravity=0.0, n_elements=40
     )
     begin, end = run.landing
     assert end - begin <= 2.0 * run.period / run.steps_per_period
@@ -199,7 +203,7 @@ def test_wave_of_the_peak_alone_decays(block: TipBlock) -> None:
 
 
 def test_matrices_are_those_of_the_weak_form() -> None:
-    strip, n = ground.steel_strip(damping_ratio=0.002), 8
+    strip, n = rigid_ground.steel_strip(damping_ratio=0.002), 8
     x = np.linspace(0.0, strip.length, n + 1)
     cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
     line = Hermite.on_line(MPI.COMM_SELF, x, cells)
@@ -215,7 +219,7 @@ def test_matrices_are_those_of_the_weak_form() -> None:
         * line.curvature(test)
         * ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE}),
     }
-    operators = ground.on_ground(strip, n, "tip")
+    operators = rigid_ground.on_ground(strip, n, "tip")
     for name, form in forms.items():
         weak = line.assemble(form)[2:, 2:]
         assert abs(weak - getattr(operators, name)).max() <= ROUND_OFF * abs(weak).max()
@@ -223,9 +227,9 @@ def test_matrices_are_those_of_the_weak_form() -> None:
 
 @pytest.mark.parametrize("scheme", ["moreau-jean", "newmark"])
 def test_both_engines_land_alike(scheme: SchemeName) -> None:
-    strip, n, step, n_steps = ground.steel_strip(damping_ratio=0.002), 10, 2e-5, 630
-    operators = ground.on_ground(strip, n, "everywhere")
-    shape = ground.lifted(strip, n, LIFT, "tip force")
+    strip, n, step, n_steps = rigid_ground.steel_strip(damping_ratio=0.002), 10, 2e-5, 630
+    operators = rigid_ground.on_ground(strip, n, "everywhere")
+    shape = rigid_ground.lifted(strip, n, LIFT, "tip force")
     out = strips.run(
         laws.Law("newton", 0.1),
         SCHEMES[scheme],

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from kit import invoke
+from support import invoke
 
 import delam_fem as df
 from delam_fem.api import EngineName

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from crew import Crew
+from mpi_pool import Crew
 
 SCRIPT = """
 import os, signal

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delam_fem.api import Case, EngineName, FloatArray, IntArray, Structure, preset, session_of
-from delam_fem.engines.compiled import modes
+from delam_fem.engines.compiled import inner_points
 from delam_fem.model.beams import closed_form
 from delam_fem.model.modal import basis_of, projected
 
@@ -82,8 +82,8 @@ def test_without_contact_the_error_falls_with_the_modes() -> None:
 )
 def test_engines_agree_on_dense_gaps(law: str, scheme: str) -> None:
     structure = reduced(SOME)
-    assert modes.is_reduced(structure.operators)
-    assert not modes.is_reduced(full().operators)
+    assert inner_points.is_reduced(structure.operators)
+    assert not inner_points.is_reduced(full().operators)
     case = case_of(contact__law=law, time__scheme=scheme)
     (tips, ticks), (expected, when) = (
         motion(structure, case, engine) for engine in ("compiled", "petsc")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from calibration.oscillator import forcing, impact_phase, orbit, oscillator
-from kit import covering
 from problems import Law, simulate
+from support import covering
 
 from delam_fem.api import (
     COMBINATIONS,

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from delam_fem.paper import ground
-from delam_fem.paper.strip import FRONT_FROM, FRONT_WITHIN, rolling
+from delam_fem.paper import rigid_ground
+from delam_fem.paper.falling_strip import FRONT_FROM, FRONT_WITHIN, rolling
 
 E_MODULUS, DENSITY, WIDTH, G = 2.1e11, 7850.0, 0.040, 9.81
 POINTS = 32
@@ -91,7 +91,7 @@ def fall(thickness: float, length: float, height: float) -> Landing:
 def test_the_strip_lands_as_by_finite_differences(
     thickness: float, length: float, height: float, way: int
 ) -> None:
-    strip = ground.steel_strip(thickness=thickness, length=length, damping_ratio=0.002)
+    strip = rigid_ground.steel_strip(thickness=thickness, length=length, damping_ratio=0.002)
     run = rolling(strip, height=height, n_elements=40, steps_per_period=10_000)
     direction, speed = run.front()
     begin, other_direction, other_speed = fall(thickness, length, height).front()

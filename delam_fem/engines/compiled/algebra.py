@@ -15,8 +15,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from delam_fem.contact.decisions import MOREAU
-from delam_fem.engines.compiled import lanes as lk, modes
-from delam_fem.engines.compiled.lanes import R, Z, fma, lane, load, splat, store
+from delam_fem.engines.compiled import inner_points, simd_chains as lk
+from delam_fem.engines.compiled.simd_chains import R, Z, fma, lane, load, splat, store
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.caches import kept, njit
 
@@ -206,7 +206,7 @@ def form(matrix, n, X, shift):  # type: ignore[no-untyped-def]
 def solve_step(system, X):  # type: ignore[no-untyped-def]
     """Solve A z = r for the fields R and Z of X."""
     if system.is_modal:
-        modes.solve(system, X, R, Z)
+        inner_points.solve(system, X, R, Z)
     elif system.is_chained:
         lk.substitute(X, system.size, system.solution, R, Z)
     else:

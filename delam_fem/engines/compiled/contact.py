@@ -22,7 +22,7 @@ from delam_fem.contact.rules import (
     needs_impulse,
     renew_resting,
 )
-from delam_fem.engines.compiled import lanes as lk, modes
+from delam_fem.engines.compiled import inner_points, simd_chains as lk
 from delam_fem.engines.compiled.algebra import (
     absolute_product,
     clear,
@@ -34,7 +34,7 @@ from delam_fem.engines.compiled.algebra import (
     spread,
     spread_one,
 )
-from delam_fem.engines.compiled.lanes import R, Z
+from delam_fem.engines.compiled.simd_chains import R, Z
 from delam_fem.engines.compiled.state import (
     COMPLETED,
     CONTACT_DAMPED,
@@ -242,7 +242,7 @@ def _push_within_step(system, memory, n):  # type: ignore[no-untyped-def]
     X, size, energy = memory.X, system.size, 0.0
     spread(system, X, memory.hit, memory.impulse, n, 1.0)
     if system.is_modal:
-        modes.push(system, X, R)
+        inner_points.push(system, X, R)
         memory.counts[IS_SEEN] = 0
     else:
         solve_step(system, X)
@@ -286,7 +286,7 @@ def _look(system, law, memory):  # type: ignore[no-untyped-def]
             if gap[k] <= 0.0:
                 memory.free[k] = row_product(H, k, X, size)
     elif system.is_within:
-        modes.measure_cells(system.points, size, X, 0.0, False, gap, memory.rate)
+        inner_points.measure_cells(system.points, size, X, 0.0, False, gap, memory.rate)
     else:
         for k in range(system.n_pairs):
             gap[k] = system.gap0[k] + row_product(H, k, X, 0)

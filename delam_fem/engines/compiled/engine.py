@@ -17,7 +17,8 @@ import numpy as np
 from delam_fem.contact import complementarity
 from delam_fem.contact.decisions import IMPACTS, LawNumbers
 from delam_fem.contact.laws import LAWS, ContactLaw, Law, Scheme
-from delam_fem.engines.compiled import lanes as lk, state, steps, system
+from delam_fem.engines.compiled import matrices, simd_chains as lk, state, steps
+from delam_fem.engines.compiled.matrices import Problem, StepNumbers
 from delam_fem.engines.compiled.state import (
     CONTACT_DAMPED,
     DISSIPATED,
@@ -27,7 +28,6 @@ from delam_fem.engines.compiled.state import (
     View,
     packed,
 )
-from delam_fem.engines.compiled.system import Problem, StepNumbers
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import Engine, State
@@ -208,7 +208,7 @@ class Compiled(Engine):
         """
         self.operators, self._refinement = operators, refinement
         self._has_acceleration = schemes[-1].has_acceleration
-        built = [system.build(operators, scheme) for scheme in schemes]
+        built = [matrices.build(operators, scheme) for scheme in schemes]
         coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
         self.system, self.unknowns = fine, built[-1][1]
         self.memory = state.memory(fine.size, operators.n_pairs)

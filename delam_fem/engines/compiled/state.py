@@ -24,7 +24,7 @@ from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, mod
 from numba.np.numpy_support import from_dtype
 
 from delam_fem.contact.complementarity import Again, nothing_known
-from delam_fem.engines.compiled.lanes import N_FIELDS, aligned_zeros
+from delam_fem.engines.compiled.simd_chains import N_FIELDS, aligned_zeros
 from delam_fem.numerics.types import FloatArray, IntArray
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean}

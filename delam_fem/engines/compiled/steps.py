@@ -9,8 +9,9 @@ import numpy as np
 from numba import carray, types
 
 from delam_fem.contact.decisions import MOREAU, NONE
-from delam_fem.engines.compiled import algebra, contact, lanes as lk, modes
+from delam_fem.engines.compiled import algebra, contact, inner_points, simd_chains as lk
 from delam_fem.engines.compiled.algebra import both_products, measure, row_product
+from delam_fem.engines.compiled.matrices import Problem
 from delam_fem.engines.compiled.state import (
     COMPLETED,
     CONTACT_DAMPED,
@@ -31,7 +32,6 @@ from delam_fem.engines.compiled.state import (
     Log,
     view_at,
 )
-from delam_fem.engines.compiled.system import Problem
 from delam_fem.simulation.recorder import N_BASE, add_flows, write_period
 from delam_fem.simulation.refinement import SAFETY, base_within
 from delam_fem.system.caches import kept, njit
@@ -73,7 +73,7 @@ def loss(system, X):  # type: ignore[no-untyped-def]
     if system.is_chained:
         return lk.loss(X, system.size, system.form)
     if system.is_modal:
-        return modes.loss(system, X)
+        return inner_points.loss(system, X)
     return algebra.form(system.damping, system.size, X, lk.P * system.size)
 
 
@@ -104,9 +104,9 @@ def look_ahead(system, law, memory, is_clear):  # type: ignore[no-untyped-def]
         return np.inf
     ahead = system.scheme.gap_ahead
     if system.is_modal:
-        return modes.measure(system, memory, ahead)
+        return inner_points.measure(system, memory, ahead)
     if system.is_within:
-        return modes.see_cells(system, memory.X, ahead, False, 0.0, memory.gap, memory.rate)
+        return inner_points.see_cells(system, memory.X, ahead, False, 0.0, memory.gap, memory.rate)
     smallest = smallest_gap(system, memory.X, ahead)
     if smallest <= 0.0 or system.is_touching:
         measure(system, memory.X, ahead, memory.gap, memory.rate)
@@ -193,7 +193,7 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
         keeps = predicted <= 0.0 or memory.counts[N_SPRINGS] > 0
         flow, smallest = lk.step(system, X, base_state, keeps)
     elif system.is_modal:
-        flow, smallest = modes.advance(system, X, base_state), np.inf
+        flow, smallest = inner_points.advance(system, X, base_state), np.inf
         memory.counts[IS_SEEN] = 0
         if law.kind != MOREAU:
             smallest = smallest_gap(system, X, 0.0)
@@ -206,7 +206,7 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
         return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
     if system.is_within:
         touch = -np.inf if law.kind == NONE else 0.0
-        return flow, modes.see_cells(system, X, 0.0, False, touch, memory.gap, memory.rate)
+        return flow, inner_points.see_cells(system, X, 0.0, False, touch, memory.gap, memory.rate)
     return flow, smallest
 
 
@@ -295,7 +295,7 @@ def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-d
             return False
     found = False
     if system.is_modal:
-        modes.see(system, memory)
+        inner_points.see(system, memory)
     for k in range(system.n_pairs):
         if system.is_modal:
             gap, rate = memory.present_gap[k], memory.present_rate[k]
@@ -318,7 +318,7 @@ def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped
     """Return and mark the same as `_mark_near` for pairs inside the elements."""
     X, found = memory.X, False
     n_springs, seen = memory.counts[N_SPRINGS], memory.present_gap  # the law has `gap`
-    if modes.see_cells(system, X, ahead, True, 0.0, seen, memory.present_rate) <= 0.0:
+    if inner_points.see_cells(system, X, ahead, True, 0.0, seen, memory.present_rate) <= 0.0:
         for k in range(system.n_pairs):
             if seen[k] <= 0.0 and not (n_springs and memory.resting[k]):
                 found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow

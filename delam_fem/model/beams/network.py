@@ -54,7 +54,6 @@ from delam_fem.case.sections import (
     PointMass,
     open_ends,
 )
-from delam_fem.model.attached import StrainRows, struck, with_sensors
 from delam_fem.model.layout import (
     BASE,
     CURVATURE,
@@ -79,6 +78,7 @@ from delam_fem.model.layout import (
 )
 from delam_fem.model.linear import elastic, kept_closed, n_rigid
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.stops_sensors import StrainRows, struck, with_sensors
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError

@@ -18,7 +18,6 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.model import operators as distributed
-from delam_fem.model.attached import StrainRows
 from delam_fem.model.beams import closed_form, network
 from delam_fem.model.beams.network import completed, layout_of, parts_of
 from delam_fem.model.layout import (
@@ -45,6 +44,7 @@ from delam_fem.model.solids.forms import Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import SolidMesh, locate
 from delam_fem.model.solids.meshing import lattice, solid_mesh
 from delam_fem.model.solids.unknowns import Columns, Restricted, Unknowns, X, Y, held
+from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI

@@ -11,7 +11,7 @@ spring in some laws. A pair counts as resting where its gap is closed at the sec
 the laws leave behind.
 
 `ModalMap` is that of modes with massless contact points. A state is (q, q', s of each part), see
-`model.reduced`. The same fine steps resolve contact in every call, so the map is one fixed
+`model.massless`. The same fine steps resolve contact in every call, so the map is one fixed
 function; it needs no shifted step grids.
 
 `KeptMap` keeps the results of a map on disk.

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from kit import compiled
+from support import compiled
 
 from delam_fem.api import (
     BaseCoupling,
@@ -34,13 +34,13 @@ from delam_fem.engines.compiled import (
     algebra,
     contact,
     engine as engine_module,
-    lanes,
+    matrices,
+    simd_chains,
     steps,
-    system,
 )
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
+from delam_fem.engines.compiled.matrices import Problem, StepNumbers, build
 from delam_fem.engines.compiled.state import Log, packed, view_at
-from delam_fem.engines.compiled.system import Problem, StepNumbers, build
 from delam_fem.model.beams import closed_form
 from delam_fem.simulation.loop import simulate
 
@@ -53,14 +53,14 @@ G = 9.81
 
 @numba.njit
 def vector_operations(x, out):  # type: ignore[no-untyped-def]
-    a, b = lanes.load(x, 0), lanes.load(x, 4)
-    lanes.store(out, 0, lanes.fma(a, b, lanes.splat(1.0)))
-    lanes.store(out, 4, a + b)
-    lanes.store(out, 8, a - b * b)
-    lanes.store(out, 12, lanes.swap_neighbours(a))
-    lanes.store(out, 16, lanes.swap_halves(a))
-    lanes.store(out, 20, lanes.smaller(a, b))
-    return lanes.lane(a, 2)
+    a, b = simd_chains.load(x, 0), simd_chains.load(x, 4)
+    simd_chains.store(out, 0, simd_chains.fma(a, b, simd_chains.splat(1.0)))
+    simd_chains.store(out, 4, a + b)
+    simd_chains.store(out, 8, a - b * b)
+    simd_chains.store(out, 12, simd_chains.swap_neighbours(a))
+    simd_chains.store(out, 16, simd_chains.swap_halves(a))
+    simd_chains.store(out, 20, simd_chains.smaller(a, b))
+    return simd_chains.lane(a, 2)
 
 
 KEPT: list[object] = []
@@ -97,9 +97,9 @@ def smallest_of_lanes(arrays, size, ahead):  # type: ignore[no-untyped-def]
     bare = two_at(arrays)
     X, rest = bare.start, bare.value
     return (
-        lanes.smallest_gap(X, size, rest, ahead),
-        lanes.smallest_approach(X, size, rest, ahead),
-        lanes.smallest_margin(X, size, rest, ahead),
+        simd_chains.smallest_gap(X, size, rest, ahead),
+        simd_chains.smallest_approach(X, size, rest, ahead),
+        simd_chains.smallest_margin(X, size, rest, ahead),
     )
 
 
@@ -107,14 +107,14 @@ def test_smallest_gaps_in_lanes_are_those_of_the_rows() -> None:
     """With another gap in each row; catches a wrong row, field, lane, sign or half."""
     draw, rows = np.random.default_rng(3), 5
     for _ in range(50):
-        X = draw.normal(size=(lanes.N_FIELDS, rows, 2, 4))
+        X = draw.normal(size=(simd_chains.N_FIELDS, rows, 2, 4))
         rest = draw.normal(size=(rows, 4))
         rest[:, 2:] = np.inf  # of the halves that have the negative of the gap
         size, ahead = 8 * rows, float(draw.uniform())
         found = smallest_of_lanes(address_of(Two(X.ravel(), rest.ravel())), size, ahead)
         gap, rate = (
             X[k, :, 0][:, [2, 3]] - X[k, :, 0][:, [0, 1]] + (rest[:, :2] if k == 0 else 0.0)
-            for k in (lanes.U, lanes.V)
+            for k in (simd_chains.U, simd_chains.V)
         )
         expected = (
             (gap + ahead * rate).min(),
@@ -142,7 +142,7 @@ def test_smaller_passes_over_what_is_no_number() -> None:
 
 def test_aligned_zeros_begin_at_a_cache_line() -> None:
     for size in (1, 7, 80):
-        zeros = lanes.aligned_zeros(size)
+        zeros = simd_chains.aligned_zeros(size)
         assert zeros.ctypes.data % 64 == 0
         assert zeros.shape == (size,) and not zeros.any()
 
@@ -161,55 +161,55 @@ def operators_of(n: int, mass: str = "consistent") -> Operators:
 @numba.njit
 def solve(arrays, size):  # type: ignore[no-untyped-def]
     bare = two_at(arrays)
-    lanes.substitute(bare.value, size, bare.start, lanes.R, lanes.Z)
+    simd_chains.substitute(bare.value, size, bare.start, simd_chains.R, simd_chains.Z)
 
 
 @numba.njit
 def form(arrays, size):  # type: ignore[no-untyped-def]
     bare = two_at(arrays)
-    return lanes.loss(bare.value, size, bare.start)
+    return simd_chains.loss(bare.value, size, bare.start)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 6, 7])
 def test_chains_solve_and_measure(n: int) -> None:
     o = operators_of(n)
     A = sp.csr_matrix(o.mass + 1e-7 * o.stiffness)
-    order = lanes.lane_order(n)
+    order = simd_chains.lane_order(n)
     assert sorted(set(order)) == sorted(order)
-    chains = lanes.chains(A, order)
+    chains = simd_chains.chains(A, order)
     assert chains is not None
-    size = lanes.ROW * ((n + 1) // 2)
-    X = lanes.aligned_zeros(lanes.N_FIELDS * size)
+    size = simd_chains.ROW * ((n + 1) // 2)
+    X = simd_chains.aligned_zeros(simd_chains.N_FIELDS * size)
     fields = X.reshape(-1, size)
     rng = np.random.default_rng(n)
     right, p = rng.normal(size=(2, 4 * n))
-    fields[lanes.R, order], fields[lanes.P, order] = right, p
-    solve(address_of(Two(lanes.solution_tape(chains), X)), size)
+    fields[simd_chains.R, order], fields[simd_chains.P, order] = right, p
+    solve(address_of(Two(simd_chains.solution_tape(chains), X)), size)
     exact = sp.linalg.spsolve(A.tocsc(), right)
-    found = fields[lanes.Z, order]
+    found = fields[simd_chains.Z, order]
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=ROUND_OFF * np.abs(exact).max())
-    value = form(address_of(Two(lanes.form_tape(chains), X)), size)
+    value = form(address_of(Two(simd_chains.form_tape(chains), X)), size)
     assert value == pytest.approx(p @ (A @ p), rel=ROUND_OFF)
 
 
 def test_what_couples_more_than_neighbours_is_no_chain() -> None:
     o = operators_of(4)
-    order = lanes.lane_order(4)
+    order = simd_chains.lane_order(4)
     for i, j in ((0, 4), (2, 10), (1, 8)):
         A = sp.lil_matrix(o.stiffness)
         A[i, j] = A[j, i] = 1.0
-        assert lanes.chains(A.tocsr(), order) is None
+        assert simd_chains.chains(A.tocsr(), order) is None
 
 
 def test_rayleigh_damping_is_recognised() -> None:
     case = paper(**{"mesh.elements": 5})
     o = closed_form.assemble(case).operators
-    found = lanes.rayleigh(o)
+    found = simd_chains.rayleigh(o)
     assert found is not None
     for i in (0, 1):
         assert (found[0][i], found[1][i]) == pytest.approx(case.rayleigh(i), rel=1e-9)
     damper = sp.csr_matrix(([1e-6], ([9], [9])), shape=o.damping.shape)
-    assert lanes.rayleigh(dataclasses.replace(o, damping=o.damping + damper)) is None
+    assert simd_chains.rayleigh(dataclasses.replace(o, damping=o.damping + damper)) is None
 
 
 def test_the_right_path_is_taken() -> None:
@@ -248,7 +248,7 @@ def test_what_sizes_of_steps_share_is_that_of_their_operators() -> None:
     shared = [numbers_in(build(o, scheme)[0]) for o, scheme in order]
     for (o, scheme), found in zip(order, shared, strict=True):
         build.cache_clear()
-        system._chained.cache_clear()
+        matrices._chained.cache_clear()
         assert numbers_in(build(o, scheme)[0]) == found
     assert shared[0] != shared[1] and shared[0] == shared[2]
     assert build(first, schemes[0])[0].is_chained
@@ -365,7 +365,7 @@ def test_both_paths_compute_the_same(law: str, monkeypatch: pytest.MonkeyPatch) 
     case = paper(**{"contact.law": law, "contact.impulse": "consistent"})
     engine, recorder = start(case)
     simulate(engine, recorder, motion_of(case))
-    monkeypatch.setattr(lanes, "rayleigh", lambda operators: None)
+    monkeypatch.setattr(simd_chains, "rayleigh", lambda operators: None)
     banded_engine, same = start(case)
     assert engine.system.is_chained and not banded_engine.system.is_chained
     simulate(banded_engine, same, motion_of(case))

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from delam_fem.api import FloatArray, Operators, preset
-from delam_fem.engines.compiled import modes
+from delam_fem.engines.compiled import inner_points
+from delam_fem.engines.compiled.matrices import StepNumbers, System, build
 from delam_fem.engines.compiled.state import Memory, memory, packed, view_at
-from delam_fem.engines.compiled.system import StepNumbers, System, build
 from delam_fem.model.beams import closed_form
 
 SCHEME = StepNumbers.moreau_jean(1e-4)
@@ -34,15 +34,15 @@ system_at, memory_at = view_at(System), view_at(Memory)
 def lowest(system, state, ahead):  # type: ignore[no-untyped-def]
     s, m = system_at(system), memory_at(state)
     return (
-        modes.lowest_control(m.X, s.size, s.points.control, ahead, False),
-        modes.lowest_control(m.X, s.size, s.points.control, ahead, True),
+        inner_points.lowest_control(m.X, s.size, s.points.control, ahead, False),
+        inner_points.lowest_control(m.X, s.size, s.points.control, ahead, True),
     )
 
 
 @numba.njit
 def measured(system, state, ahead, is_closing):  # type: ignore[no-untyped-def]
     s, m = system_at(system), memory_at(state)
-    return modes.measure_cells(s.points, s.size, m.X, ahead, is_closing, m.gap, m.rate)
+    return inner_points.measure_cells(s.points, s.size, m.X, ahead, is_closing, m.gap, m.rate)
 
 
 def operators_of(p: int, shape: dict[str, object], folder: Path, x: FloatArray | None) -> Operators:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kit import covering, invoke
+from support import covering, invoke
 
 import delam_fem as df
 from delam_fem.api import Case, assemble, lowest, motion_of, reduce, session_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from delam_fem.engines.modal import exact_step
+from delam_fem.engines.massless import exact_step
 
 OMEGA = 2.0 * np.pi * np.array([1.4, 3.2, 500.0, 3400.0])
 RATIOS = np.array([0.0, 0.008, 1.0, 3.0])  # undamped, light, critical, overdamped

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from crew import Crew
+from mpi_pool import Crew
 
 SCRIPT = """
 import numpy as np

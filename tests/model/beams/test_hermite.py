@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
-from crew import Crew
 from mpi4py import MPI
+from mpi_pool import Crew
 
 from delam_fem.model.beams.forms import BENDING_DEGREE, MASS_DEGREE, Hermite
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from bricks import two_bricks
-from crew import Crew
+from box_meshes import two_bricks
+from mpi_pool import Crew
 from scipy.sparse.linalg import spsolve
 
 from delam_fem.api import CaseError, Structure, lowest, preset

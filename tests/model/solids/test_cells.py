@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 import pytest
-from bricks import two_bricks
+from box_meshes import two_bricks
 
 from delam_fem.model.solids import mesh as cells
 from delam_fem.model.solids.mesh import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from bricks import two_bricks
+from box_meshes import two_bricks
 
 from delam_fem.api import MPI, preset
 from delam_fem.model.solids import unknowns

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 import pytest
-from bricks import two_bricks
-from crew import Crew
+from box_meshes import two_bricks
+from mpi_pool import Crew
 
 from delam_fem.api import MPI
 from delam_fem.model.solids.forms import Solid, evaluate
@@ -66,7 +66,7 @@ def test_polynomials_of_the_degree_are_exact(cell: str, degree: int) -> None:
 
 SUM = """
 import numpy as np
-from bricks import two_bricks
+from box_meshes import two_bricks
 from delam_fem.model.solids.mesh import locate
 from delam_fem.model.solids.forms import Solid, evaluate, gathered
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scipy.sparse as sp
-from bricks import two_bricks
+from box_meshes import two_bricks
 from scipy.sparse.linalg import splu
 
 from delam_fem.api import MPI, Part

@@ -1,7 +1,7 @@
 """Meshes of solids: bodies, and the cells behind facets."""
 
 import pytest
-from bricks import two_bricks
+from box_meshes import two_bricks
 
 from delam_fem.model.solids.mesh import FACETS, SolidMesh
 

@@ -7,8 +7,8 @@ import meshio
 import numpy as np
 import numpy.typing as npt
 import pytest
-from bricks import MESHES, case_of
-from crew import Crew
+from box_meshes import MESHES, case_of
+from mpi_pool import Crew
 from project import ROOT
 
 from delam_fem.api import Case, CaseError, assemble, preset, run, solid_mesh

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from crew import Crew
+from mpi_pool import Crew
 
 from delam_fem.api import Case
 

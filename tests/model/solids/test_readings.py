@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scipy.sparse as sp
-from bricks import two_bricks
+from box_meshes import two_bricks
 
 from delam_fem.api import MPI, CaseError, preset
 from delam_fem.model.layout import DISPLACEMENT, SLOPE, Reading

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crew import Crew
+from mpi_pool import Crew
 
 from delam_fem import CaseError, Result, run
 from delam_fem.api import Case, lowest

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bricks import two_bricks
+from box_meshes import two_bricks
 
 from delam_fem.api import MPI, FloatArray
 from delam_fem.model.solids.body import Body, Shape

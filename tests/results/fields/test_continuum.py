@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 import xarray as xr
-from crew import Crew
+from mpi_pool import Crew
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 

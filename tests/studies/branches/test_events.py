@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from toys import Cubic, DelayedLogistic, Henon, Toy
+from analytic_maps import Cubic, DelayedLogistic, Henon, Toy
 
 from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.continuation import (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from kit import refusal
+from support import refusal
 
 import delam_fem as df
 from delam_fem.studies.convergence.analysis import verdict

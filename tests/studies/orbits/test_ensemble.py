@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from toys import Henon
+from analytic_maps import Henon
 
 from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations

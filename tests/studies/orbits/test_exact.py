@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from toys import Henon
+from analytic_maps import Henon
 
 import delam_fem as df
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily

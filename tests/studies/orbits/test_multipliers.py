@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from toys import Henon
+from analytic_maps import Henon
 
 from delam_fem.studies.orbits import newton, search
 from delam_fem.studies.orbits.newton import Perturbations, Solved

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from toys import Cubic, Steep
+from analytic_maps import Cubic, Steep
 
 import delam_fem as df
 

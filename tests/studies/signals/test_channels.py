@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kit import refusal as message
+from support import refusal as message
 
 from delam_fem.api import heading
 from delam_fem.studies.signals.channels import (

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import pyuff
 import xarray as xr
-from kit import refusal
 from scipy.io import savemat
+from support import refusal
 from synthetic import small_case, synthetic_history
 
 import delam_fem as df

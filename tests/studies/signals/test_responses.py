@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from kit import refusal
 from scipy.signal import lfilter
+from support import refusal
 
 from delam_fem.studies.signals.responses import (
     MOST_LOUD,

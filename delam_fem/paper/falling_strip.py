@@ -30,7 +30,7 @@ from delam_fem.api import (
     lowest,
     solve,
 )
-from delam_fem.paper import ground
+from delam_fem.paper import rigid_ground
 
 LIFT = 0.050
 """Height of the tip before the release [m]."""
@@ -154,7 +154,7 @@ class Rolling:
 
     lamina: Lamina
     method: str
-    lift: ground.Lift
+    lift: rigid_ground.Lift
     gravity: float
     x: FloatArray
     steps_per_period: int
@@ -224,7 +224,7 @@ class Rolling:
             "strip": self.lamina.model_dump(exclude_none=True),
             "period_ms": 1e3 * self.period,
             "gravity_m_s2": self.gravity,
-            "sag_mm": 1e3 * ground.sag(self.lamina, self.gravity),
+            "sag_mm": 1e3 * rigid_ground.sag(self.lamina, self.gravity),
             "height_mm": 1e3 * float(self.tip[0]),
             "law": METHODS[self.method][0].name,
             "lift": self.lift,
@@ -247,7 +247,7 @@ class Rolling:
 
 def thin_strip(damping_ratio: float = 0.002) -> Lamina:
     """Return a steel strip of 500 × 40 × 1 mm, 3.34 Hz, which sags by 34 mm under its weight."""
-    return ground.steel_strip(length=0.5, thickness=0.001, damping_ratio=damping_ratio)
+    return rigid_ground.steel_strip(length=0.5, thickness=0.001, damping_ratio=damping_ratio)
 
 
 def rolling(
@@ -255,8 +255,8 @@ def rolling(
     method: str = "newton@moreau-jean",
     *,
     height: float = LIFT,
-    lift: ground.Lift = "tip force",
-    gravity: float = ground.GRAVITY,
+    lift: rigid_ground.Lift = "tip force",
+    gravity: float = rigid_ground.GRAVITY,
     n_elements: int = 80,
     steps_per_period: int = 20_000,
     periods: float = 0.5,
@@ -277,25 +277,25 @@ def rolling(
         ValueError: the load would not lift a part of the strip.
     """
     lamina = lamina or thin_strip()
-    operators = ground.on_ground(lamina, n_elements, "everywhere", gravity=gravity)
+    operators = rigid_ground.on_ground(lamina, n_elements, "everywhere", gravity=gravity)
     out = run(
         *METHODS[method],
         operators,
-        released(ground.lifted(lamina, n_elements, height, lift, gravity=gravity), operators),
+        released(rigid_ground.lifted(lamina, n_elements, height, lift, gravity=gravity), operators),
         time_step=_period(lamina) / steps_per_period,
         stretch=steps_per_period // STRETCHES,
         n_stretches=round(periods * STRETCHES),
     )
-    lying = ground.lying(lamina, n_elements, gravity)
+    lying = rigid_ground.lying(lamina, n_elements, gravity)
     return Rolling(
         lamina=lamina,
         method=method,
         lift=lift,
         gravity=gravity,
-        x=ground.nodes(lamina, n_elements),
+        x=rigid_ground.nodes(lamina, n_elements),
         steps_per_period=steps_per_period,
         time=out.time,
-        tip=out.displacement[:, 0] - ground.sag(lamina, gravity),
+        tip=out.displacement[:, 0] - rigid_ground.sag(lamina, gravity),
         top=(out.frames[:, 0, ::2] - lying[::2]).max(axis=1),
         impulses=out.impacts,
         energy=Energy.of(out, at_rest=0.5 * float(lying @ (operators.stiffness @ lying))),
@@ -352,7 +352,7 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
     )
     return RollingStudy(
         by_law={name: rolling(method=name, periods=LONG) for name in METHODS},
-        stiff=rolling(ground.steel_strip(damping_ratio=max(DAMPING_RATIOS)), periods=LONG),
+        stiff=rolling(rigid_ground.steel_strip(damping_ratio=max(DAMPING_RATIOS)), periods=LONG),
         by_height={
             height: rolling(height=height, n_elements=40, steps_per_period=10_000)
             for height in HEIGHTS
@@ -642,11 +642,11 @@ def tip_block(
         time_step: Δt, a divisor of an eighth of `STRETCH` [s].
         duration: duration of the impact run, which starts shortly before the touch [s].
     """
-    lamina = ground.steel_strip(damping_ratio=DAMPING_RATIO)
+    lamina = rigid_ground.steel_strip(damping_ratio=DAMPING_RATIO)
     stiffness = exact_beam(lamina).stiffness_for(PEAK_DURATION)
     gauges = np.array([0.020, 0.5 * lamina.length])
-    operators = ground.on_ground(lamina, n_elements, "tip", gauges=gauges.tolist())
-    start = released(ground.lifted(lamina, n_elements, LIFT, "tip force"), operators)
+    operators = rigid_ground.on_ground(lamina, n_elements, "tip", gauges=gauges.tolist())
+    start = released(rigid_ground.lifted(lamina, n_elements, LIFT, "tip force"), operators)
     newmark, half = SCHEMES["newmark"], 0.5 * STRETCH
     slow = FALL_STEPS * time_step
     fall = run(

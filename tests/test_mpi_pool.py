@@ -1,7 +1,7 @@
 """A program that fails ends its processes and says why; the next one finds new ones."""
 
 import pytest
-from crew import Crew
+from mpi_pool import Crew
 
 
 @pytest.mark.mpi

@@ -39,8 +39,8 @@ import numpy as np
 from scipy.special import roots_legendre
 
 from delam_fem.contact.complementarity import SOLVED, Again, nothing_known, solve_among
+from delam_fem.model.massless import Reduced, reduce
 from delam_fem.model.operators import Operators
-from delam_fem.model.reduced import Reduced, reduce
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.loop import Engine, State
 from delam_fem.simulation.recorder import (
@@ -64,7 +64,7 @@ COMPLETED, DIVERGED, UNSOLVED = range(3)
 
 
 class Problem(NamedTuple):
-    """A reduced problem (`model.reduced`) in compiled code, with m modes, n pairs and c parts.
+    """A reduced problem (`model.massless`) in compiled code, with m modes, n pairs and c parts.
 
     Attributes:
         squares: ω², shape (m,) [1/s2].

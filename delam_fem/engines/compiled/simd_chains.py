@@ -312,7 +312,7 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
     """Substitute back from the middle to the ends, complete the step (L1, L2), and measure it.
 
     `held` is the number of the field h of L1. If `keeps` is true, z is kept in the field P. The
-    other arguments are members of `system.System`.
+    other arguments are members of `matrices.System`.
 
     Returns:
         zᵀ C z and the smallest gap.

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 import delam_fem as df
 from delam_fem.api import SCHEMES, Operators, Solution, State, solve
-from delam_fem.engines.compiled import modes
+from delam_fem.engines.compiled import inner_points
 from delam_fem.engines.compiled.engine import compiled_engine
 from delam_fem.model.beams import closed_form
 
@@ -36,7 +36,7 @@ def motion(
 
 
 def test_modes_diagonalise_the_matrices(operators: Operators) -> None:
-    modal, unknowns = modes.in_modes(operators)
+    modal, unknowns = inner_points.in_modes(operators)
     n = operators.n_dofs
     for matrix, diagonal in (
         (operators.mass, np.ones(n)),
@@ -51,7 +51,7 @@ def test_modes_diagonalise_the_matrices(operators: Operators) -> None:
 
 
 def test_lowest_modes_are_as_exact_as_the_others(operators: Operators) -> None:
-    modal, _ = modes.in_modes(operators)
+    modal, _ = inner_points.in_modes(operators)
     K, M = operators.stiffness.toarray(), operators.mass.toarray()
     exact = 1.0 / np.linalg.eigvalsh(_symmetric(K, M))[::-1]  # the lowest are the largest here
     found = modal.stiffness.diagonal()[: operators.n_dofs]
@@ -124,7 +124,7 @@ def test_run_continues_from_its_own_numbers(operators: Operators) -> None:
 def test_other_damping_stays_in_bands(operators: Operators) -> None:
     C = operators.damping + sp.diags(np.r_[1.0, np.zeros(operators.n_dofs - 1)])
     other = replace(operators, damping=sp.csr_matrix(C))
-    assert modes.in_modes(other) is None
+    assert inner_points.in_modes(other) is None
     by_bands, by_petsc = (motion(other, A, engine, 1) for engine in ("compiled", "petsc"))
     size = np.abs(by_petsc.displacement).max()
     assert np.abs(by_bands.displacement - by_petsc.displacement).max() < SAME * size

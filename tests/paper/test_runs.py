@@ -10,9 +10,9 @@ import pytest
 import xarray as xr
 
 from delam_fem.api import Case
-from delam_fem.paper import lab as lab_module, portraits, shapes
+from delam_fem.paper import portraits, runs as lab_module, shapes
 from delam_fem.paper.claims import Numbers, judged
-from delam_fem.paper.lab import BEATS, MOTIONS, SAME_FREQUENCY, Laboratory, Plan, motion_case
+from delam_fem.paper.runs import BEATS, MOTIONS, SAME_FREQUENCY, Laboratory, Plan, motion_case
 from delam_fem.paper.shapes import BEGUN, HELD, OPEN, RELEASED, SEPARATING, STRUCK
 
 

@@ -10,9 +10,17 @@ from scipy.sparse.linalg import spsolve
 
 from delam_fem.api import SCHEMES, ImpactTable, Lamina, Law
 from delam_fem.numerics.beams import cantilever_roots
-from delam_fem.paper import ground, lateral, strip as strips
+from delam_fem.paper import falling_strip as strips, lateral, rigid_ground
 from delam_fem.paper.claims import Numbers
-from delam_fem.paper.strip import LIFT, Energy, Rolling, RollingStudy, TipBlock, rolling, tip_block
+from delam_fem.paper.falling_strip import (
+    LIFT,
+    Energy,
+    Rolling,
+    RollingStudy,
+    TipBlock,
+    rolling,
+    tip_block,
+)
 from delam_fem.results.figures.style import styled
 
 ROUND_OFF = 1e-9
@@ -28,8 +36,8 @@ N = 12
 @pytest.mark.parametrize(
     ("touching", "pairs"), [("everywhere", np.arange(N)), ("tip", np.array([N - 1]))]
 )
-def test_each_pair_is_one_node_above_the_ground(touching: ground.Touching, pairs) -> None:
-    operators = ground.on_ground(ground.steel_strip(), N, touching)
+def test_each_pair_is_one_node_above_the_ground(touching: rigid_ground.Touching, pairs) -> None:
+    operators = rigid_ground.on_ground(rigid_ground.steel_strip(), N, touching)
     heights = np.random.default_rng(3).normal(size=2 * N)
     assert np.diff(operators.gap_matrix.indptr).tolist() == [1] * pairs.size
     assert (operators.gap_matrix @ heights == heights[2 * pairs]).all()
@@ -37,13 +45,13 @@ def test_each_pair_is_one_node_above_the_ground(touching: ground.Touching, pairs
 
 
 def test_strip_has_the_frequency_asked_for() -> None:
-    strip = ground.steel_strip(31.0, thickness=0.002)
+    strip = rigid_ground.steel_strip(31.0, thickness=0.002)
     assert strip.angular_frequencies(1)[0] / (2.0 * np.pi) == pytest.approx(31.0, rel=1e-12)
 
 
 def test_modes_one_and_two_have_the_damping_ratio() -> None:
-    strip = ground.steel_strip(damping_ratio=0.01)
-    operators = ground.on_ground(strip, N, "tip")
+    strip = rigid_ground.steel_strip(damping_ratio=0.01)
+    operators = rigid_ground.on_ground(strip, N, "tip")
     M, C, K = (a.toarray() for a in (operators.mass, operators.damping, operators.stiffness))
     square, modes = np.linalg.eig(np.linalg.solve(M, K))
     for k in np.argsort(square)[:2]:
@@ -53,16 +61,16 @@ def test_modes_one_and_two_have_the_damping_ratio() -> None:
 
 
 def test_gaps_count_from_where_the_strip_would_hang() -> None:
-    strip = ground.steel_strip(length=0.5, thickness=0.001)
-    operators = ground.on_ground(strip, N, "everywhere", gravity=9.81)
+    strip = rigid_ground.steel_strip(length=0.5, thickness=0.001)
+    operators = rigid_ground.on_ground(strip, N, "everywhere", gravity=9.81)
     load = np.zeros(2 * N)
     load[::2] = strip.mass_per_length * 9.81 * strip.length / N
     load[-2:] *= 0.5, 0.0
     load[-1] = -strip.mass_per_length * 9.81 * (strip.length / N) ** 2 / 12.0
     hanging = -spsolve(operators.stiffness.tocsc(), load)
     assert operators.gap0 == pytest.approx(hanging[::2], rel=ROUND_OFF)
-    assert operators.gap0[-1] == pytest.approx(-ground.sag(strip, 9.81), rel=ROUND_OFF)
-    up = ground.lifted(strip, N, 0.05, "tip force", gravity=9.81)
+    assert operators.gap0[-1] == pytest.approx(-rigid_ground.sag(strip, 9.81), rel=ROUND_OFF)
+    up = rigid_ground.lifted(strip, N, 0.05, "tip force", gravity=9.81)
     height = operators.gap_matrix @ up + operators.gap0
     assert height[-1] == pytest.approx(0.05, rel=ROUND_OFF)
     assert height.min() > 0.0
@@ -73,15 +81,15 @@ def test_gaps_count_from_where_the_strip_would_hang() -> None:
 
 
 def test_a_strip_that_stays_on_the_ground_is_refused() -> None:
-    strip = ground.steel_strip(length=0.5, thickness=0.001)
+    strip = rigid_ground.steel_strip(length=0.5, thickness=0.001)
     with pytest.raises(ValueError, match=r"a third of its sag of 0\.0343\d* m .* given 0\.005 m"):
-        ground.lifted(strip, N, 0.005, "tip force", gravity=9.81)
+        rigid_ground.lifted(strip, N, 0.005, "tip force", gravity=9.81)
 
 
 @pytest.mark.parametrize("by", ["tip force", "uniform load"])
-def test_lifted_shapes_are_in_equilibrium(by: ground.Lift) -> None:
-    strip = ground.steel_strip()
-    operators, h = ground.on_ground(strip, N, "tip"), strip.length / N
+def test_lifted_shapes_are_in_equilibrium(by: rigid_ground.Lift) -> None:
+    strip = rigid_ground.steel_strip()
+    operators, h = rigid_ground.on_ground(strip, N, "tip"), strip.length / N
     load = np.zeros(2 * N)
     if by == "tip force":
         load[-2] = 1.0
@@ -89,16 +97,16 @@ def test_lifted_shapes_are_in_equilibrium(by: ground.Lift) -> None:
         load[::2] = h
         load[-2:] = h / 2.0, -(h**2) / 12.0
     exact = spsolve(operators.stiffness.tocsc(), load)
-    assert ground.lifted(strip, N, 0.05, by) == pytest.approx(
+    assert rigid_ground.lifted(strip, N, 0.05, by) == pytest.approx(
         0.05 * exact / exact[-2], rel=ROUND_OFF
     )
 
 
 def test_first_mode_is_lifted_as_a_mode() -> None:
-    strip = ground.steel_strip()
+    strip = rigid_ground.steel_strip()
     operators, shape = (
-        ground.on_ground(strip, N, "tip"),
-        ground.lifted(strip, N, 0.05, "first mode"),
+        rigid_ground.on_ground(strip, N, "tip"),
+        rigid_ground.lifted(strip, N, 0.05, "first mode"),
     )
     square = shape @ (operators.stiffness @ shape) / (shape @ (operators.mass @ shape))
     assert shape[-2] == pytest.approx(0.05)
@@ -106,26 +114,26 @@ def test_first_mode_is_lifted_as_a_mode() -> None:
 
 
 def test_strain_of_the_lifted_strip_is_that_of_beam_theory() -> None:
-    strip = ground.steel_strip()
+    strip = rigid_ground.steel_strip()
     gauges = np.array([0.0, 0.3 / N, 0.5, 0.777, 1.0]) * strip.length
-    operators = ground.on_ground(strip, N, "tip", gauges=gauges.tolist())
-    strain = operators.probes[1:] @ ground.lifted(strip, N, 0.05, "tip force")
+    operators = rigid_ground.on_ground(strip, N, "tip", gauges=gauges.tolist())
+    strain = operators.probes[1:] @ rigid_ground.lifted(strip, N, 0.05, "tip force")
     exact = 1.5 * 0.05 * strip.thickness * (strip.length - gauges) / strip.length**3
     assert strain == pytest.approx(exact, rel=ROUND_OFF, abs=ROUND_OFF * exact[0])
 
 
 def test_wrong_meshes_are_refused() -> None:
     with pytest.raises(ValueError, match="expected at least 2 elements, given 1"):
-        ground.on_ground(ground.steel_strip(), 1, "tip")
+        rigid_ground.on_ground(rigid_ground.steel_strip(), 1, "tip")
 
 
 # -- runs and measures ------------------------------------------------------------------------
 
 
 def test_without_a_law_the_strip_swings_through_the_ground_and_keeps_its_energy() -> None:
-    strip = ground.steel_strip()
-    operators = ground.on_ground(strip, N, "everywhere")
-    start = strips.released(ground.lifted(strip, N, 0.05, "first mode"), operators)
+    strip = rigid_ground.steel_strip()
+    operators = rigid_ground.on_ground(strip, N, "everywhere")
+    start = strips.released(rigid_ground.lifted(strip, N, 0.05, "first mode"), operators)
     out = strips.run(
         Law("none"), SCHEMES["newmark"], operators, start,
         time_step=1e-5, stretch=500, n_stretches=5,
@@ -141,7 +149,7 @@ def test_without_a_law_the_strip_swings_through_the_ground_and_keeps_its_energy(
 @pytest.fixture(scope="module")
 def fallen() -> Rolling:
     return rolling(
-        ground.steel_strip(damping_ratio=0.002),
+        rigid_ground.steel_strip(damping_ratio=0.002),
         gravity=0.0,
         n_elements=20,
         steps_per_period=5000,
@@ -250,7 +258,7 @@ def landed(
 ) -> Rolling:
     """Return a prescribed fall: the tip falls and rebounds, the contact line runs evenly."""
     period = 2.0 * np.pi / lamina.angular_frequencies(1)[0]
-    t, x = period * np.arange(2001) / 4000, ground.nodes(lamina, 20)
+    t, x = period * np.arange(2001) / 4000, rigid_ground.nodes(lamina, 20)
     tip = height * np.where(t < 0.25 * period, np.cos(2.0 * np.pi * t / period), 0.03 * t / period)
     first = 0.26 * period + (x if speed > 0.0 else x - x[-1]) / speed
     order = np.argsort(first)
@@ -259,7 +267,7 @@ def landed(
     lost = np.clip(t[::8] / period - 0.25, 0.0, 0.2)
     energy = Energy(t[::8], 0.02 * (1.0 - 4.5 * lost), 0.06 * lost, 0.03 * lost, 1e-9)
     return Rolling(
-        lamina, method, "tip force", ground.GRAVITY, x, 4000, t, tip, np.abs(tip[8::8]) * 1.1,
+        lamina, method, "tip force", rigid_ground.GRAVITY, x, 4000, t, tip, np.abs(tip[8::8]) * 1.1,
         pushes, energy, "completed",
     )  # fmt: skip
 
@@ -273,7 +281,7 @@ def test_figures_have_the_stored_words(block: TipBlock, stored: Callable[[str], 
     ]
     runs = lateral.completed(RollingStudy({}, None, {}, ladder), lateral.MAIN, 0.002, 40)
     assert [run["steps_per_period"] for run in runs] == [5_000, 20_000]
-    thin, stiff = strips.thin_strip(), landed(ground.steel_strip(), speed=-300.0)
+    thin, stiff = strips.thin_strip(), landed(rigid_ground.steel_strip(), speed=-300.0)
     study = RollingStudy(
         {method: landed(thin, method, speed=40.0 + k) for k, method in enumerate(strips.METHODS)},
         stiff,

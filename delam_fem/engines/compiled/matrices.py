@@ -31,10 +31,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.contact.decisions import LawNumbers
-from delam_fem.engines.compiled import algebra, lanes, lanes as lk
+from delam_fem.engines.compiled import algebra, simd_chains, simd_chains as lk
 from delam_fem.engines.compiled.algebra import Band, Rows
-from delam_fem.engines.compiled.lanes import aligned_zeros
-from delam_fem.engines.compiled.modes import (
+from delam_fem.engines.compiled.inner_points import (
     NO_POINTS,
     Coordinates,
     Modes,
@@ -45,6 +44,7 @@ from delam_fem.engines.compiled.modes import (
     is_reduced,
     points_of,
 )
+from delam_fem.engines.compiled.simd_chains import aligned_zeros
 from delam_fem.engines.compiled.state import Memory
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -207,8 +207,8 @@ class _Chained:
 
     system: System
     places: Places
-    mass: lanes.Chains
-    stiffness: lanes.Chains
+    mass: simd_chains.Chains
+    stiffness: simd_chains.Chains
     alpha: FloatArray
     beta: FloatArray
     stiffest: float
@@ -278,7 +278,7 @@ def _system(
         mass=algebra.rows(mass),
         damping=algebra.rows(damping),
         stiffness=algebra.rows(stiffness),
-        base=lanes.flat(base).reshape(3, size),
+        base=simd_chains.flat(base).reshape(3, size),
         inverse_lumped=to @ inverse_lumped,
         gap_rows=to_rows(o.gap_matrix @ to.T),
         gap0=np.array(o.gap0, dtype=float),
@@ -311,9 +311,9 @@ def _chained(o: Operators) -> _Chained | None:
     """
     if not o.n_dofs or o.n_dofs % 4:
         return None
-    order = lanes.lane_order(o.n_dofs // 4)
-    M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
-    damping, (rest, points) = lanes.rayleigh(o), _gaps(o, order)
+    order = simd_chains.lane_order(o.n_dofs // 4)
+    M, C, K = (simd_chains.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
+    damping, (rest, points) = simd_chains.rayleigh(o), _gaps(o, order)
     is_at_clamp = all(
         (order[np.flatnonzero(column)] < lk.ROW).all()
         for column in (o.base.mass, o.base.damping, o.base.stiffness)
@@ -324,8 +324,8 @@ def _chained(o: Operators) -> _Chained | None:
     alpha, beta = (np.repeat(values, 2) for values in damping)
     system = _system(o, StepNumbers.newmark(0.0), places, is_chained=True)._replace(
         is_within=points is not NO_POINTS,
-        mass_solution=lanes.solution_tape(M),
-        form=lanes.form_tape(C),
+        mass_solution=simd_chains.solution_tape(M),
+        form=simd_chains.form_tape(C),
         rest=rest,
         points=points,
     )
@@ -340,22 +340,22 @@ def _with_scheme(chained: _Chained, scheme: StepNumbers) -> System:
     # parts loses more digits, so L4, which needs a diagonal M, is chosen if 1/c_K is at most the
     # norm of M⁻¹ K.
     is_diagonal = bool(float(c_K.min()) * chained.stiffest >= 1.0)
-    coefficients = aligned_zeros(lk.N_COEFFICIENTS * lanes.LANES)
-    table = coefficients.reshape(lk.N_COEFFICIENTS, lanes.LANES)
+    coefficients = aligned_zeros(lk.N_COEFFICIENTS * simd_chains.LANES)
+    table = coefficients.reshape(lk.N_COEFFICIENTS, simd_chains.LANES)
     table[lk.S] = c_K / (scheme.p * c_M)
     table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (scheme.theta * c_M)
     table[lk.TO_U], table[lk.MINUS_RHO] = scheme.p, -scheme.rho
     load = (
-        lanes.flat(np.einsum("rlii->ril", M.scaled(dt * c_M / c_K).middle))
+        simd_chains.flat(np.einsum("rlii->ril", M.scaled(dt * c_M / c_K).middle))
         if is_diagonal
-        else lanes.product_tape(K.scaled(np.full(lanes.LANES, -dt)))
+        else simd_chains.product_tape(K.scaled(np.full(simd_chains.LANES, -dt)))
     )
     return chained.system._replace(
         is_diagonal_load=is_diagonal,
         scheme=scheme,
         coefficients=coefficients,
         load_tape=load,
-        solution=lanes.solution_tape(M.scaled(c_M) + K.scaled(c_K)),
+        solution=simd_chains.solution_tape(M.scaled(c_M) + K.scaled(c_K)),
     )
 
 
@@ -373,13 +373,13 @@ def _gaps(o: Operators, order: IntArray) -> tuple[FloatArray | None, Points]:
     If there are pairs inside the elements, all of these are infinite, and `Points` has the pairs.
     Return None if the gaps are not those between opposite points of two laminae.
     """
-    result = aligned_zeros(lanes.LANES * -(-o.n_dofs // lk.ROW))
+    result = aligned_zeros(simd_chains.LANES * -(-o.n_dofs // lk.ROW))
     result[:] = np.inf
     if o.n_dofs == 4 * o.n_pairs:
         place = _opposite_nodes(o, order)
         if place is None:
             return None, NO_POINTS
-        result[place // lk.ROW * lanes.LANES + place % lanes.LANES] = o.gap0
+        result[place // lk.ROW * simd_chains.LANES + place % simd_chains.LANES] = o.gap0
         return result, NO_POINTS
     points = None if not o.n_pairs or (o.gap0 <= 0.0).any() else points_of(o, order)
     return (None, NO_POINTS) if points is None else (result, points)

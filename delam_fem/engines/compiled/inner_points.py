@@ -35,7 +35,7 @@ import scipy  # loads its parts when they are used
 import scipy.sparse as sp
 from scipy.linalg import eigh
 
-from delam_fem.engines.compiled.lanes import (
+from delam_fem.engines.compiled.simd_chains import (
     ROW,
     WIDTH,
     P,
