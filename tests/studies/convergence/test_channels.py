@@ -47,19 +47,19 @@ def refined(folder: Path, *of: str, case: df.Case | None = None) -> Any:
     ],
 )
 def test_measures_of_a_linear_oscillator(channel: str, exact: float, tmp_path: Path) -> None:
-    found = refined(tmp_path, channel, f"{channel}:amplitude")
-    assert [q.name for q in found.judged] == [
+    study = refined(tmp_path, channel, f"{channel}:amplitude")
+    assert [q.name for q in study.judged] == [
         f"{channel}:{measure}" for measure in ("min", "max", "rms", "amplitude")
     ]
-    rungs = found.ladder.along_steps(found.ladder.methods[0], 1)
+    rungs = study.ladder.along_steps(study.ladder.methods[0], 1)
     errors = []
     for rung in rungs:
-        rms = found.value(rung, f"{channel}:rms") * math.sqrt(2.0)
+        rms = study.value(rung, f"{channel}:rms") * math.sqrt(2.0)
         errors.append(abs(rms / exact - 1.0))
     assert errors[-1] < 1e-3
     if channel != "drive":  # sampled exactly
         assert math.log2(errors[-2] / errors[-1]) == pytest.approx(2.0, abs=0.1)
-    said = verdict(found)
+    said = verdict(study)
     assert said.startswith("Within 1 %")
     (chosen,) = [k for k, rung in enumerate(rungs) if f" {rung.steps} steps per period" in said]
     assert errors[chosen] <= 0.01
@@ -73,10 +73,10 @@ def test_an_acceleration_at_a_place_that_is_hit_has_no_limit(tmp_path: Path) -> 
         "laws": ["newton@moreau-jean"], "steps": (500, 1000, 2000, 4000), "periods": 4,
         "limit_steps": 16000, "workers": 1,
     }  # fmt: skip
-    found = df.converge(case, tmp_path, of=["a1"], **settings)
-    rung = found.ladder.rung(found.ladder.methods[0], 20, 1000)
-    assert found.error(rung) > 0.5
-    said = verdict(found)
+    study = df.converge(case, tmp_path, of=["a1"], **settings)
+    rung = study.ladder.rung(study.ladder.methods[0], 20, 1000)
+    assert study.error(rung) > 0.5
+    said = verdict(study)
     assert said.startswith("No run is known to be within 1 %")
     assert "a1 rms" in said
 
