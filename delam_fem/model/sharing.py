@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from delam_fem.model.operators import matrix
 from delam_fem.numerics.types import FloatArray
-from delam_fem.system.mpi import slepc, start_petsc
+from delam_fem.system.mpi import hold, release, slepc, start_petsc
 
 if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
@@ -305,9 +305,11 @@ def shared(comm: MPI.Intracomm, work: Callable[[], _T]) -> _T | None:
     if comm.size == 1:
         return work()
     start_petsc()  # all together
+    hold(comm)
     ranks = Ranks(comm)
     if comm.rank > 0:
         ranks.obey()
+        release(comm)
         return None
     _ranks = ranks
     try:
@@ -317,3 +319,4 @@ def shared(comm: MPI.Intracomm, work: Callable[[], _T]) -> _T | None:
         if ranks.is_busy:  # an error in the midst of an order: the others wait for the rest of it
             comm.Abort(1)
         ranks.end()
+        release(comm)

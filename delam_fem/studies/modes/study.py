@@ -31,5 +31,4 @@ MODES: Study[Modes, LaminaModes | StructureModes] = Study(
     "Compute",
     "modes",
     takes_impactors=True,
-    shares_factors=True,
 )
