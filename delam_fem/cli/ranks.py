@@ -1,6 +1,7 @@
 """Say what a command does where mpirun or srun has started several processes of it.
 
-`run` shares its steps. The others refuse, because each process would do the same, into the same folder.
+`run` shares its steps. The others refuse, because each process would do the same, into the same
+folder.
 """
 
 from __future__ import annotations
