@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kit import refusal
+from support import refusal
 
 import delam_fem as df
 
