@@ -223,10 +223,10 @@ def _run_case(
     plausible.tell(case)
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
-    kept = source = None if directory is None else checkpoint.path_in(Path(directory))
-    if kept is not None and kept.exists() and not (resume or overwrite):
+    path = source = None if directory is None else checkpoint.path_in(Path(directory))
+    if path is not None and path.exists() and not (resume or overwrite):
         raise CaseError(
-            f"{kept}: belongs to a run that is not finished; go on with --resume, or replace it "
+            f"{path}: belongs to a run that is not finished; go on with --resume, or replace it "
             "with --overwrite"
         )
     if extend:
@@ -251,17 +251,19 @@ def _run_case(
         if resume or extend:
             before = checkpoint.load(source, *of_run, opened.motion, of_shorter=bool(extend))
             before = "running" if extend else before
-        begin, first = time.perf_counter(), recorder.n_closed
+        begin = time.perf_counter()
+        first = recorder.n_closed
         decay = quality.decay_of(case, structure) * case.period
         enough = quality.stop_when_settled(case, recorder, len(structure.layout.parts), decay)
-        with stop_signals() as is_stopped, reporting(progress, "period") as shown:
-            stop = Watch(kept, of_run, is_stopped, comm, report=shown, seconds=checkpoint_seconds)
+        with stop_signals() as is_stopped, reporting(progress, "period") as report:
+            stop = Watch(path, of_run, is_stopped, comm, report=report, seconds=checkpoint_seconds)
             if extend:
                 stop.save("running")  # from now on the folder says that it is not finished
             if before == "running":
                 outcome, reason = opened.run_or_fail(stop, enough)
             else:
-                outcome, reason = before, FAILED if before == "failed" else ""
+                outcome = before
+                reason = FAILED if before == "failed" else ""
             if recorder.n_closed == 1 and not recorder.window[-1].n_steps:
                 raise CaseError(
                     f"case {case.name}: the first step of {case.time_step:g} s already goes beyond "
@@ -283,7 +285,7 @@ def _run_case(
         summary["message"] = reason
     result = _result(case, structure, recorder, state, summary, decay, remark, identity, told=told)
     final = arrays if outcome == "completed" and other is None else None
-    return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
+    return replace(result, final=final, checkpoint=None if outcome == "interrupted" else path)
 
 
 def _changed(
@@ -371,7 +373,8 @@ def _run_operators(
         is_periodic=abs(f * period - 1.0) < ROUND_OFF,
     )
     n_balanced = recorder.n_closed - (solution.outcome == "failed")
-    n, residual = recorder.strobe.shape[2], recorder.energy_residual(n_balanced)
+    n = recorder.strobe.shape[2]
+    residual = recorder.energy_residual(n_balanced)
     is_lost = solution.outcome == "completed" and quality.is_lost(
         residual, SCHEMES[scheme] if isinstance(scheme, str) else scheme
     )
@@ -386,9 +389,9 @@ def _run_operators(
         "periods": recorder.n_closed, "probes": list(names),
     }  # fmt: skip
     if n:
-        found = diagnostics.summary(history, case)
+        numbers = diagnostics.summary(history, case)
         summary |= {
-            key.replace("tip_", "probe_"): found[key] for key in found if key not in OF_GAPS
+            key.replace("tip_", "probe_"): numbers[key] for key in numbers if key not in OF_GAPS
         }
         decay = quality.decay_of_operators(operators) * period if case.is_periodic else 0.0
         summary |= quality.settling_summary(recorder, n, case, decay)
@@ -416,7 +419,8 @@ def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[s
     Raises:
         CaseError: the case cannot be computed.
     """
-    structure, engine = discretise.assemble(case), available(engine, case)
+    structure = discretise.assemble(case)
+    engine = available(engine, case)
     with session_of(case, structure.operators, engine=engine):
         pass
     texts = never_opens(case), overlap_at_start(structure, case)
@@ -442,15 +446,15 @@ def _beyond_case(
     structure: Structure | None, initial: State | None, law: ContactLaw | None
 ) -> dict[str, object]:
     """Return what the identity of a run has beside its case: what is given in place of it."""
-    given: dict[str, object] = {} if law is None else {"law": law.name}
+    additions: dict[str, object] = {} if law is None else {"law": law.name}
     if initial is not None:
-        given["initial"] = initial
+        additions["initial"] = initial
     if structure is not None and isinstance(structure.operators, Operators):
         o = structure.operators
         matrices = (o.mass, o.damping, o.stiffness, o.gap_matrix)
         arrays = [part for matrix in matrices for part in (matrix.data, matrix.indices)]
-        given["structure"] = [*arrays, o.gap0]
-    return given
+        additions["structure"] = [*arrays, o.gap0]
+    return additions
 
 
 def _summary(
@@ -538,7 +542,8 @@ def _result(
 
 def _divergence(case: Case, history: xr.Dataset) -> str:
     """Return a message: when a run diverged, with what energy, and what may help."""
-    end, n_periods = float(history["time"][-1]), history.sizes["period"]
+    end = float(history["time"][-1])
+    n_periods = history.sizes["period"]
     energy = float(history["energy_kinetic"][-1] + history["energy_strain"][-1])
     law = case.contact.law
     if law == "none":

@@ -157,21 +157,21 @@ def main() -> int:
     parser.add_argument("--now", type=Path, default=TREE, help="tree after it (default: this one)")
     parser.add_argument("--only", default=",".join(COMMANDS), help="names of commands, with commas")
     parser.add_argument("--keep", type=Path, help="folder for the results (default: removed)")
-    given = parser.parse_args()
+    options = parser.parse_args()
     n_different = 0
     with tempfile.TemporaryDirectory() as scratch:
-        root = given.keep or Path(scratch)
+        root = options.keep or Path(scratch)
         homes = (root / "before", root / "now")
         for home in homes:
             home.mkdir(parents=True, exist_ok=True)
             (home / "sweep.toml").write_text(SWEEP, encoding="utf-8")
-        for name in given.only.split(","):
-            for tree, home in zip((given.before, given.now), homes, strict=True):
+        for name in options.only.split(","):
+            for tree, home in zip((options.before, options.now), homes, strict=True):
                 if not (home / f"{name}.txt").exists():  # of an earlier comparison that was kept
                     written(tree.resolve(), name, home)
-            found = list(differences(name, homes))
-            n_different += bool(found)
-            print(f"{name:16} {'same' if not found else '; '.join(found)}", flush=True)
+            texts = list(differences(name, homes))
+            n_different += bool(texts)
+            print(f"{name:16} {'same' if not texts else '; '.join(texts)}", flush=True)
     return int(n_different > 0)
 
 

@@ -71,16 +71,16 @@ def rewritten(source: str, *, uses_modules: bool) -> str:
             continue
         stays: list[str] = []
         moves: set[str] = set()
-        whole = modules.get(node.module) if uses_modules else None
+        module = modules.get(node.module) if uses_modules else None
         for alias in node.names:
             full = f"{node.module}.{alias.name}"
             local = alias.asname or alias.name
             text = alias.name + (f" as {alias.asname}" if alias.asname else "")
             if full in names or full in modules:
                 moves.add(text)
-            elif whole and whole not in bound and local not in bound:
-                moves.add(whole)
-                prefixed[local] = f"{whole}.{alias.name}"
+            elif module and module not in bound and local not in bound:
+                moves.add(module)
+                prefixed[local] = f"{module}.{alias.name}"
             else:
                 stays.append(text)
         if not moves:

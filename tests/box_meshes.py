@@ -23,8 +23,8 @@ def brick(cell: str, counts: tuple[int, ...], low: Array, high: Array) -> tuple[
     corners = []
     for offset in range(2**dim):
         shift = [(offset >> axis) & 1 for axis in range(dim)]
-        own = tuple(slice(s, s + n) for s, n in zip(shift, counts, strict=True))
-        corners.append(number[own].ravel())
+        block = tuple(slice(s, s + n) for s, n in zip(shift, counts, strict=True))
+        corners.append(number[block].ravel())
     boxes = np.column_stack(corners)
     if cell in ("quadrilateral", "hexahedron"):
         return points, boxes
@@ -37,7 +37,7 @@ def brick(cell: str, counts: tuple[int, ...], low: Array, high: Array) -> tuple[
 
 def facets_at(points: Array, cells: Array, cell: str, height: float) -> npt.NDArray[np.int64]:
     """Return the facets that lie in the plane y = height."""
-    facets = np.concatenate([cells[:, list(own)] for own in FACETS[cell]])
+    facets = np.concatenate([cells[:, list(facet)] for facet in FACETS[cell]])
     return facets[np.all(np.abs(points[facets][..., 1] - height) < 1e-12, axis=1)]
 
 

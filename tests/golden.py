@@ -59,7 +59,7 @@ def of_panel(axes: Axes) -> Iterator[str]:
             yield f"  beside x {child.get_xlabel()!r}, y {child.get_ylabel()!r}"
     series = len(axes.lines) + len(axes.collections) + len(axes.images)
     yield f"  {series} series"
-    for legend in (own for own in axes.get_children() if isinstance(own, Legend)):
+    for legend in (artist for artist in axes.get_children() if isinstance(artist, Legend)):
         yield f"  legend {[entry.get_text() for entry in legend.get_texts()]}"
 
 

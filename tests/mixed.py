@@ -70,21 +70,21 @@ def mixed(n_laminae: int = 2, **sections: Any) -> Case:
         n_laminae: how many laminae lie on one another.
         sections: what replaces its sections.
     """
-    given: dict[str, Any] = {
-        "name": "mixed", "lamina": [own | SIZE for own in LAMINAE[:n_laminae]],
+    data: dict[str, Any] = {
+        "name": "mixed", "lamina": [lamina | SIZE for lamina in LAMINAE[:n_laminae]],
         "mesh": {"elements": 9}, "excitation": BASE, "stop": STOPS, "impactor": IMPACTORS,
         "point_mass": MASSES, "sensor": SENSORS,
         "contact": {"law": "penalty", "penalty_stiffness": 3e3, "penalty_damping": 0.3},
         "time": {"steps_per_period": 200, "periods": 2}, "output": {"window_periods": 2},
     }  # fmt: skip
-    given |= sections
-    if given["contact"]["law"] != "penalty":  # all pairs of a case follow one law
+    data |= sections
+    if data["contact"]["law"] != "penalty":  # all pairs of a case follow one law
         for name in ("stop", "impactor"):
-            given[name] = [
-                {key: value for key, value in own.items() if key not in ("stiffness", "damping")}
-                for own in given[name]
+            data[name] = [
+                {key: value for key, value in entry.items() if key not in ("stiffness", "damping")}
+                for entry in data[name]
             ]
-    return Case(**given)
+    return Case(**data)
 
 
 def apart(**sections: Any) -> Case:
@@ -144,7 +144,7 @@ SOLIDS = {
 
 BARS = {
     "bars": apart(
-        lamina=[own | SIZE | {"motion": "axial"} for own in LAMINAE[:2]],
+        lamina=[lamina | SIZE | {"motion": "axial"} for lamina in LAMINAE[:2]],
         damping={"rayleigh": "every mode"}, point_mass=MASSES[:2], stop=STOPS[:2],
         gap=None, sensor=[], excitation=FORCE,
         delamination=[{"between": ["low", "mid"], "start": 0.0, "end": 0.5, "opening": 3e-4}],

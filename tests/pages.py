@@ -58,12 +58,12 @@ class Block(NamedTuple):
 def blocks(text: str) -> list[Block]:
     return [
         Block(
-            f"line{text.count(chr(10), 0, found.start('code'))}",
-            found["language"],
-            found["code"],
-            found["note"] or "",
+            f"line{text.count(chr(10), 0, match.start('code'))}",
+            match["language"],
+            match["code"],
+            match["note"] or "",
         )
-        for found in BLOCK.finditer(text)
+        for match in BLOCK.finditer(text)
     ]
 
 

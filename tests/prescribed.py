@@ -96,8 +96,8 @@ def tips(case: Case) -> xr.Dataset:
     if per_period:
         every = slice(N // per_period - 1, None, N // per_period)
         add(data, frame=data["time"].to_numpy()[every], displacement=u[:, every])
-        held = data.attrs.pop("held")[every].astype(np.int8)
-        add(data, contact_state=2 * held)
+        is_resting = data.attrs.pop("held")[every].astype(np.int8)
+        add(data, contact_state=2 * is_resting)
     data.attrs = {"outcome": "completed", "engine": "petsc"}
     return data
 

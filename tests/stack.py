@@ -171,9 +171,9 @@ def _record(case: Case, structure: Structure, period: int) -> PeriodRecord:
     for part, now, rate in zip(
         layout.parts, q(t[frame_steps]), q_rate(case, t[frame_steps]), strict=True
     ):
-        own, along = part.dofs[1:], np.stack([x**2, 2.0 * x], axis=1) / layout.x[NODE] ** 2
-        state[:, 0, own] = now[:, None, None] * along
-        state[:, 1, own] = rate[:, None, None] * along
+        dofs, along = part.dofs[1:], np.stack([x**2, 2.0 * x], axis=1) / layout.x[NODE] ** 2
+        state[:, 0, dofs] = now[:, None, None] * along
+        state[:, 1, dofs] = rate[:, None, None] * along
     return PeriodRecord(
         np.zeros((STEPS + 1, 3)), u, v, frame_steps, (None, 0.0, 0.0), list(state[:, :2]),
         _contact(structure), _jumps(), n_steps=STEPS,

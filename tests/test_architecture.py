@@ -43,9 +43,9 @@ def test_names_in_code_exist() -> None:
 
 
 def test_what_is_looked_up_is_defined_in_the_file_that_is_named() -> None:
-    found = re.findall(r"^\| [^|]+ \| `([\w/]+\.py)` \| `(\w+)` \|$", TEXT, re.MULTILINE)
-    assert len(found) > 27
-    for file, name in found:
+    rows = re.findall(r"^\| [^|]+ \| `([\w/]+\.py)` \| `(\w+)` \|$", TEXT, re.MULTILINE)
+    assert len(rows) > 27
+    for file, name in rows:
         source = (PACKAGE / file).read_text(encoding="utf-8")
         assert re.search(rf"^(?:    )?(?:def |class )?{name}\b", source, re.MULTILINE), (file, name)
 
@@ -69,8 +69,8 @@ def test_docstrings_point_to_names_that_are_there() -> None:
             words.setdefault(name, set())
         for name in {path.stem, *path.relative_to(PACKAGE).parts[:-1]}:
             words.setdefault(name, set()).update(re.findall(r"\w+", code))
-        found = re.findall(r"`([a-z_]+)\.(?:\w+\.)*([A-Za-z]\w+)`", text)
-        pointers |= {(path.name, *pair) for pair in found}
+        pairs = re.findall(r"`([a-z_]+)\.(?:\w+\.)*([A-Za-z]\w+)`", text)
+        pointers |= {(path.name, *pair) for pair in pairs}
     assert len(pointers) > 50
     assert {
         (file, first, last)

@@ -22,16 +22,16 @@ def project() -> dict[str, object]:
 
 def value(key: str) -> str:
     """Return the value of a key of one line, without quotes."""
-    found = re.search(rf"^{key}: +(\S.*)$", TEXT, re.MULTILINE)
-    assert found is not None, key
-    return found[1].strip('"')
+    match = re.search(rf"^{key}: +(\S.*)$", TEXT, re.MULTILINE)
+    assert match is not None, key
+    return match[1].strip('"')
 
 
 def items(key: str) -> list[str]:
     """Return the items of a list."""
-    found = re.search(rf"^{key}:\n((?:  - .*\n)+)", TEXT, re.MULTILINE)
-    assert found is not None, key
-    return [line.removeprefix("  - ") for line in found[1].splitlines()]
+    match = re.search(rf"^{key}:\n((?:  - .*\n)+)", TEXT, re.MULTILINE)
+    assert match is not None, key
+    return [line.removeprefix("  - ") for line in match[1].splitlines()]
 
 
 def test_keys_are_those_of_the_format() -> None:

@@ -81,17 +81,17 @@ def test_a_sweep_is_a_case_and_values(tmp_path: Path) -> None:
 def test_a_ladder_of_elements(tmp_path: Path) -> None:
     case = df.preset("default", SHORT)
     law = "newton@moreau-jean"
-    found = df.converge(
+    convergence = df.converge(
         case, tmp_path, laws=[law], elements=[2, 4], limit_steps=0, periods=2, workers=1
     )
-    assert {rung.mesh for rung in found.ladder.rungs()} == {2, 4}
+    assert {rung.mesh for rung in convergence.ladder.rungs()} == {2, 4}
 
 
 def test_operators_run_until_a_time() -> None:
-    found = solve(
+    result = solve(
         pair(probes=UNIT), steps_per_period=None, periods=None, time_step=0.01, until=20.0
     )
-    history = found.history
+    history = result.history
     assert 20.0 <= float(history.time[-1]) < 20.2
     assert history.probe_displacement.shape == (2, history.sizes["time"])
     assert history.probe_displacement.attrs["units"] == "m"
@@ -99,8 +99,8 @@ def test_operators_run_until_a_time() -> None:
     assert float(history.event_impulse.min()) >= 0.0
     gap = 1e-3 + history.probe_displacement[1] - history.probe_displacement[0]
     assert float(gap.min()) < 1e-3
-    whole = solve(pair(probes=UNIT), periods=None, until=14.9)
-    assert float(whole.history.time[-1]) == pytest.approx(15.0)
+    complete_run = solve(pair(probes=UNIT), periods=None, until=14.9)
+    assert float(complete_run.history.time[-1]) == pytest.approx(15.0)
 
 
 @pytest.mark.parametrize("engine", ["petsc", "compiled"])
@@ -108,38 +108,38 @@ def test_operators_give_names_figures_and_a_verdict(engine: str, tmp_path: Path)
     """The verdict knows the decay: each mode of `pair` has c/m = 0.1/s, so e^(-0.05 t)."""
     probes = sp.csr_matrix([[1.0, 0.0], [0.0, 1.0], [-1.0, 1.0]])
     probed = pair(probes=probes, names=("left", "right", "between"))
-    found = solve(
+    result = solve(
         probed, engine=engine, periods=60, window_periods=5, name="two masses", frames_per_period=4
     )
-    assert isinstance(found, df.Result)
-    assert found.summary["settled"] == "settled"
-    assert found.summary["settling"]["decay"] == pytest.approx(0.05 / 0.2)
-    window = found.history.probe_displacement.sel(probe="right")
-    history = found.history  # the probes read the dofs
+    assert isinstance(result, df.Result)
+    assert result.summary["settled"] == "settled"
+    assert result.summary["settling"]["decay"] == pytest.approx(0.05 / 0.2)
+    window = result.history.probe_displacement.sel(probe="right")
+    history = result.history  # the probes read the dofs
     for name in ("displacement", "velocity"):
         at_frames = history[f"probe_{name}"].sel(time=history.frame, method="nearest")[:2]
         assert np.allclose(history[f"dof_{name}"].T, at_frames, rtol=1e-12, atol=1e-14)
     assert history.sizes["frame"] == 20
-    assert found.summary["probe_max"][1] == pytest.approx(float(window.max()), rel=1e-12)
-    assert found.summary["impacts_per_period"] == found.history.sizes["event"] / 5
-    written = {path.name for path in found.save(tmp_path / "out")}
+    assert result.summary["probe_max"][1] == pytest.approx(float(window.max()), rel=1e-12)
+    assert result.summary["impacts_per_period"] == result.history.sizes["event"] / 5
+    written = {path.name for path in result.save(tmp_path / "out")}
     figures = {"probe_histories", "phase_portraits", "spectra", "energy_ledger", "envelope"}
     assert written == {"result.nc", "summary.json", "report.html", *(f"{n}.png" for n in figures)}
-    assert set(dir(found.plot)) == figures
+    assert set(dir(result.plot)) == figures
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert "two masses: 0.2 Hz, contact: newton@moreau-jean" in page and "probe min" in page
-    assert "two masses" in found._repr_html_()
+    assert "two masses" in result._repr_html_()
     with pytest.raises(df.CaseError, match="export: expected the result of a case"):
-        found.export("csv", tmp_path / "x.csv")
+        result.export("csv", tmp_path / "x.csv")
 
 
 def test_operators_without_probes_run(tmp_path: Path) -> None:
-    found = solve(pair())
-    assert found.history.sizes["probe"] == 0 and found.summary["probes"] == []
+    result = solve(pair())
+    assert result.history.sizes["probe"] == 0 and result.summary["probes"] == []
     unnamed = solve(pair(probes=sp.identity(2, format="csr")), periods=2)
     assert unnamed.summary["probes"] == ["probe 1", "probe 2"]
-    assert found.history.sizes["event"] > 0
-    assert tmp_path / "figures" / "energy_ledger.png" in found.save(tmp_path)
+    assert result.history.sizes["event"] > 0
+    assert tmp_path / "figures" / "energy_ledger.png" in result.save(tmp_path)
 
 
 def test_a_structure_runs_as_its_case() -> None:
@@ -163,14 +163,14 @@ def test_a_structure_runs_as_its_case() -> None:
 def test_what_a_run_is_given_replaces_keys() -> None:
     case = df.preset("default", SHORT)
     law, drive = df.Law("newton", restitution=0.3), df.HarmonicMotion(3.3, 2e-3)
-    found = df.run(case, "compiled", law=law, scheme="newmark", drive=drive, until=0.5)
-    given = found.case
-    assert (given.contact.law, given.contact.restitution) == ("newton", 0.3)
-    assert given.time.scheme == "newmark"
-    assert (given.excitation.top_frequency, given.excitation.amplitude) == (3.3, 2e-3)
-    assert given.n_periods == 2  # 0.5 s are 1.65 periods
-    same = df.run(given, "compiled").history
-    assert found.history.tip_displacement.equals(same.tip_displacement)
+    result = df.run(case, "compiled", law=law, scheme="newmark", drive=drive, until=0.5)
+    used_case = result.case
+    assert (used_case.contact.law, used_case.contact.restitution) == ("newton", 0.3)
+    assert used_case.time.scheme == "newmark"
+    assert (used_case.excitation.top_frequency, used_case.excitation.amplitude) == (3.3, 2e-3)
+    assert used_case.n_periods == 2  # 0.5 s are 1.65 periods
+    same = df.run(used_case, "compiled").history
+    assert result.history.tip_displacement.equals(same.tip_displacement)
 
 
 @dataclass(frozen=True)
@@ -187,17 +187,17 @@ class Borrowed:
 
 def test_a_law_of_ones_own_acts_in_a_case(tmp_path: Path) -> None:
     case = df.preset("default", SHORT)
-    own = df.run(case, law=Borrowed(), scheme="newmark")
+    result = df.run(case, law=Borrowed(), scheme="newmark")
     table = df.run(case, law=df.Law("newton", restitution=0.2), scheme="newmark")
-    assert own.history.tip_displacement.equals(table.history.tip_displacement)
-    assert own.history.sizes["event"] > 0
-    (told,) = [text for text in own.summary["warnings"] if "borrowed" in text]
+    assert result.history.tip_displacement.equals(table.history.tip_displacement)
+    assert result.history.sizes["event"] > 0
+    (told,) = [text for text in result.summary["warnings"] if "borrowed" in text]
     assert (
         told == "contact.law: in place of the law of the case acted 'borrowed'; case.toml does "
         "not say so"
     )
     assert not [text for text in table.summary["warnings"] if "in place" in text]
-    own.save(tmp_path / "own", figures=False)
+    result.save(tmp_path / "own", figures=False)
     assert not (tmp_path / "own" / "state.npz").exists()  # its case would go on with another law
     with pytest.raises(df.CaseError, match="directory: expected none with the law 'borrowed'"):
         df.run(case, law=Borrowed(), scheme="newmark", directory=tmp_path)

@@ -137,13 +137,13 @@ def imported(code: Iterable[ast.AST]) -> Iterator[str]:
 
 def own(code: Iterable[ast.AST]) -> set[str]:
     """Return the modules of the package that nodes import."""
-    found = set()
+    names = set()
     for name in imported(code):
-        first, _, rest = name.partition(".")
+        first, _, tail = name.partition(".")
         if first == "delam_fem":
-            module = rest if rest in SOURCES else rest.rpartition(".")[0]
-            found.add(module if module in SOURCES else "__init__")
-    return found
+            module = tail if tail in SOURCES else tail.rpartition(".")[0]
+            names.add(module if module in SOURCES else "__init__")
+    return names
 
 
 def at_the_top(module: str) -> list[ast.stmt]:
@@ -163,12 +163,12 @@ def within(modules: set[str]) -> set[str]:
 
 def reach(module: str, imports: dict[str, set[str]]) -> set[str]:
     """Return the modules that `module` imports, directly or through others, and itself."""
-    found: set[str] = set()
+    reached: set[str] = set()
     waiting = {module}
     while waiting:
-        found |= waiting
-        waiting = {name for m in waiting for name in imports[m]} - found
-    return found
+        reached |= waiting
+        waiting = {name for m in waiting for name in imports[m]} - reached
+    return reached
 
 
 def at_run_time(node: ast.AST) -> Iterator[ast.AST]:
@@ -420,13 +420,13 @@ def text_files(folder: Path) -> Iterator[Path]:
 
 
 def test_no_text_names_a_path_of_one_machine() -> None:
-    found = [
+    matches = [
         f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
         for path in text_files(ROOT)
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
         if MACHINE_PATH.search(line)
     ]
-    assert found == []
+    assert matches == []
 
 
 def test_machine_paths_are_recognised() -> None:

@@ -74,13 +74,13 @@ def test_generator_makes_the_committed_meshes(tmp_path: Path) -> None:
 def places(path: Path) -> dict[str, npt.NDArray[np.float64]]:
     """Return the nodes of each physical group of a mesh, in the order of their places."""
     mesh = meshio.read(path, file_format="gmsh")
-    found = {}
+    by_name = {}
     for name in mesh.field_data:
-        own = zip(mesh.cells, mesh.cell_sets[name], strict=True)
-        nodes = np.concatenate([block.data[chosen].ravel() for block, chosen in own])
+        pairs = zip(mesh.cells, mesh.cell_sets[name], strict=True)
+        nodes = np.concatenate([block.data[chosen].ravel() for block, chosen in pairs])
         points = mesh.points[np.unique(nodes)]
-        found[name] = points[np.lexsort(points.round(9).T)]
-    return found
+        by_name[name] = points[np.lexsort(points.round(9).T)]
+    return by_name
 
 
 @needs_gmsh

@@ -69,9 +69,9 @@ def test_both_install_in_a_clean_environment(
     call(base, "-m", "venv", *distribution, tmp_path / "venv", folder=tmp_path)
     python = tmp_path / "venv" / "bin" / "python"
     install = [python, "-m", "pip", "install", "--no-input", "--quiet", "--no-compile"]
-    held = ["-c", CONSTRAINTS] if CONSTRAINTS.exists() else []
+    constraints = ["-c", CONSTRAINTS] if CONSTRAINTS.exists() else []
     if dependencies != "of this environment":
-        call(*install, *held, built["wheel"], folder=tmp_path)
+        call(*install, *constraints, built["wheel"], folder=tmp_path)
     else:  # after the environment's own packages come those of this one, without this project
         (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
         here = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
@@ -90,8 +90,8 @@ def test_both_install_in_a_clean_environment(
     assert call(python, "-c", has_dolfinx, folder=tmp_path).strip() == str(bool(distribution))
     if not distribution:  # runs, studies, commands and refusals
         (tmp_path / "covering").mkdir()
-        found = json.loads(
+        content = json.loads(
             call(python, "-c", PROGRAM, folder=tmp_path / "covering").splitlines()[-1]
         )
-        assert found["sweep"] == ["completed", "completed"] and found["run"][0] == 0
-        assert found["solid"][0] == found["compare"][0] == 2
+        assert content["sweep"] == ["completed", "completed"] and content["run"][0] == 0
+        assert content["solid"][0] == content["compare"][0] == 2

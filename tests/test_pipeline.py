@@ -97,7 +97,7 @@ def test_saved_folder_repeats_the_run(result: Result, tmp_path: Path) -> None:
 @pytest.mark.parametrize("law", ["newton-penalty", "penalty", "newton@moreau-jean"])
 def test_interrupted_run_goes_on_bit_for_bit(law: str, tmp_path: Path) -> None:
     case = short(contact__law=law, contact__penalty_damping=0.3, contact__impulse="consistent")
-    whole = df.run(case)
+    complete_run = df.run(case)
 
     def interrupt(done: int, periods: int) -> None:
         if done == 2:
@@ -108,10 +108,10 @@ def test_interrupted_run_goes_on_bit_for_bit(law: str, tmp_path: Path) -> None:
     assert part.history.sizes["period"] == 2
     resumed = df.run(case, directory=tmp_path, resume=True)
     assert resumed.history.attrs["outcome"] == "completed"
-    xr.testing.assert_equal(resumed.history, whole.history)
+    xr.testing.assert_equal(resumed.history, complete_run.history)
     assert (tmp_path / "checkpoint.npz").exists()  # nothing else is on the disk yet
     again = df.run(case, directory=tmp_path, resume=True)  # reads it, and computes nothing
-    xr.testing.assert_equal(again.history, whole.history)
+    xr.testing.assert_equal(again.history, complete_run.history)
     if law == "penalty":  # the pictures take five seconds
         again.save(tmp_path)
         assert not (tmp_path / "checkpoint.npz").exists()
@@ -132,10 +132,10 @@ def test_resume_wants_a_checkpoint_of_the_same_case(tmp_path: Path) -> None:
 
 
 def test_a_run_starts_from_the_state_of_another() -> None:
-    whole = df.run(short(contact__law="none"))
+    complete_run = df.run(short(contact__law="none"))
     half = short(contact__law="none", time__periods=2)
     second = df.run(half, initial=df.run(half).state)
-    tips, expected = (r.history.tip_displacement.values[:, -1] for r in (second, whole))
+    tips, expected = (r.history.tip_displacement.values[:, -1] for r in (second, complete_run))
     assert tips == pytest.approx(expected, rel=1e-9)
 
 

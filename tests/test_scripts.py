@@ -43,11 +43,11 @@ def test_page_of_performance_is_that_of_its_numbers() -> None:
 def test_reduced_study_finds_limits_and_smoothness(tmp_path: Path) -> None:
     short = "--modes 4 --points 6 --refine 8 --settle 20 --periods 5".split()
     assert script("reduced_study").main([*short, "-o", str(tmp_path)]) == 0
-    found = json.loads((tmp_path / "reduced.json").read_text())
-    (limit,) = found["limits"]["stiffness"]
+    content = json.loads((tmp_path / "reduced.json").read_text())
+    (limit,) = content["limits"]["stiffness"]
     assert limit["y1_min"] == pytest.approx(-19.7, abs=0.3)
     names = ("finite elements, r = 64", "4 modes, r = 8")
-    rough, smooth = (max(found["growth"][name]) for name in names)
+    rough, smooth = (max(content["growth"][name]) for name in names)
     assert smooth < 1.5 < rough
     assert (tmp_path / "figures" / "reduced.png").stat().st_size > 1000
 

@@ -224,9 +224,9 @@ def test_setup_for_tests_adds_to_the_setup_for_running(tmp_path: Path) -> None:
     """
     runs = [shell(f"{fakes}\nmain {extra}") for extra in ("", "", "test", "test", "", "other")]
     asked = [r.stdout.split() for r in runs]
-    whole = f"{tmp_path}[test]"
+    requirement = f"{tmp_path}[test]"
     assert [str(tmp_path) in a for a in asked] == [True, False, False, False, False, False]
-    assert [whole in a for a in asked] == [False, False, True, False, False, False]
+    assert [requirement in a for a in asked] == [False, False, True, False, False, False]
     assert [r.returncode for r in runs] == [0, 0, 0, 0, 0, 1]
     assert 'expected no argument or "test", given "other"' in runs[-1].stderr
     (tmp_path / "pyproject.toml").write_text("changed")

@@ -104,11 +104,11 @@ def case_of(preset: str, overrides: Mapping[str, object]) -> Any:
     """Return a case in the words of this package, or of an older one."""
     import delam_fem as df
 
-    given = {**SHORT, **overrides}
+    settings = {**SHORT, **overrides}
     try:
-        return df.preset(preset, given)
+        return df.preset(preset, settings)
     except df.CaseError:
-        return df.preset(preset, translated(given))
+        return df.preset(preset, translated(settings))
 
 
 def record(folder: Path) -> None:
@@ -165,8 +165,8 @@ def store(stem: Path, data: xr.Dataset, summary: Mapping[str, Any]) -> None:
     """Write a dataset without its attributes, and a summary."""
     bare = data.drop_attrs() if hasattr(data, "drop_attrs") else data
     bare.to_netcdf(stem.with_suffix(".nc"), engine="h5netcdf")
-    kept = {key: value for key, value in summary.items() if key not in MEASURED}
-    stem.with_suffix(".json").write_text(json.dumps(kept, indent=1), encoding="utf-8")
+    content = {key: value for key, value in summary.items() if key not in MEASURED}
+    stem.with_suffix(".json").write_text(json.dumps(content, indent=1), encoding="utf-8")
 
 
 def compare(before: Path, after: Path, tolerance: float = 0.0) -> list[str]:
@@ -261,8 +261,8 @@ def _tables(data: Any) -> list[dict[str, Any]]:
         return [table for entry in data for table in _tables(entry)]
     if not isinstance(data, dict):
         return []
-    own = [data["statistics"]] if isinstance(data.get("statistics"), dict) else []
-    return own + [table for value in data.values() for table in _tables(value)]
+    tables = [data["statistics"]] if isinstance(data.get("statistics"), dict) else []
+    return tables + [table for value in data.values() for table in _tables(value)]
 
 
 def against(revision: str) -> list[str]:
@@ -291,14 +291,14 @@ def main() -> int:
     two.add_argument("before", type=Path)
     two.add_argument("after", type=Path)
     two.add_argument("--tolerance", type=float, default=0.0)
-    given = parser.parse_args()
-    if given.command == "record":
-        record(given.folder)
+    options = parser.parse_args()
+    if options.command == "record":
+        record(options.folder)
         return 0
-    if given.command == "against":
-        differences = against(given.revision)
+    if options.command == "against":
+        differences = against(options.revision)
     else:
-        differences = compare(given.before, given.after, given.tolerance)
+        differences = compare(options.before, options.after, options.tolerance)
     print("\n".join(differences) or "all numbers are the same, bit for bit")
     return bool(differences)
 

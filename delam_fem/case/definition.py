@@ -242,17 +242,17 @@ class Case(Section):
         self._check_place("excitation", self.excitation)
         for section in ("point_mass", "sensor", "stop", "impactor", "initial"):
             tolerance = 0.0 if section in ("point_mass", "sensor") else EDGE_TOLERANCE
-            for number, own in enumerate(getattr(self, section), start=1):
-                key = f"{section}.{getattr(own, 'name', number)}"
-                self._check_place(key, own, tolerance)
+            for number, entry in enumerate(getattr(self, section), start=1):
+                key = f"{section}.{getattr(entry, 'name', number)}"
+                self._check_place(key, entry, tolerance)
 
     def _check_place(self, key: str, own: Section, tolerance: float = 0.0) -> None:
         """Check the lamina and the places that a table names, if it names any."""
         names = [lamina.name for lamina in self.lamina]
-        given = getattr(own, "lamina", None)
-        if given is not None and given not in names:
+        lamina_name = getattr(own, "lamina", None)
+        if lamina_name is not None and lamina_name not in names:
             raise inconsistent(
-                f"{key}.lamina", f"expected one of {', '.join(names)}, given {given!r}"
+                f"{key}.lamina", f"expected one of {', '.join(names)}, given {lamina_name!r}"
             )
         for end in ("position", "end"):
             x = getattr(own, end, None)
@@ -270,15 +270,15 @@ class Case(Section):
         """Check that time is in periods, or in seconds if the excitation does not repeat."""
         kind = self.excitation.kind
         for key, other in (("step", "steps_per_period"), ("duration", "periods")):
-            given = getattr(self.time, key)
-            if given is None and key in _NEEDS.get(kind, ()):
+            value = getattr(self.time, key)
+            if value is None and key in _NEEDS.get(kind, ()):
                 raise inconsistent(
                     f"time.{key}", f'missing, but required [s] with excitation.kind = "{kind}"'
                 )
-            if given is not None and (self.is_periodic or other in self.time.model_fields_set):
+            if value is not None and (self.is_periodic or other in self.time.model_fields_set):
                 reason = ", because the excitation repeats" if self.is_periodic else ", not both"
                 raise inconsistent(
-                    f"time.{key}", f"expected time.{other} instead{reason}; given {given:g} s"
+                    f"time.{key}", f"expected time.{other} instead{reason}; given {value:g} s"
                 )
         blow = self.excitation
         if not isinstance(blow, HammerExcitation):
@@ -357,13 +357,13 @@ class Case(Section):
                     "contact.penalty_stiffness",
                     "expected a positive number beside elastic stops or impactors",
                 )
-            found = blow.damping / (blow.stiffness or math.inf)
+            relaxation_time = blow.damping / (blow.stiffness or math.inf)
             needed = self.spring[1] / self.spring[0]
-            if not math.isclose(found, needed, rel_tol=ROUND_OFF):
+            if not math.isclose(relaxation_time, needed, rel_tol=ROUND_OFF):
                 raise inconsistent(
                     f"{section}.{number}.damping",
                     "expected the same ratio of damping to stiffness at all contact springs, "
-                    f"{needed:g} s, given {found:g} s",
+                    f"{needed:g} s, given {relaxation_time:g} s",
                 )
 
     def _check_stops(self) -> None:
@@ -384,30 +384,32 @@ class Case(Section):
 
     def _check_sensors(self) -> None:
         """Check that sensors have different names, something to read, and possible rates."""
-        most, names = 1.0 / (self.time.step or self.time_step), [own.name for own in self.sensor]
-        for own in self.sensor:
-            key = f"sensor.{own.name}"
-            if names.count(own.name) > 1:
-                raise inconsistent("sensor", f"expected other names, given {own.name!r} twice")
-            if own.between is not None:
-                require_neighbours(f"{key}.between", own.between, self.lamina)
+        most = 1.0 / (self.time.step or self.time_step)
+        names = [sensor.name for sensor in self.sensor]
+        for sensor in self.sensor:
+            key = f"sensor.{sensor.name}"
+            if names.count(sensor.name) > 1:
+                raise inconsistent("sensor", f"expected other names, given {sensor.name!r} twice")
+            if sensor.between is not None:
+                require_neighbours(f"{key}.between", sensor.between, self.lamina)
             for name in ("stop", "impactor"):
-                number, count = getattr(own, name), len(getattr(self, name))
+                number = getattr(sensor, name)
+                count = len(getattr(self, name))
                 if number is not None and number > count:
                     raise inconsistent(
                         f"{key}.{name}", f"expected at most {count} {name}s, given {number}"
                     )
-            if own.sampling_rate is not None and own.sampling_rate > most * (1.0 + ROUND_OFF):
+            if sensor.sampling_rate is not None and sensor.sampling_rate > most * (1.0 + ROUND_OFF):
                 raise inconsistent(
                     f"{key}.sampling_rate",
                     f"expected at most {most:g} Hz, one sample a step, given "
-                    f"{own.sampling_rate:g} Hz",
+                    f"{sensor.sampling_rate:g} Hz",
                 )
 
     def _check_laminae(self) -> None:
         """Check that names differ and lengths agree, and that there are beams or points."""
         first = self.lamina[0]
-        if len({(own.is_point, own.motion) for own in self.lamina}) > 1:
+        if len({(lamina.is_point, lamina.motion) for lamina in self.lamina}) > 1:
             raise inconsistent("lamina", "expected beams, bars or points, given several of these")
         is_bar = self.is_axial and not self.is_of_points
         if is_bar:
@@ -443,7 +445,7 @@ class Case(Section):
             "delamination": self.gap is not None or n_open == len(self.lamina) - 1,
             "support": not self.support.inside and self.support.rotational_stiffness is None,
             "contact.points_per_element": self.contact.points_per_element == 1,
-            "sensor": all(own.quantity != "strain" for own in self.sensor),
+            "sensor": all(sensor.quantity != "strain" for sensor in self.sensor),
         }
         for key, is_there in expected.items():
             if not is_there:
@@ -473,7 +475,7 @@ class Case(Section):
                 "support.position",
                 "expected no [[support]] inside the span beside [gap], whose laminae are "
                 "cantilevers, given "
-                f"{', '.join(f'{own.position:g} m' for own in self.support.inside)}; give a "
+                f"{', '.join(f'{entry.position:g} m' for entry in self.support.inside)}; give a "
                 "[[delamination]] from 0 to the length in place of [gap]",
             )
         elif self.gap is not None and self.support != Support():
@@ -483,8 +485,10 @@ class Case(Section):
                 "[[delamination]] from 0 to the length for other supports",
             )
         self._check_inner_supports()
-        held = "clamped" in (self.support.start, self.support.end)
-        if self.support.rotational_stiffness is not None and (self.model.is_continuum or not held):
+        is_clamped = "clamped" in (self.support.start, self.support.end)
+        if self.support.rotational_stiffness is not None and (
+            self.model.is_continuum or not is_clamped
+        ):
             raise inconsistent(
                 "support.rotational_stiffness",
                 'expected only with a clamped end and model.kind = "beam", given '
@@ -501,7 +505,11 @@ class Case(Section):
         if not self.has_own_springs:
             return self.contact.penalty_stiffness, self.contact.penalty_damping
         striking: tuple[Stop | Impactor, ...] = (*self.stop, *self.impactor)
-        springs = [(own.stiffness, own.damping) for own in striking if own.stiffness is not None]
+        springs = [
+            (striker.stiffness, striker.damping)
+            for striker in striking
+            if striker.stiffness is not None
+        ]
         return springs[0] if springs else (1.0, 0.0)
 
     def _check_inner_supports(self) -> None:
@@ -509,15 +517,18 @@ class Case(Section):
         inside = self.support.inside
         margin = EDGE_TOLERANCE * self.length
         taken = [0.0, self.length]
-        for own in sorted(inside, key=lambda own: own.position):
-            self._check_place("support", own, math.inf)
-            if own.position >= self.length or min(abs(own.position - x) for x in taken) <= margin:
+        for support in sorted(inside, key=lambda own: own.position):
+            self._check_place("support", support, math.inf)
+            if (
+                support.position >= self.length
+                or min(abs(support.position - x) for x in taken) <= margin
+            ):
                 raise inconsistent(
                     "support.position",
                     f"expected places from 0 to the length {self.length!r} m, apart from the ends "
-                    f"and from one another, given {own.position!r}",
+                    f"and from one another, given {support.position!r}",
                 )
-            taken.append(own.position)
+            taken.append(support.position)
 
     @property
     def is_of_points(self) -> bool:
@@ -550,7 +561,9 @@ class Case(Section):
     @property
     def without_strikes(self) -> Self:
         """The case without stops, impactors, their sensors, and without an initial state."""
-        sensors = tuple(own for own in self.sensor if own.stop is None and own.impactor is None)
+        sensors = tuple(
+            sensor for sensor in self.sensor if sensor.stop is None and sensor.impactor is None
+        )
         return self.model_copy(
             update={"stop": (), "impactor": (), "initial": (), "sensor": sensors}
         )
@@ -558,20 +571,21 @@ class Case(Section):
     @property
     def without_impactors(self) -> Self:
         """The case without its impactors and their sensors: what vibrates between two blows."""
-        sensors = tuple(own for own in self.sensor if own.impactor is None)
+        sensors = tuple(sensor for sensor in self.sensor if sensor.impactor is None)
         return self.model_copy(update={"impactor": (), "sensor": sensors})
 
     @property
     def is_elastic(self) -> bool:
         """Whether a stop or an impactor is elastic."""
-        return any(own.elastic_by for own in self.stop) or any(
-            own.elastic_by for own in self.impactor
+        return any(stop.elastic_by for stop in self.stop) or any(
+            impactor.elastic_by for impactor in self.impactor
         )
 
     @property
     def title(self) -> str:
         """What the case is, in a few words."""
-        law, scheme = self.contact.law, self.time.scheme
+        law = self.contact.law
+        scheme = self.time.scheme
         contact = combined_name(law, scheme)
         if "impulse" in combination(law, scheme).reads:
             contact += f", {self.contact.impulse} impulses"
@@ -591,7 +605,9 @@ class Case(Section):
     @property
     def is_floating(self) -> bool:
         """Whether something moves without any stiffness: the structure, a point, an impactor."""
-        springs = [own.stiffness for own in self.lamina] + [own.spring for own in self.impactor]
+        springs = [lamina.stiffness for lamina in self.lamina] + [
+            impactor.spring for impactor in self.impactor
+        ]
         return self.n_rigid > 0 or 0.0 in springs
 
     @property
@@ -608,9 +624,9 @@ class Case(Section):
     def n_rigid(self) -> int:
         """Number of rigid motions that the supports leave to a stack kept closed."""
         inner = [
-            "clamped" if own.kind == "clamped" or own.rotational_stiffness else "pinned"
-            for own in self.support.inside
-            if own.stiffness != 0.0
+            "clamped" if support.kind == "clamped" or support.rotational_stiffness else "pinned"
+            for support in self.support.inside
+            if support.stiffness != 0.0
         ]
         kinds = [self.support.start, self.support.end, *inner]
         return 0 if "clamped" in kinds else max(0, 2 - kinds.count("pinned"))
@@ -635,7 +651,7 @@ class Case(Section):
         """Whether nothing but elastic stops and impactors may touch, which say their stiffness."""
         striking: tuple[Stop | Impactor, ...] = (*self.stop, *self.impactor)
         is_alone = self.gap is None and not self.delamination
-        return is_alone and bool(striking) and all(own.elastic_by for own in striking)
+        return is_alone and bool(striking) and all(striker.elastic_by for striker in striking)
 
     @property
     def is_periodic(self) -> bool:
@@ -743,10 +759,10 @@ class Case(Section):
             mass_per_length=lamina.mass_per_length,
             rayleigh=self.rayleigh(i),
         )
-        given = self.excitation
-        if not isinstance(given, HarmonicExcitation | SweepExcitation):
+        excitation = self.excitation
+        if not isinstance(excitation, HarmonicExcitation | SweepExcitation):
             return np.full_like(H, np.nan, dtype=np.float64)
-        each = [given.displacement_amplitude(f) for f in np.ravel(frequency)]
+        each = [excitation.displacement_amplitude(f) for f in np.ravel(frequency)]
         return np.asarray(np.reshape(each, np.shape(frequency)) * np.abs(H))
 
     def _repr_html_(self) -> str:
@@ -815,7 +831,9 @@ class Case(Section):
 
     def _key_of(self, word: str) -> str:
         """Return the only key of this case whose last part is a word."""
-        keys = [f"{place}.{key}" for place, own in self._placed() for key in type(own).model_fields]
+        keys = [
+            f"{place}.{key}" for place, entry in self._placed() for key in type(entry).model_fields
+        ]
         fitting = [key for key in keys if key.endswith(f".{word}")]
         if len(fitting) == 1:
             return fitting[0]
@@ -853,10 +871,10 @@ class Case(Section):
         for key, file in self.files.items():
             if not file.is_file():
                 raise CaseError(f"{label}: {key}: no such file: {file}")
-        given = self.excitation
-        if not isinstance(given, TableExcitation):
+        excitation = self.excitation
+        if not isinstance(excitation, TableExcitation):
             return self
-        length = float(read_series(given.file, given.acts_on)[0][-1])
+        length = float(read_series(excitation.file, excitation.acts_on)[0][-1])
         duration = self.time.duration
         if duration is None:
             time = self.time.model_copy(update={"duration": length})
@@ -871,7 +889,7 @@ class Case(Section):
     @property
     def files(self) -> dict[str, Path]:
         """The files that the case names, by their keys."""
-        named = {f"{place}.file": getattr(own, "file", None) for place, own in self._placed()}
+        named = {f"{place}.file": getattr(entry, "file", None) for place, entry in self._placed()}
         return {key: file for key, file in named.items() if file is not None}
 
     def _placed(self) -> Iterator[tuple[str, Section]]:
@@ -881,5 +899,5 @@ class Case(Section):
             if isinstance(value, Section):
                 yield name, value
             elif isinstance(value, tuple):
-                for number, own in enumerate(value, start=1):
-                    yield f"{name}.{getattr(own, 'name', number)}", own
+                for number, entry in enumerate(value, start=1):
+                    yield f"{name}.{getattr(entry, 'name', number)}", entry

@@ -221,17 +221,17 @@ class ForceExcitation(_AtPoint):
     @model_validator(mode="after")
     def _one_course(self) -> Self:
         """Check that either one frequency is given or all keys of a sweep."""
-        given = [key for key in _SWEPT if getattr(self, key) is not None]
-        if given and self.frequency is not None:
+        keys = [key for key in _SWEPT if getattr(self, key) is not None]
+        if keys and self.frequency is not None:
             raise inconsistent(
-                given[0], "expected either frequency or the keys of a sweep, given both"
+                keys[0], "expected either frequency or the keys of a sweep, given both"
             )
-        if not given and self.frequency is None:
+        if not keys and self.frequency is None:
             raise inconsistent(
                 "frequency", f"missing, but required; or {', '.join(_SWEPT)} of a sweep"
             )
         for key in _SWEPT:
-            if given and key not in given:
+            if keys and key not in keys:
                 raise inconsistent(key, "missing, but required for a swept force")
         return self
 
@@ -341,7 +341,8 @@ class HalfSine:
         since = np.asarray(times, dtype=np.float64) - self.start
         lasts = (since >= 0.0) & (since < self.duration)
         w = math.pi / self.duration
-        sin, cos = np.sin(w * since), np.cos(w * since)
+        sin = np.sin(w * since)
+        cos = np.cos(w * since)
         course = self.amplitude * np.stack([sin, w * cos, -(w**2) * sin], axis=-1)
         return np.where(lasts[:, None], course, 0.0)
 
@@ -546,7 +547,8 @@ def swept_motion(
 
 def _states(A: float, phi: FloatArray, rotation: FloatArray, change: FloatArray) -> FloatArray:
     """Return A sin(phi) and its derivatives, shape (k, 3); phi' is `rotation`, phi'' `change`."""
-    sin, cos = np.sin(phi), np.cos(phi)
+    sin = np.sin(phi)
+    cos = np.cos(phi)
     return np.asarray(
         A * np.stack([sin, rotation * cos, change * cos - rotation**2 * sin], axis=-1)
     )

@@ -41,7 +41,8 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
 
     Source: the paper gives only the gap at the tip (12 mm).
     """
-    x, root = np.asarray(x, dtype=np.float64), gap.root or 0.0
+    x = np.asarray(x, dtype=np.float64)
+    root = gap.root or 0.0
     xi = np.clip(x / length, 0.0, 1.0)
     if gap.file is not None:
         table = read_gap_table(gap.file, length)
@@ -50,10 +51,12 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
     elif gap.tip is None:
         raise CaseError("gap.tip: missing, but required unless gap.file is given")
     elif gap.exponent is not None:
-        rise, source = xi**gap.exponent, f"gap.exponent {gap.exponent!r}"
+        rise = xi**gap.exponent
+        source = f"gap.exponent {gap.exponent!r}"
         g0 = root + (gap.tip - root) * rise
     else:
-        g0, source = root + (gap.tip - root) * cantilever_mode(1, xi), "gap.shape"
+        g0 = root + (gap.tip - root) * cantilever_mode(1, xi)
+        source = "gap.shape"
     closed = np.flatnonzero((x > 0.0) & ~(g0 > 0.0))
     if closed.size:
         k = closed[0]

@@ -152,11 +152,11 @@ def require_same(kept: str, asked: str, where: object, *, without: Collection[st
     Raises:
         CaseError: the two differ; the message says in which keys, files and options.
     """
-    found = differences(kept, asked, without)
-    if not found:
+    texts = differences(kept, asked, without)
+    if not texts:
         return
-    listed = "; ".join(found[:_MOST_DIFFERENCES])
-    more = len(found) - _MOST_DIFFERENCES
+    listed = "; ".join(texts[:_MOST_DIFFERENCES])
+    more = len(texts) - _MOST_DIFFERENCES
     raise CaseError(
         f"{where} belongs to another case or question: {listed}"
         + (f"; and {more} more" if more > 0 else "")

@@ -90,12 +90,12 @@ def tables() -> tuple[Table, ...]:
     """Return all tables of a case file in their order; the first has the keys before any table."""
     fields = Case.model_fields
     below = {name: _models(field.annotation) for name, field in fields.items()}
-    found = [_table(Case, "", [name for name, models in below.items() if not models])]
+    all_tables = [_table(Case, "", [name for name, models in below.items() if not models])]
     for name, models in below.items():
         for model in models:
             inner = {key: _models(f.annotation) for key, f in model.model_fields.items()}
             keys = [*(key for key in inner if not inner[key]), *model.also_written]
-            found.append(
+            all_tables.append(
                 _table(
                     model,
                     name,
@@ -103,35 +103,43 @@ def tables() -> tuple[Table, ...]:
                     is_array=_is_array(fields[name].annotation),
                 )
             )
-            found += [  # such tables have the same name
-                _table(own, name, [*own.model_fields], is_array=True)
+            all_tables += [  # such tables have the same name
+                _table(inner_model, name, [*inner_model.model_fields], is_array=True)
                 for models_of in inner.values()
-                for own in models_of
+                for inner_model in models_of
             ]
-    return tuple(found)
+    return tuple(all_tables)
 
 
 def _table(model: type[Section], name: str, keys: list[str], *, is_array: bool = False) -> Table:
     """Return a table with some keys of its model."""
     kind = model.model_fields.get("kind")
     default = "" if kind is None or kind.is_required() else kind.default
-    own = tuple(_key(model, key, meanings(model)) for key in keys)
-    return Table(name, default, is_array, summary(model), own, model)
+    table_keys = tuple(_key(model, key, meanings(model)) for key in keys)
+    return Table(name, default, is_array, summary(model), table_keys, model)
 
 
 def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
     """Return a key of a model; one that is only written is a positive number."""
     meaning = meanings.get(name, "")
-    found = _UNIT.search(meaning)
+    unit_match = _UNIT.search(meaning)
     if name not in model.model_fields:
-        return Key(name, "a positive number", (), found[1] if found else "-", False, None, meaning)
+        return Key(
+            name,
+            "a positive number",
+            (),
+            unit_match[1] if unit_match else "-",
+            False,
+            None,
+            meaning,
+        )
     field = model.model_fields[name]
     annotation: Any = field.annotation
     words = next((m.words for m in field.metadata if isinstance(m, Expected)), "")
     is_required = field.is_required() or name == "kind"  # the kind says which table it is
     default = None if is_required or field.default is PydanticUndefined else field.default
     parts = [*_parts(annotation)]
-    unit = (found[1] if found else "-") if {int, float}.intersection(parts) else ""
+    unit = (unit_match[1] if unit_match else "-") if {int, float}.intersection(parts) else ""
     choices = tuple(
         str(word) for part in parts if get_origin(part) is Literal for word in get_args(part)
     )
@@ -204,9 +212,9 @@ def case_schema() -> Schema:
     """
     made = Case.model_json_schema(schema_generator=_WithoutNull)
     listed = tables()
-    definitions = {own.model.__name__: own for own in listed if own.name}
-    for name, own in definitions.items():
-        made["$defs"][name] = _described(made["$defs"][name], own)
+    definitions = {table.model.__name__: table for table in listed if table.name}
+    for name, table in definitions.items():
+        made["$defs"][name] = _described(made["$defs"][name], table)
     ends, inner = ({"$ref": f"#/$defs/{name}"} for name in ("Support", "InnerSupport"))
     several = {"type": "array", "items": {"anyOf": [ends, inner]}}
     del made["$defs"]["Support"]["properties"]["inside"]
@@ -217,8 +225,10 @@ def case_schema() -> Schema:
 def _described(schema: Schema, table: Table) -> Schema:
     """Return the schema of a table with the meanings of its keys, as TOML can write them."""
     keys = {key.name: key for key in table.keys}
-    found = {name: _plain(own, keys.get(name)) for name, own in schema["properties"].items()}
-    found |= {
+    properties = {
+        name: _plain(entry, keys.get(name)) for name, entry in schema["properties"].items()
+    }
+    properties |= {
         name: _plain({"type": "number", "exclusiveMinimum": 0.0}, keys[name])
         for name in table.model.also_written
     }
@@ -229,13 +239,13 @@ def _described(schema: Schema, table: Table) -> Schema:
     alternatives = [
         {"anyOf": [{"required": [name]} for name in (key, *others)]}
         for key, others in _INSTEAD.items()
-        if key in found
+        if key in properties
     ]
     return {
         **schema,
         "title": table.heading,
         "description": table.meaning,
-        "properties": found,
+        "properties": properties,
         "required": required,
         **({"allOf": alternatives} if alternatives else {}),
     }
@@ -243,17 +253,17 @@ def _described(schema: Schema, table: Table) -> Schema:
 
 def _plain(schema: Schema, key: Key | None) -> Schema:
     """Return the schema of a key with its meaning, and without a default of null."""
-    own = {name: value for name, value in schema.items() if name != "title"}
-    if own.get("default", ...) is None:
-        del own["default"]
+    content = {name: value for name, value in schema.items() if name != "title"}
+    if content.get("default", ...) is None:
+        del content["default"]
     if key is not None:
-        own["description"] = key.meaning
-        if key.has_unit and own.get("type") == "number":  # it may also be a text with its unit
+        content["description"] = key.meaning
+        if key.has_unit and content.get("type") == "number":  # it may also be a text with its unit
             about: Schema = {
-                name: own.pop(name) for name in ("default", "description") if name in own
+                name: content.pop(name) for name in ("default", "description") if name in content
             }
-            own = {**about, "anyOf": [own, {"type": "string", "pattern": QUANTITY}]}
-    return own
+            content = {**about, "anyOf": [content, {"type": "string", "pattern": QUANTITY}]}
+    return content
 
 
 KindName = Literal["apart", "paper", "layered", "edge"]
@@ -314,9 +324,9 @@ def _table_lines(table: Table, data: Data) -> Iterator[str]:
     if not table.name:
         yield from _key_lines(table, data)
         return
-    found: Any = data.get(table.name)
-    entries: list[Any] = found if isinstance(found, list) else [found]
-    if isinstance(found, list) != table.is_array:  # the other tables of this name
+    content: Any = data.get(table.name)
+    entries: list[Any] = content if isinstance(content, list) else [content]
+    if isinstance(content, list) != table.is_array:  # the other tables of this name
         entries = [None]
     is_absent = entries == [None] or entries[0].get("kind", "") != table.kind
     instead = (

@@ -66,8 +66,8 @@ def warnings(case: Case) -> list[str]:
     """Return a sentence for each number of a case that looks like a mistake in a unit."""
     if case.is_axial:
         return []
-    found = [text for lamina in case.lamina for text in _of_lamina(lamina)]
-    return [*found, *_of_gaps(case), *_of_excitation(case), *_of_masses(case)]
+    texts = [text for lamina in case.lamina for text in _of_lamina(lamina)]
+    return [*texts, *_of_gaps(case), *_of_excitation(case), *_of_masses(case)]
 
 
 def tell(case: Case) -> None:
@@ -97,14 +97,14 @@ def _checked(
         ratio: function of the number.
     """
     low, high = bounds
-    found = ratio(value)
-    if low <= found <= high:
+    magnitude = ratio(value)
+    if low <= magnitude <= high:
         return
     meant = [name for name, factor in _OTHERS[unit] if low <= ratio(factor * value) <= high]
     number = f"{value:g}" if unit == "-" else f"{value:g} {unit}"
-    limit = f"above {high:g}" if found > high else f"below {low:g}"
+    limit = f"above {high:g}" if magnitude > high else f"below {low:g}"
     hint = f'; did you mean "{value:g} {meant[0]}"?' if meant else ""
-    yield f"{key} = {number} looks unusual: {what} is {found:.3g}, {limit}{hint}"
+    yield f"{key} = {number} looks unusual: {what} is {magnitude:.3g}, {limit}{hint}"
 
 
 def _of_lamina(lamina: Lamina) -> list[str]:
@@ -179,7 +179,7 @@ def _is_in_mm(lamina: Lamina) -> bool:
 def _of_gaps(case: Case) -> Iterator[str]:
     """Yield warnings about gaps at rest."""
     numbered = enumerate(case.delamination, start=1)
-    numbers = {f"delamination.{k}.opening": own.opening for k, own in numbered}
+    numbers = {f"delamination.{k}.opening": delamination.opening for k, delamination in numbered}
     if case.gap is not None:
         numbers |= {"gap.tip": case.gap.tip or 0.0, "gap.root": case.gap.root or 0.0}
     for key, value in numbers.items():
@@ -190,22 +190,25 @@ def _of_gaps(case: Case) -> Iterator[str]:
 
 def _of_excitation(case: Case) -> Iterator[str]:
     """Yield warnings about amplitude and frequency."""
-    given = case.excitation
-    if isinstance(given, HammerExcitation) and given.duration < BLOW_STEPS * case.time_step:
+    excitation = case.excitation
+    if (
+        isinstance(excitation, HammerExcitation)
+        and excitation.duration < BLOW_STEPS * case.time_step
+    ):
         yield (
-            f"time.step = {case.time.step:g} s is long: the blow of {given.duration:g} s has "
-            f"{given.duration / case.time_step:.3g} steps, below {BLOW_STEPS}"
+            f"time.step = {case.time.step:g} s is long: the blow of {excitation.duration:g} s has "
+            f"{excitation.duration / case.time_step:.3g} steps, below {BLOW_STEPS}"
         )
-    if isinstance(given, TableExcitation) and given.acts_on == "base":
-        yield from _of_base_table(given, case.length)
-    if isinstance(given, HarmonicExcitation | SweepExcitation):
-        yield from _of_base_motion(given, case.length)
-    is_judged = isinstance(given, HarmonicExcitation | SweepExcitation | ForceExcitation)
+    if isinstance(excitation, TableExcitation) and excitation.acts_on == "base":
+        yield from _of_base_table(excitation, case.length)
+    if isinstance(excitation, HarmonicExcitation | SweepExcitation):
+        yield from _of_base_motion(excitation, case.length)
+    is_judged = isinstance(excitation, HarmonicExcitation | SweepExcitation | ForceExcitation)
     if not is_judged or any(map(_is_in_mm, case.lamina)):
         return
     firsts = [lamina.angular_frequencies(1)[0] / (2.0 * math.pi) for lamina in case.lamina]
     for key in ("frequency", "start_frequency", "end_frequency"):
-        value = getattr(given, key, None)
+        value = getattr(excitation, key, None)
         if value is None:
             continue
         first = float(min(firsts) if value < min(firsts) else max(firsts))
@@ -259,13 +262,13 @@ def _of_base_table(given: TableExcitation, length: float) -> Iterator[str]:
 def _of_masses(case: Case) -> Iterator[str]:
     """Yield warnings about point masses."""
     masses = {lamina.name: lamina.mass_per_length * lamina.length for lamina in case.lamina}
-    for number, own in enumerate(case.point_mass, start=1):
-        whole = masses[own.lamina]
+    for number, point_mass in enumerate(case.point_mass, start=1):
+        lamina_mass = masses[point_mass.lamina]
         yield from _checked(
             f"point_mass.{number}.mass",
-            own.mass,
+            point_mass.mass,
             "kg",
             "its ratio to the mass of the lamina",
             MASS,
-            lambda value, whole=whole: value / whole,  # type: ignore[misc]
+            lambda value, whole=lamina_mass: value / whole,  # type: ignore[misc]
         )

@@ -344,12 +344,12 @@ class Gap(Section):
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
         """Check that one shape is given, and the gap at the tip unless there is a table."""
-        given = [key for key in ("exponent", "shape", "file") if getattr(self, key) is not None]
-        if len(given) != 1:
+        keys = [key for key in ("exponent", "shape", "file") if getattr(self, key) is not None]
+        if len(keys) != 1:
             raise PydanticCustomError(
                 "inconsistent",
                 "expected one of exponent, shape, file, given {given}",
-                {"given": " and ".join(given) or "none"},
+                {"given": " and ".join(keys) or "none"},
             )
         if self.file is None and self.tip is None:
             raise inconsistent("tip", "missing, but required unless gap.file is given")
@@ -607,7 +607,7 @@ class Support(Section):
     @property
     def held(self) -> tuple[InnerSupport, ...]:
         """The supports inside the span at which a node is held: all but springs."""
-        return tuple(own for own in self.inside if own.kind != "spring")
+        return tuple(support for support in self.inside if support.kind != "spring")
 
     @model_validator(mode="before")
     @classmethod
@@ -618,10 +618,10 @@ class Support(Section):
                 raise cls.unknown("inside")
         if not isinstance(data, list):
             return data
-        ends = [own for own in data if not (isinstance(own, Mapping) and "position" in own)]
+        ends = [entry for entry in data if not (isinstance(entry, Mapping) and "position" in entry)]
         if len(ends) > 1:
             raise inconsistent("position", "missing, but required of all [[support]] but one")
-        inner = [own for own in data if isinstance(own, Mapping) and "position" in own]
+        inner = [entry for entry in data if isinstance(entry, Mapping) and "position" in entry]
         return {**(ends[0] if ends else {}), "inside": inner}
 
     @model_serializer(mode="wrap")
@@ -697,22 +697,23 @@ def require_fitting(
         PydanticCustomError: a delamination does not fit; the error names its key.
     """
     length = laminae[0].length
-    for number, own in enumerate(delaminations, start=1):
+    for number, delamination in enumerate(delaminations, start=1):
         key = f"delamination.{number}"
-        require_neighbours(f"{key}.between", own.between, laminae)
-        if own.end > length * (1.0 + EDGE_TOLERANCE):
+        require_neighbours(f"{key}.between", delamination.between, laminae)
+        if delamination.end > length * (1.0 + EDGE_TOLERANCE):
             raise inconsistent(
-                f"{key}.end", f"expected at most the length {length!r} m, given {own.end!r}"
+                f"{key}.end",
+                f"expected at most the length {length!r} m, given {delamination.end!r}",
             )
         for other_number, other in enumerate(delaminations[: number - 1], start=1):
-            is_beside = own.start <= other.end and other.start <= own.end
-            if own.between == other.between and is_beside:
+            is_beside = delamination.start <= other.end and other.start <= delamination.end
+            if delamination.between == other.between and is_beside:
                 raise inconsistent(
                     f"{key}.start",
                     f"expected a place apart from delamination.{other_number} between the same "
-                    f"laminae, {other.start!r} to {other.end!r} m, given {own.start!r}",
+                    f"laminae, {other.start!r} to {other.end!r} m, given {delamination.start!r}",
                 )
-        if own.shape == "power" and len(open_ends(own, length, support)) != 1:
+        if delamination.shape == "power" and len(open_ends(delamination, length, support)) != 1:
             raise inconsistent(
                 f"{key}.shape",
                 'expected "half-cosine" or a file: "power" needs one edge at a free end of the '
@@ -966,10 +967,10 @@ class Sensor(Section):
         is_force = self.quantity == "contact force"
         for key in ("lamina", "position"):
             self.require_just(key, not is_force, "quantity")
-        given = [key for key in ("between", "stop", "impactor") if getattr(self, key) is not None]
-        if len(given) != is_force:
+        keys = [key for key in ("between", "stop", "impactor") if getattr(self, key) is not None]
+        if len(keys) != is_force:
             words = "missing, but required (or stop, or impactor)" if is_force else "expected none"
-            key = "between" if is_force else given[0]
+            key = "between" if is_force else keys[0]
             raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
         if self.surface is not None and self.quantity != "strain":
             raise inconsistent("surface", 'expected only with quantity = "strain"')

@@ -198,8 +198,8 @@ def _checked(
             expected = _what(n, layout.names)
             if numbers is not None and len(numbers) == n:
                 expected = "finite numbers"
-            given = _described(layout.cells(text), n)
-            raise CaseError(f"{label}, line {line}: expected {expected}, given {given}")
+            description = _described(layout.cells(text), n)
+            raise CaseError(f"{label}, line {line}: expected {expected}, given {description}")
         values.extend(numbers)
     return n_above, np.frombuffer(values, np.float64).reshape(len(parsed) - n_above, n).T.copy()
 
@@ -310,27 +310,27 @@ def in_si_units(
     Raises:
         CaseError: a heading names another unit.
     """
-    found = [_factor(table, k, choices, label) for k, choices in enumerate(accepted)]
+    conversions = [_factor(table, k, choices, label) for k, choices in enumerate(accepted)]
     missing = [
         f"{name} in {unit}"
-        for k, (name, (_, unit)) in enumerate(zip(names, found, strict=True))
+        for k, (name, (_, unit)) in enumerate(zip(names, conversions, strict=True))
         if table.unit(k) is None
     ]
     text = f"{label}: the heading names no unit; read as {', '.join(missing)}"
     if missing and text not in _told:
         _told.add(text)
         _log.warning(text)
-    factors = np.array([[factor] for factor, _ in found])
-    return table.values * factors, tuple(unit for _, unit in found)
+    factors = np.array([[factor] for factor, _ in conversions])
+    return table.values * factors, tuple(unit for _, unit in conversions)
 
 
 def _factor(table: Columns, column: int, accepted: Sequence[str], label: str) -> tuple[float, str]:
     """Return the factor from the unit of a column to an accepted SI unit, and that SI unit."""
-    given = table.unit(column)
-    if given is None:
+    unit_text = table.unit(column)
+    if unit_text is None:
         return 1.0, accepted[0]
     for unit in accepted:
-        name = "g_0" if given in _GRAVITY and unit == "m/s2" else given.replace("**", "^")
+        name = "g_0" if unit_text in _GRAVITY and unit == "m/s2" else unit_text.replace("**", "^")
         try:
             factor = in_si(f"1 {name}", unit)
         except PydanticCustomError:
@@ -339,7 +339,7 @@ def _factor(table: Columns, column: int, accepted: Sequence[str], label: str) ->
             return factor, unit
     raise CaseError(
         f"{label}, line {table.heading_line}: expected values in {' or '.join(accepted)}, or in a "
-        f"multiple, in column {column + 1}, given {given[:8]}"
+        f"multiple, in column {column + 1}, given {unit_text[:8]}"
     )
 
 

@@ -202,23 +202,29 @@ def _problem(details: ErrorDetails, data: Mapping[str, object]) -> str:
     """Return one problem in the form `key: expected …, given …`."""
     path = list(_path(details["loc"], data))
     context = details.get("ctx", {})
-    kind, text, given = details["type"], details["msg"], f", given {shown(details['input'])}"
+    kind = details["type"]
+    text = details["msg"]
+    suffix = f", given {shown(details['input'])}"
     if "key" in context:
-        path, given = [*path, str(context["key"])], ""
+        path = [*path, str(context["key"])]
+        suffix = ""
     if kind == "missing":
-        text, given = "missing, but required", ""
+        text, suffix = "missing, but required", ""
     elif kind == "literal_error":
         text = f"expected {context['expected']}"
     elif kind == "union_tag_not_found":
-        path, text, given = [*path, "kind"], "missing, but required", ""
+        path = [*path, "kind"]
+        text = "missing, but required"
+        suffix = ""
     elif kind == "union_tag_invalid":
-        path, given = [*path, "kind"], f", given {context['tag']!r}"
+        path = [*path, "kind"]
+        suffix = f", given {context['tag']!r}"
         text = f"expected {context['expected_tags']}"
     elif kind in ("model_type", "model_attributes_type", "dict_type"):
         text = "expected a table"
     elif kind == "inconsistent":
-        given = ""
-    return f"{'.'.join(path)}: {text}{given}" if path else f"{text}{given}"
+        suffix = ""
+    return f"{'.'.join(path)}: {text}{suffix}" if path else f"{text}{suffix}"
 
 
 def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[str]:
@@ -293,11 +299,11 @@ def parse_override(text: str) -> tuple[str, object]:
     if not value:
         return key, None
     try:
-        found = parsed(f"value = {value}", f"override {shown(key)}")
+        table = parsed(f"value = {value}", f"override {shown(key)}")
     except tomllib.TOMLDecodeError:
         return key, value
-    is_word = len(found) > 1 or isinstance(found["value"], date | datetime | time)
-    return key, value if is_word else found["value"]
+    is_word = len(table) > 1 or isinstance(table["value"], date | datetime | time)
+    return key, value if is_word else table["value"]
 
 
 def set_key(data: Data, key: str, value: object) -> None:
@@ -327,7 +333,7 @@ def set_key(data: Data, key: str, value: object) -> None:
             raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
     if parents == ["support"] and isinstance(table, list):  # its own keys are those of the ends
         ends = [entry for entry in table if "position" not in entry] or [{}]
-        table[:] = [*table, *(own for own in ends if own not in table)]
+        table[:] = [*table, *(end for end in ends if end not in table)]
         table = ends[0]
     if not isinstance(table, dict) or not last:
         names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
@@ -348,19 +354,20 @@ def _names(table: object) -> list[str]:
 
 def _name(entry: Data) -> object:
     """Return the name of an entry; a delamination has that of its neighbours, "lower-upper"."""
-    name, between = entry.get("name"), entry.get("between")
+    name = entry.get("name")
+    between = entry.get("between")
     return "-".join(map(str, between)) if name is None and isinstance(between, list) else name
 
 
 def _entry(tables: list[Data], part: str, key: str) -> Data:
     """Return the entry of an array of tables with the name or the number `part`."""
-    found = [
+    matches = [
         table for number, table in enumerate(tables, start=1) if part in (str(number), _name(table))
     ]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise CaseError(f"override {key}: {len(found)} entries {part!r}; give a number from 1")
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise CaseError(f"override {key}: {len(matches)} entries {part!r}; give a number from 1")
     raise CaseError(
         f"override {key}: no entry {part!r}; expected one of {', '.join(_names(tables)) or 'none'} "
         "or a number from 1"
@@ -386,12 +393,13 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
             dropped = {*choices, "tip", "root"} if has_table else set(choices)
             for key in dropped & set(table):
                 del table[key]
-    table, kind = data.get("excitation"), overrides.get("excitation.kind")
+    table = data.get("excitation")
+    kind = overrides.get("excitation.kind")
     if isinstance(table, dict) and kind is not None and kind != table.get("kind"):
         groups = (("harmonic", "sweep"), ("force", "hammer"))  # kinds that mean the same amplitude
         are_alike = any(kind in group and table.get("kind") in group for group in groups)
-        kept = ("amplitude", "acceleration", "lamina", "position") if are_alike else ()
-        data["excitation"] = {key: table[key] for key in kept if key in table}
+        keys = ("amplitude", "acceleration", "lamina", "position") if are_alike else ()
+        data["excitation"] = {key: table[key] for key in keys if key in table}
         output = data.get("output")
         if kind in _NOT_PERIODIC and isinstance(output, dict):  # the window is the whole run
             data["output"] = {k: v for k, v in output.items() if k not in _OF_PERIODS}
@@ -407,7 +415,8 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
 def _leave_material(data: Data, key: str) -> None:
     """Remove what a new material, density or modulus of a lamina replaces."""
     path, _, last = key.rpartition(".")
-    entries, part = data.get("lamina"), path.removeprefix("lamina.")
+    entries = data.get("lamina")
+    part = path.removeprefix("lamina.")
     if not isinstance(entries, list) or last not in _MATERIAL_KEYS or "." in part:
         return
     entry = _entry(entries, part, key)

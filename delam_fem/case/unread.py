@@ -39,8 +39,8 @@ def idle_keys(case: Case) -> Iterator[tuple[str, str]]:
         if not opening.opening:
             yield from ((f"delamination.{number}", key) for key in ("shape", "exponent"))
     for section, entries in (("stop", case.stop), ("impactor", case.impactor)):
-        for number, own in enumerate(entries, start=1):
-            yield from ((f"{section}.{number}", key) for key in _of_contact_with(case, own))
+        for number, entry in enumerate(entries, start=1):
+            yield from ((f"{section}.{number}", key) for key in _of_contact_with(case, entry))
     for number, start in enumerate(case.initial, start=1):
         if start.shape != "mode":
             yield f"initial.{number}", "mode"
@@ -75,7 +75,9 @@ def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
     """Yield the keys that a lamina may have and a run does not read."""
     if case.model.file is not None:  # they must be those of the reduced case
         return
-    is_read_by_balls = any(own.radius and own.lamina == lamina.name for own in case.impactor)
+    is_read_by_balls = any(
+        impactor.radius and impactor.lamina == lamina.name for impactor in case.impactor
+    )
     if lamina.is_point:
         yield from ("width", "thickness", "density", "bending_stiffness", "motion")
         if not is_read_by_balls:
@@ -111,7 +113,7 @@ def _of_time(case: Case) -> Iterator[str]:
 
 def _read_of_model(case: Case) -> set[str]:
     """Return the keys of the section `model` that have an effect."""
-    has_balls = any(own.radius is not None for own in case.impactor)
+    has_balls = any(impactor.radius is not None for impactor in case.impactor)
     return set(case.model.reads) | ({"poisson"} if has_balls else set())
 
 

@@ -255,18 +255,18 @@ def in_si(value: object, unit: str, key: str = "") -> object:
     """
     if hasattr(value, "to") and hasattr(value, "magnitude"):  # of any registry of pint
         return _magnitude(value, unit, str(value), key)
-    found = _VALUE.fullmatch(value) if isinstance(value, str) else None
-    if found is None:
+    match = _VALUE.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
         comma = _COMMA.fullmatch(value) if isinstance(value, str) else None
         if comma is not None:
             point = f"{comma[1]}.{comma[2]}"
             raise _refused(f"expected {_words(unit)} with a decimal point, {point!r}", key)
         return value
-    text = f"{found[1]} {found[2]}"
-    if _ANGULAR.search(found[2]) and unit == "Hz":
+    text = f"{match[1]} {match[2]}"
+    if _ANGULAR.search(match[2]) and unit == "Hz":
         raise _refused(f"expected {_WORDS[unit]}, not an angular one, given {text!r}", key)
     try:
-        quantity = _registry().Quantity(Decimal(found[1]), _unit(found[2]))
+        quantity = _registry().Quantity(Decimal(match[1]), _unit(match[2]))
     except Exception:  # pint's parser raises errors of many kinds
         raise _refused(f"expected {_words(unit)}, given {text!r}: unknown unit", key) from None
     return _magnitude(quantity, unit, text, key)

@@ -146,7 +146,8 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
 
             sweep = load_sweep(path, overrides_in(overrides))
             show_sweep(sweep)
-            what, cost = f"sweep {sweep.file.name}", sweep_cost(sweep)
+            what = f"sweep {sweep.file.name}"
+            cost = sweep_cost(sweep)
             require_affordable(cost, what, is_confirmed=False)
             return
     show_case(case_of(name, overrides), engine)
@@ -163,7 +164,9 @@ def show_case(case: Case, engine: EngineName) -> None:
     from delam_fem.engines.cost import require_affordable, run_cost
     from delam_fem.pipeline import checked
 
-    cost, rows, title = run_cost(case, engine), [*_about(case)], f"case {case.name}"
+    cost = run_cost(case, engine)
+    rows = [*_about(case)]
+    title = f"case {case.name}"
     try:
         require_affordable(cost, title, is_confirmed=False)
     except CaseError:
@@ -198,9 +201,10 @@ def _about(case: Case) -> list[tuple[str, str]]:
     """Return rows that say what a case is."""
     from delam_fem.contact.laws import LAWS, combined_name
 
-    law, scheme = case.contact.law, case.time.scheme
+    law = case.contact.law
+    scheme = case.time.scheme
     rows = [
-        *((f"lamina {own.name}", _lamina(own)) for own in case.lamina),
+        *((f"lamina {lamina.name}", _lamina(lamina)) for lamina in case.lamina),
         ("structure", _structure(case)),
         *_attached(case),
         ("excitation", case.excitation.words),
@@ -217,8 +221,10 @@ def _about(case: Case) -> list[tuple[str, str]]:
 def _lamina(lamina: Lamina) -> str:
     """Return in words what a lamina is: a point, a bar or a beam."""
     if lamina.mass is not None:
-        held = f"on a spring of {lamina.stiffness:g} N/m" if lamina.stiffness else "that is free"
-        return f"a point of {lamina.mass:g} kg {held}, D {lamina.damping_ratio:g}"
+        mounting = (
+            f"on a spring of {lamina.stiffness:g} N/m" if lamina.stiffness else "that is free"
+        )
+        return f"a point of {lamina.mass:g} kg {mounting}, D {lamina.damping_ratio:g}"
     stiffness = (
         f"EA {lamina.axial_rigidity:.4g} N"
         if lamina.motion == "axial"
@@ -235,7 +241,8 @@ def _law_numbers(case: Case) -> Iterator[str]:
     """Yield the numbers that the law of a case reads."""
     from delam_fem.case.unread import read_of_contact
 
-    contact, read = case.contact, read_of_contact(case)
+    contact = case.contact
+    read = read_of_contact(case)
     words = {
         "restitution": f"e = {contact.restitution:g}",
         "impulse": f"{contact.impulse} impulses",
@@ -300,7 +307,7 @@ def _impactor(case: Case, impactor: Impactor) -> str:
     """Return in words what an impactor is."""
     contact = _contact(impactor.stiffness, impactor.damping)
     if impactor.radius is not None:
-        lamina = next(own for own in case.lamina if own.name == impactor.lamina)
+        lamina = next(candidate for candidate in case.lamina if candidate.name == impactor.lamina)
         nu = lamina.poisson if case.model.poisson is None else case.model.poisson
         modulus = f"E {1e-9 * lamina.young_modulus:g} GPa, ν {nu:g}"
         contact = f"a ball of radius {1e3 * impactor.radius:g} mm ({modulus})"
@@ -323,7 +330,8 @@ def _place(case: Case, thing: PointMass | Stop | Impactor) -> str:
     """Return in words where something is."""
     if case.is_of_points:
         return thing.lamina
-    start, end = getattr(thing, "start", None), getattr(thing, "end", None)
+    start = getattr(thing, "start", None)
+    end = getattr(thing, "end", None)
     if start is not None:
         return f"{thing.lamina} from {start:g} to {end:g} m"
     return f"{thing.lamina} at {case.length if thing.position is None else thing.position:g} m"
@@ -391,14 +399,16 @@ def reduce_command(
     case = case_of(case_name, overrides)
     folder = output or Path("runs") / f"{case.name}-reduction"
     with claimed(folder, inputs=case.files.values(), may_hold_results=overwrite) as directory:
-        found = reduced_case(case, modes, coordinates=coordinates)
-        paths = found.save(directory)
-    say(quiet, paths, tables=_reduced(found, paths[0]))
+        reduction = reduced_case(case, modes, coordinates=coordinates)
+        paths = reduction.save(directory)
+    say(quiet, paths, tables=_reduced(reduction, paths[0]))
 
 
 def _reduced(found: Reduction, path: Path) -> Iterator[Rows]:
     """Yield tables of what a reduction keeps, how exact it is, and what it costs."""
-    o, reduced, basis = found.full.operators, found.structure.operators, found.basis
+    o = found.full.operators
+    reduced = found.structure.operators
+    basis = found.basis
     normal = int(basis.is_mode.sum())
     rows = [
         ("unknowns of the full model", str(o.n_dofs)),
@@ -413,13 +423,13 @@ def _reduced(found: Reduction, path: Path) -> Iterator[Rows]:
         ("size of the file", f"{path.stat().st_size / 1e6:.2g} MB"),
     ]
     yield f"case {found.case.name}, reduced", ("", "value"), rows
-    full, own = found.frequencies
+    full, of_reduction = found.frequencies
     yield (
         "lowest frequencies",
         ("mode", "full [Hz]", "reduced [Hz]", "relative difference"),
         [
             (str(k + 1), f"{f:.6g}", f"{g:.6g}", f"{(g - f) / f if f else 0.0:+.1e}")
-            for k, (f, g) in enumerate(zip(full, own, strict=True))
+            for k, (f, g) in enumerate(zip(full, of_reduction, strict=True))
         ],
     )
 

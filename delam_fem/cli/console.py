@@ -88,7 +88,8 @@ def case_of(name: str, overrides: list[str] | None) -> Case:
 
     keys = overrides_in(overrides)
     case = find_case(name, keys)
-    window, longest = keys.get("output.window_periods"), case.n_periods
+    window = keys.get("output.window_periods")
+    longest = case.n_periods
     if case.is_periodic and isinstance(window, int) and window > longest:
         raise CaseError(
             f"override output.window_periods: expected at most the {longest} periods of the run, "
@@ -220,7 +221,8 @@ class PlainProgress:
 
     def _rate(self, start: tuple[float, int], now: tuple[float, int], total: int) -> str:
         """Return the rate and the remaining time as text; empty until they are known."""
-        seconds, periods = now[0] - start[0], now[1] - start[1]
+        seconds = now[0] - start[0]
+        periods = now[1] - start[1]
         if seconds <= 0.0 or periods <= 0:
             return ""
         left = (total - now[1]) * seconds / periods
@@ -254,8 +256,9 @@ def with_messages(
         words: its words.
         use: what several processes of MPI share of its work.
     """
-    hints, own = get_type_hints(command, include_extras=True), inspect.signature(command).parameters
-    parameters = {name: (hints[name], parameter.default) for name, parameter in own.items()}
+    hints = get_type_hints(command, include_extras=True)
+    arguments = inspect.signature(command).parameters
+    parameters = {name: (hints[name], parameter.default) for name, parameter in arguments.items()}
 
     @functools.wraps(command)
     def called(*args: Any, verbose: bool, log_file: Path | None, **options: Any) -> None:
@@ -276,8 +279,10 @@ def take(command: Callable[..., None], parameters: Mapping[str, tuple[Any, Any]]
     command.__annotations__ = {name: hint for name, (hint, _) in parameters.items()}
     command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=own, annotation=hint)
-            for name, (hint, own) in parameters.items()
+            inspect.Parameter(
+                name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint
+            )
+            for name, (hint, default) in parameters.items()
         ]
     )
 
@@ -289,7 +294,8 @@ def shown(level: int, log_file: Path | None) -> Iterator[None]:
     Raises:
         Exit: the file cannot be written.
     """
-    log, handlers = logging.getLogger(PACKAGE), list[logging.Handler]([_Screen(level)])
+    log = logging.getLogger(PACKAGE)
+    handlers = list[logging.Handler]([_Screen(level)])
     if log_file is not None:
         try:
             handlers.append(logging.FileHandler(log_file, "a", encoding="utf-8"))
@@ -351,7 +357,8 @@ def lasting_streams() -> Iterator[None]:
         colours = sys.modules.get("colorama.initialise")  # numba's, which would reset the terminal
         if colours is not None:
             atexit.unregister(colours.reset_all)
-        sys.stdout, sys.stderr = before[0] or sys.stdout, before[1] or sys.stderr
+        sys.stdout = before[0] or sys.stdout
+        sys.stderr = before[1] or sys.stderr
 
 
 def _fill_closed() -> None:
@@ -434,13 +441,13 @@ def reported(quiet: bool, verbose: bool, log_file: Path | None) -> Iterator[None
         except typer.Exit:
             raise
         except (Exception, KeyboardInterrupt) as error:
-            found = explained(error)
-            if found is None:
+            explanation = explained(error)
+            if explanation is None:
                 _log.exception("this is a defect of the program")
                 raise
             if isinstance(error, OSError):
                 _log.debug("an input or output failed here", exc_info=True)
-            fail(*found)
+            fail(*explanation)
 
 
 def explained(error: BaseException) -> tuple[str, int] | None:
@@ -471,9 +478,9 @@ def fail(text: str, status: int) -> NoReturn:
 
 def _shortened(line: str) -> str:
     """Return a line without the middle if it is very long, and without control characters."""
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
+    printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
     half = LONGEST // 2
-    return shown if len(shown) <= LONGEST else f"{shown[:half]} … {shown[-half:]}"
+    return printable if len(printable) <= LONGEST else f"{printable[:half]} … {printable[-half:]}"
 
 
 def let_the_first_speak() -> None:

@@ -142,7 +142,8 @@ def run_command(
     from delam_fem.system.files import claimed
     from delam_fem.system.mpi import MPI
 
-    case, file = case_of(case_name, overrides), Path(case_name)
+    case = case_of(case_name, overrides)
+    file = Path(case_name)
     folder = output or Path("runs") / case.name
     chosen = engine or engine_in(folder, resume=resume, extend=extend is not None)
     cost = run_cost(case, chosen)
@@ -151,14 +152,14 @@ def run_command(
         show_case(case, chosen)
     comm = MPI.COMM_WORLD
     # the case may have come from a file; case.toml may be an output
-    own = [file] if file.is_file() and file.name != "case.toml" else []
+    case_files = [file] if file.is_file() and file.name != "case.toml" else []
     is_first = comm.rank == 0  # mpirun may have started several processes
     if not is_first:
         logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
     with ended_together(comm):
         claim = claimed(
             folder,
-            inputs=[*case.files.values(), *own],
+            inputs=[*case.files.values(), *case_files],
             may_hold_results=resume or overwrite or bool(extend),
         )
         with claim if is_first else nullcontext():
@@ -178,7 +179,7 @@ def run_command(
                 with progress(error_console(is_silent), case.steps_per_period) as report:
                     result = run(case, directory=folder, progress=report, comm=comm, **options)
                 paths = _saved(result, folder, figures) if is_first else []
-                numbers = rows(result.summary, [own.name for own in case.lamina])
+                numbers = rows(result.summary, [lamina.name for lamina in case.lamina])
                 tables: list[Any] = [
                     (f"case {case.name}", ("", "value"), [row[:2] for row in numbers])
                 ]
@@ -230,13 +231,13 @@ def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
         yield
     except BaseException as error:
         if comm.size > 1:
-            found = explained(error)
-            if found is None:
+            explanation = explained(error)
+            if explanation is None:
                 _log.critical("process %d failed", comm.rank, exc_info=True)
             else:
                 let_the_first_speak()
-                tell(f"delam-fem: {found[0]}")
-            comm.Abort(FAILED if found is None else found[1])
+                tell(f"delam-fem: {explanation[0]}")
+            comm.Abort(FAILED if explanation is None else explanation[1])
         raise
 
 

@@ -107,25 +107,26 @@ def study_command(study: Study[Any, Any]) -> Callable[..., None]:
 
 def _parameter(kind: type[Options], name: str, flag: Flag, text: str) -> tuple[Any, Any]:
     """Return type and default of an option as typer takes them."""
-    hint, default = flag.kind, kind.__dataclass_fields__[name].default
+    hint = flag.kind
+    default = kind.__dataclass_fields__[name].default
     if flag.is_several:
         hint = str if flag.is_joined else list[flag.kind]  # type: ignore[name-defined]
     if isinstance(default, tuple):
-        words = [f"{own:g}" if flag.kind is float else str(own) for own in default]
+        words = [f"{item:g}" if flag.kind is float else str(item) for item in default]
         default = ",".join(words) if flag.is_joined else words
     unit = _UNIT.search(text)
     text = f"{text[0].upper()}{text[1:]}".replace("[", r"\[")  # units are no markup
     default = inspect.Parameter.empty if default is MISSING else default
     if flag.is_argument:
         return Annotated[hint, typer.Argument(metavar=flag.metavar, help=text)], default
-    own = typer.Option(
+    option = typer.Option(
         *(flag.names or [f"--{name.replace('_', '-')}"]),
         metavar=flag.metavar or (unit and unit[1].upper() + ",…" * flag.is_joined),
         min=flag.least if math.isfinite(flag.least) else None,
         max=flag.most if math.isfinite(flag.most) else None,
         help=text,
     )
-    return Annotated[hint | None, own], default
+    return Annotated[hint | None, option], default
 
 
 Files = Annotated[
@@ -290,9 +291,11 @@ def _poles(
     from delam_fem.studies.signals.responses import poles
 
     result, left = poles(data, lower, upper)
-    rest: list[tuple[str, ...]] = [(name, f"{100 * share:.3g}") for name, share in left.items()]
+    left_rows: list[tuple[str, ...]] = [
+        (name, f"{100 * share:.3g}") for name, share in left.items()
+    ]
     if not result:
-        return data, [("none found", "–")], rest
+        return data, [("none found", "–")], left_rows
     data = data.assign_attrs(
         pole_frequency_hz=[pole.frequency for pole in result],
         pole_frequency_error_hz=[pole.frequency_error for pole in result],
@@ -306,7 +309,7 @@ def _poles(
         )
         for pole in result
     ]
-    return data, rows, rest
+    return data, rows, left_rows
 
 
 def _free_rows(data: xr.Dataset) -> list[tuple[str, ...]]:
@@ -343,16 +346,16 @@ def overlay_command(
 
     runs, files = ([p for p in paths if p.is_dir() == is_run] for is_run in (True, False))
     if len(runs) != 1 or not files:
-        given = ", ".join(map(str, paths))
-        raise CaseError(f"overlay: expected files and the folder of one run, given {given}")
+        names = ", ".join(map(str, paths))
+        raise CaseError(f"overlay: expected files and the folder of one run, given {names}")
     run = runs[0]
-    found = overlay(run, *files, channels=assigned(channels), units=units, rate=rate)
+    result = overlay(run, *files, channels=assigned(channels), units=units, rate=rate)
     folder = output or run / "overlay"
     with claimed(folder, inputs=files, may_hold_results=True) as directory:
-        paths = found.save(directory)
+        paths = result.save(directory)
     heading = ("channel", "gain", "phase [°]", "noise", "misfit", "d measured", "d run")
-    said = f"{files[0].name} over {run}", heading, found.rows()
-    say(quiet, paths, tables=[said], lines=found.sentences())
+    said = f"{files[0].name} over {run}", heading, result.rows()
+    say(quiet, paths, tables=[said], lines=result.sentences())
 
 
 def export_command(
@@ -424,9 +427,9 @@ def paper_command(
             paths = reproduce(lab, output, names)
     except (RuntimeError, ArithmeticError) as error:
         fail(str(error), FAILED)
-    found = entries(output, [file_stem(name) for name in FIGURES])
-    paths.append(write_page(output, found))
-    claims = claims_of(figure for figure in found if figure["name"] in names)
+    entries_of_page = entries(output, [file_stem(name) for name in FIGURES])
+    paths.append(write_page(output, entries_of_page))
+    claims = claims_of(figure for figure in entries_of_page if figure["name"] in names)
     rows = [(c.figure, c.text, c.measured, c.verdict) for c in claims]
     heading = ("figure", "the paper says", "what came out", "verdict")
     say(quiet, paths, tables=[(tally(claims), heading, rows)])

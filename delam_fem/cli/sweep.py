@@ -60,9 +60,9 @@ def require_fitting(
         raise CaseError("--partial: only goes with --merge")
     if hours is not None and way != "slurm":
         raise CaseError("--hours: only goes with --slurm")
-    found = next((name for name, value in whole.items() if value), None)
-    if way is not None and found is not None:
-        raise CaseError(f"--{found.replace('_', '-')}: does not go with --{way}; leave it out")
+    option = next((name for name, value in whole.items() if value), None)
+    if way is not None and option is not None:
+        raise CaseError(f"--{option.replace('_', '-')}: does not go with --{way}; leave it out")
 
 
 def compute_shard(
@@ -77,14 +77,14 @@ def compute_shard(
     shard = parse_shard(text)
     with claimed(directory, inputs=inputs, is_shared=True):
         with progress(error_console(quiet)) as report:
-            found = run_shard(sweep, directory, shard, progress=report, **options)
-    points = ("points", f"{found.n_done} of {found.n_points}")
-    rows = [points, *((key.replace("_", " "), shown(own)) for key, own in found.about.items())]
+            result = run_shard(sweep, directory, shard, progress=report, **options)
+    points = ("points", f"{result.n_done} of {result.n_points}")
+    rows = [points, *((key.replace("_", " "), shown(value)) for key, value in result.about.items())]
     say(quiet, (), tables=[(f"sweep {sweep.file.name}, shard {shard}", ("", "value"), rows)])
-    if found.n_done < found.n_points:
-        left = found.n_points - found.n_done
+    if result.n_done < result.n_points:
+        left = result.n_points - result.n_done
         fail(
-            f"interrupted with {left} of {found.n_points} points of shard {shard} left; --resume "
+            f"interrupted with {left} of {result.n_points} points of shard {shard} left; --resume "
             "goes on",
             INTERRUPTED,
         )
@@ -141,7 +141,8 @@ def print_script(
 
     command = [sys.executable, "-m", "delam_fem", "sweep", str(sweep_file.resolve())]
     command += ["-o", str(directory.resolve()), *(f"--set={text}" for text in overrides or [])]
-    most, cost = DAY if hours is None else hours, measured_cost(sweep)
+    most = DAY if hours is None else hours
+    cost = measured_cost(sweep)
     text = array_script(sweep, command, n_shards, cost, most_hours=most, interrupted=INTERRUPTED)
     typer.echo(text, nl=False)
 
@@ -233,7 +234,8 @@ def sweep_command(
             f"warning: {moving} of {data.attrs['n_completed']} completed points have not "
             'settled; try more time.periods, or time.periods = "settled"'
         )
-    page, lost = write_page(data, directory), _lost(data)
+    page = write_page(data, directory)
+    lost = _lost(data)
     data.close()
     say(quiet, [directory / "sweep.nc", page])
     if lost is not None:

@@ -77,7 +77,8 @@ class Again(NamedTuple):
 def nothing_known(n: int) -> Again:
     """Return an empty `Again` for n pairs; Python and compiled code call this function."""
     # three allocations, cut into views: a solution of few pairs takes hardly longer than these
-    numbers, places = np.zeros(n * (n + 1)), np.full(2 * n + 2, -1)
+    numbers = np.zeros(n * (n + 1))
+    places = np.full(2 * n + 2, -1)
     marks = np.zeros(2 * n, np.uint8)
     return Again(marks[:n], numbers[n:], places[n:], places[:n], numbers[:n], marks[n:])
 
@@ -108,7 +109,8 @@ def _factorise(W, origin, stride, pairs, m, memory):  # type: ignore[no-untyped-
         return True
     members[0] = -1
     for i in range(m):
-        pair, first = pairs[active[i]], i * stride
+        pair = pairs[active[i]]
+        first = i * stride
         row = origin + pair * stride
         for j in range(i + 1):
             value = W[row + pairs[active[j]]]
@@ -121,7 +123,8 @@ def _factorise(W, origin, stride, pairs, m, memory):  # type: ignore[no-untyped-
             else:
                 return False
         members[2 + i] = pair
-    members[0], members[1] = m, origin
+    members[0] = m
+    members[1] = origin
     return True
 
 
@@ -147,7 +150,9 @@ def _move(p, m, memory):  # type: ignore[no-untyped-def]
 
     Pairs whose impulse falls to zero on the way become idle.
     """
-    active, trial, step = memory.active, memory.trial, 1.0
+    active = memory.active
+    trial = memory.trial
+    step = 1.0
     for i in range(m):
         if trial[i] <= 0.0:
             before = p[active[i]]
@@ -156,30 +161,37 @@ def _move(p, m, memory):  # type: ignore[no-untyped-def]
         j = active[i]
         p[j] = trial[i] if step == 1.0 else p[j] + step * (trial[i] - p[j])
         if step < 1.0 and trial[i] <= 0.0 and p[j] <= GONE * abs(trial[i]):
-            p[j], memory.side[j] = 0.0, IDLE
+            p[j] = 0.0
+            memory.side[j] = IDLE
     return step == 1.0
 
 
 @njit
 def _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory):  # type: ignore[no-untyped-def]
     """Return the idle pair with the smallest residual below -limit, or -1."""
-    best, chosen = -limit, -1
+    best = -limit
+    chosen = -1
     for j in range(n):
         if memory.side[j] == IDLE:
-            row, residual = origin + pairs[j] * stride, q[j]
+            row = origin + pairs[j] * stride
+            residual = q[j]
             for i in range(m):
                 residual += W[row + pairs[memory.active[i]]] * p[memory.active[i]]
             if residual < best:
-                best, chosen = residual, j
+                best = residual
+                chosen = j
     return chosen
 
 
 @njit
 def _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):  # type: ignore[no-untyped-def]
     """Run the iteration of `solve_among`; return whether it came to an end."""
-    side, chosen, is_fresh = memory.side, -1, False
+    side = memory.side
+    chosen = -1
+    is_fresh = False
     for j in range(n):
-        p[j], side[j] = 0.0, IDLE if memory.was_idle[pairs[j]] else ACTIVE
+        p[j] = 0.0
+        side[j] = IDLE if memory.was_idle[pairs[j]] else ACTIVE
     for _ in range(4 * n + 20):
         m = 0
         for j in range(n):
@@ -195,9 +207,11 @@ def _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):  # type: ignor
         elif is_fresh:
             side[chosen] = BARRED  # it depends on the others, which carry its impulse
         else:
-            is_fresh, m = True, 0
+            is_fresh = True
+            m = 0
             for j in range(n):
-                p[j], side[j] = 0.0, IDLE
+                p[j] = 0.0
+                side[j] = IDLE
         chosen = _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory)
         if chosen < 0:
             return True
@@ -242,7 +256,8 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, noise, memory):  # ty
     if not _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):
         result = NOT_FOUND
     for i in range(n):
-        row, change[i] = origin + pairs[i] * stride, 0.0
+        row = origin + pairs[i] * stride
+        change[i] = 0.0
         for j in range(n):
             change[i] += W[row + pairs[j]] * p[j]
         if not change[i] + q[i] >= -max(UNSOLVABLE * largest, noise):

@@ -80,9 +80,12 @@ def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacki
         Number of these pairs, 0 if none of them needs an impulse; whether a pair begins or ceases
         to rest because of its gap alone.
     """
-    n, lacks, changes = 0, False, False
+    n = 0
+    lacks = False
+    changes = False
     for k in range(n_pairs):
-        is_closed, rests = gap[k] <= 0.0, resting[k] != 0
+        is_closed = gap[k] <= 0.0
+        rests = resting[k] != 0
         if law.kind == PENALTY:
             changes |= is_closed != rests
         elif law.kind == IMPACTS and not is_closed:
@@ -90,7 +93,9 @@ def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacki
         elif is_closed and (
             law.kind == MOREAU or (law.kind == IMPACTS and not rests and rate[k] < 0.0)
         ):
-            hit[n], before[n], after[n] = k, rate[k], free[k]
+            hit[n] = k
+            before[n] = rate[k]
+            after[n] = free[k]
             lacking[n] = free[k] + law.restitution * rate[k]
             lacks |= not lacking[n] >= 0.0  # also if it is no number
             n += 1
@@ -141,8 +146,10 @@ def decide(law, W, places, n, hit, before, after, lacking, impulse, change, nois
     n_hit = 0
     for j in range(n):
         if law.kind != MOREAU or impulse[j] > 0.0:
-            hit[n_hit], impulse[n_hit] = hit[j], impulse[j]
-            before[n_hit], after[n_hit] = before[j], after[j] + change[j]
+            hit[n_hit] = hit[j]
+            impulse[n_hit] = impulse[j]
+            before[n_hit] = before[j]
+            after[n_hit] = after[j] + change[j]
             n_hit += 1
     return n_hit, result
 
@@ -183,7 +190,8 @@ class Rules:
             law: the numbers of the law.
             setting: the problem; impulses act through its compliance.
         """
-        self._law, self._W = law, (W := setting.compliance)
+        self._law = law
+        self._W = (W := setting.compliance)
         self._block = W.block if law.is_coupled else lambda pairs: np.diag(W.diagonal(pairs))
         self._hit = np.zeros(setting.n_pairs, dtype=np.int64)
         self._values = np.zeros((4, setting.n_pairs))  # U̇, U̇_free and U̇⁺, what is lacking, p
@@ -229,7 +237,8 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbe
         `pairs`, but the first entries are the candidates; whether other pairs rest.
     """
     before, after, lacking, impulse = values[0], values[1], values[2], values[3]
-    law, result = LawNumbers(*numbers), complementarity.SOLVED
+    law = LawNumbers(*numbers)
+    result = complementarity.SOLVED
     of_pairs = hit, before, after, lacking
     n, changes = candidates(law, gap.size, gap, rate, free, resting, *of_pairs)
     if n and not needs_impulse(lacking, n, noise):
@@ -239,7 +248,8 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbe
     if n and (n != pairs.size or (pairs != hit[:n]).any()):
         return n, OTHERS, False
     if n:
-        change, memory = np.empty(n), complementarity.fresh(n)
+        change = np.empty(n)
+        memory = complementarity.fresh(n)
         n, result = decide(
             law, (W.ravel(), 0, n), np.arange(n), n, *of_pairs, impulse, change, noise, memory
         )

@@ -186,14 +186,16 @@ def _size_of(case: Case) -> tuple[float, float]:
     Raises:
         CaseError: the file of a mesh or of a reduced model cannot be used.
     """
-    model, file = case.model, case.mesh.file
+    model = case.model
+    file = case.mesh.file
     if model.file is not None:
         o = discretise.assemble(case).operators
         return o.n_dofs, 1.0 + 0.5 * o.n_pairs
     if not model.is_continuum:
         n = case.mesh.elements or node_coordinates(case).size
         return 2.0 * len(case.lamina) * n, 6.0
-    p, dim = model.degree, 2 if model.kind == "plane-stress" else 3
+    p = model.degree
+    dim = 2 if model.kind == "plane-stress" else 3
     if file is not None:  # of triangles and tetrahedra half as many neighbours
         return float(dim * p**dim * len(read_file(file).points)), 0.5 * dim * (p + 2.0) ** dim
     across = [p * n + 1 for n in (model.layers, model.strips)[: dim - 1]]

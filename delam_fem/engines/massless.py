@@ -230,9 +230,11 @@ def exact_step(
         damping: c, shape (m,) [1/s].
         length: h [s].
     """
-    h, A = length, np.zeros((squares.size, 4, 4))
+    h = length
+    A = np.zeros((squares.size, 4, 4))
     A[:, 0, 1] = A[:, 1, 2] = A[:, 2, 3] = 1.0
-    A[:, 1, 0], A[:, 1, 1] = -squares * h * h, -damping * h
+    A[:, 1, 0] = -squares * h * h
+    A[:, 1, 1] = -damping * h
     # x = (q, h q', h² F0, h² ΔF) of each mode; F rises linearly, so its derivative is ΔF. A is
     # (m, 4, 4); the series of the exponential converges fast where its norm is below SMALL.
     halvings = np.ceil(np.log2(np.abs(A).sum(axis=2).max(axis=1) / SMALL)).astype(int).clip(0)
@@ -246,9 +248,9 @@ def exact_step(
     # double the part of the step until it is the step; modes differ in how often that takes
     for k in range(int(halvings.max(initial=0))):
         still = halvings > k
-        own = E[still]
-        Q[still] += own.transpose(0, 2, 1) @ Q[still] @ own
-        E[still] = own @ own
+        transition = E[still]
+        Q[still] += transition.transpose(0, 2, 1) @ Q[still] @ transition
+        E[still] = transition @ transition
     units = np.array([1.0, h, h * h, h * h])
     E[:, :2] *= units / units[:2, None]
     Q *= (damping / h)[:, None, None] * units[:, None] * units
@@ -270,7 +272,8 @@ def _exponential(A: FloatArray) -> FloatArray:
 @njit
 def _add_modes(problem, q, out):  # type: ignore[no-untyped-def]
     """Add G q, the gaps that amplitudes of the modes open, or the same of their rates, to `out`."""
-    columns, n = problem.gap_columns, out.size
+    columns = problem.gap_columns
+    n = out.size
     for j in range(q.size):
         amplitude = q[j]
         for k in range(n):
@@ -296,10 +299,13 @@ def _rates(problem, v, base_rate, out):  # type: ignore[no-untyped-def]
 @njit
 def _move(problem, step, memory, load, rise, share, base):  # type: ignore[no-untyped-def]
     """Compute amplitudes (P1) and gaps at the end of a step without contact."""
-    a, q, v = step.move, memory.q, memory.v
+    a = step.move
+    q = memory.q
+    v = memory.v
     next_q, next_v, next_gap = memory.next_q, memory.next_v, memory.next_gap
     for j in range(q.size):
-        F, dF = load[j] + share * rise[j], rise[j]
+        F = load[j] + share * rise[j]
+        dF = rise[j]
         next_q[j] = a[0, j] * q[j] + a[1, j] * v[j] + a[4, j] * F + a[6, j] * dF
         next_v[j] = a[2, j] * q[j] + a[3, j] * v[j] + a[5, j] * F + a[7, j] * dF
     _gaps(problem, next_q, base[0] + base[1], next_gap)
@@ -320,7 +326,8 @@ def _is_near(memory, ahead):  # type: ignore[no-untyped-def]
 @njit
 def _push(problem, step, memory):  # type: ignore[no-untyped-def]
     """Add the contact forces to the end of the step: to gaps, amplitudes and modal loads."""
-    n, force = memory.gap.size, memory.force
+    n = memory.gap.size
+    force = memory.force
     for k in range(n):
         memory.next_gap[k] += memory.bent[k]
     for j in range(memory.q.size):
@@ -335,9 +342,14 @@ def _push(problem, step, memory):  # type: ignore[no-untyped-def]
 @njit
 def _creep(problem, step, memory, is_pushed):  # type: ignore[no-untyped-def]
     """Advance the late contact forces s and r = W s of all parts; return the energy lost [J]."""
-    n, force, bent, loss = memory.gap.size, memory.force, memory.bent, 0.0
+    n = memory.gap.size
+    force = memory.force
+    bent = memory.bent
+    loss = 0.0
     for c in range(problem.creep.size):
-        e, s, r = step.decay[c], memory.s[c], memory.r[c]
+        e = step.decay[c]
+        s = memory.s[c]
+        r = memory.r[c]
         for k in range(n):
             bent[k] = 0.0
         if is_pushed:
@@ -357,19 +369,29 @@ def _creep(problem, step, memory, is_pushed):  # type: ignore[no-untyped-def]
 @njit
 def _account(problem, step, memory, load, rise, share):  # type: ignore[no-untyped-def]
     """Take over the amplitudes at the end of a step; add up work and losses (P2, M2)."""
-    q, v, h, Q, loss, work = memory.q, memory.v, step.length, step.loss, 0.0, 0.0
+    q = memory.q
+    v = memory.v
+    h = step.length
+    Q = step.loss
+    loss = 0.0
+    work = 0.0
     for j in range(q.size):
-        own, dF = load[j] + share * rise[j], rise[j]
-        F, q0, v0 = own + memory.push[j], q[j], v[j]
+        drive_force = load[j] + share * rise[j]
+        dF = rise[j]
+        F = drive_force + memory.push[j]
+        q0 = q[j]
+        v0 = v[j]
         loss += q0 * (Q[0, j] * q0 + Q[1, j] * v0 + Q[2, j] * F + Q[3, j] * dF)
         loss += v0 * (Q[4, j] * v0 + Q[5, j] * F + Q[6, j] * dF)
         loss += F * (Q[7, j] * F + Q[8, j] * dF) + Q[9, j] * dF * dF
-        q[j], v[j] = memory.next_q[j], memory.next_v[j]
-        dq, dv = q[j] - q0, v[j] - v0
+        q[j] = memory.next_q[j]
+        v[j] = memory.next_v[j]
+        dq = q[j] - q0
+        dv = v[j] - v0
         # q" + c q' + ω² q = F integrated over the step gives the mean of q, and with it the work
         # of a rising load: ∫ F q' = F₁ q₁ - F₀ q₀ - ΔF mean(q)
         mean = (F + 0.5 * dF - (dv + problem.damping[j] * dq) / h) / problem.squares[j]
-        work += (own + dF) * q[j] - own * q0 - dF * mean
+        work += (drive_force + dF) * q[j] - drive_force * q0 - dF * mean
     memory.totals[MODAL_LOSS] += loss
     memory.totals[DRIVE_WORK] += work
 
@@ -377,13 +399,13 @@ def _account(problem, step, memory, load, rise, share):  # type: ignore[no-untyp
 @njit
 def _finish(problem, step, memory, move):  # type: ignore[no-untyped-def]
     """Take over the gaps at the end of a step, and add up what contact exchanged."""
-    held = moved = 0.0
+    work = moved = 0.0
     for k in range(memory.gap.size):
-        held += memory.force[k] * (memory.gap[k] - memory.next_gap[k])
+        work += memory.force[k] * (memory.gap[k] - memory.next_gap[k])
         moved += memory.force[k] * problem.gap_drive[k] * move
         memory.gap[k] = memory.next_gap[k]
         memory.lowest[k] = min(memory.lowest[k], memory.gap[k])
-    memory.totals[CONTACT_LOSS] += held
+    memory.totals[CONTACT_LOSS] += work
     memory.totals[DRIVE_WORK] -= moved
 
 
@@ -393,7 +415,8 @@ def _advance(problem, step, memory, load, rise, share, base, impulse):  # type: 
 
     The loads begin at `load` + `share` `rise` and grow by `rise`; `base` is (q, Δq) of the drive.
     """
-    n, is_pushed = memory.gap.size, False
+    n = memory.gap.size
+    is_pushed = False
     _move(problem, step, memory, load, rise, share, base)
     for k in range(n):
         memory.force[k] = 0.0
@@ -434,7 +457,8 @@ def _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):  # 
 def _divide(problem, fine, memory, load, rise, drive, step, impulse):  # type: ignore[no-untyped-def]
     """Make a coarse step in fine ones; return whether all contact forces were found."""
     r = drive.refine
-    start, move = drive.motion[step - 1], drive.motion[step] - drive.motion[step - 1]
+    start = drive.motion[step - 1]
+    move = drive.motion[step] - drive.motion[step - 1]
     for i in range(r):
         base = (start + move * (i / r), move / r)
         if not _advance(problem, fine, memory, load, rise, float(i), base, impulse):
@@ -451,8 +475,11 @@ def _keep(memory, trace, step):  # type: ignore[no-untyped-def]
 @kept(nogil=True, what="steps of modes, about 10 s")
 def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-untyped-def]
     """Compute the steps of a period; return COMPLETED, DIVERGED or UNSOLVED."""
-    n_steps, r, reach = len(drive.motion) - 1, drive.refine, 0.5 * SAFETY * coarse.length
-    rise, small = np.empty(memory.q.size), np.empty(memory.q.size)
+    n_steps = len(drive.motion) - 1
+    r = drive.refine
+    reach = 0.5 * SAFETY * coarse.length
+    rise = np.empty(memory.q.size)
+    small = np.empty(memory.q.size)
     for c in range(problem.creep.size):
         memory.r[c] = problem.compliance[c] @ memory.s[c]
     _gaps(problem, memory.q, drive.motion[0], memory.gap)
@@ -462,7 +489,8 @@ def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-
     memory.totals[:], memory.effort[:] = 0.0, 0
     _keep(memory, trace, 0)
     for step in range(1, n_steps + 1):
-        load, base_rate = drive.loads[step - 1], 0.0
+        load = drive.loads[step - 1]
+        base_rate = 0.0
         for j in range(rise.size):
             rise[j] = drive.loads[step, j] - load[j]
             small[j] = rise[j] / r
@@ -476,12 +504,12 @@ def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-
         impulse = trace.impulse[step]
         impulse[:] = 0.0
         if r == 1 or _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):
-            found = _advance(problem, coarse, memory, load, rise, 0.0, base, impulse)
+            is_solved = _advance(problem, coarse, memory, load, rise, 0.0, base, impulse)
             memory.effort[N_COARSE] += 1
         else:
-            found = _divide(problem, fine, memory, load, small, drive, step, impulse)
+            is_solved = _divide(problem, fine, memory, load, small, drive, step, impulse)
             memory.effort[N_FINE] += r
-        if not found:
+        if not is_solved:
             return UNSOLVED
         if not (np.isfinite(memory.q).all() and np.isfinite(memory.gap).all()):
             return DIVERGED
@@ -533,7 +561,9 @@ class Periods:
                 f"expected a time step above 0 and refine of at least 1, given {time_step} s, "
                 f"{refine}"
             )
-        self.reduced, self.time_step, self.refine = reduced, time_step, refine
+        self.reduced = reduced
+        self.time_step = time_step
+        self.refine = refine
         self._problem = Problem(
             reduced.squares,
             reduced.damping,
@@ -576,7 +606,8 @@ class Periods:
         """Compute a period and keep every step of it; see `advance`."""
         trace = new_trace(len(drive.motion) - 1, *self._sizes)
         trace.q[:] = np.nan  # until it is computed
-        memory, failure = self._memory, None
+        memory = self._memory
+        failure = None
         try:
             end = self._run(start, drive, trace)
         except ArithmeticError as error:
@@ -624,15 +655,15 @@ class ModalStepper:
 
     def __init__(self, operators: Operators, periods: Periods) -> None:
         """Prepare the rows of what is seen; the state is at rest, seen from the base."""
-        self.operators, self.periods = operators, periods
+        self.operators = operators
+        self.periods = periods
         self.at, self.base_state = np.zeros(periods.reduced.n_state), np.zeros(3)
         self.dissipated = self.contact_damped = 0.0
         self.resting: BoolArray = np.zeros(operators.n_pairs, dtype=np.bool_)
-        reduced, rows = periods.reduced, operators.observed
-        self._of_modes, self._of_drive = (
-            rows @ reduced.shapes,
-            rows @ reduced.drive + operators.probe_shift,
-        )
+        reduced = periods.reduced
+        rows = operators.observed
+        self._of_modes = rows @ reduced.shapes
+        self._of_drive = rows @ reduced.drive + operators.probe_shift
         self._of_forces = np.stack([rows @ X for X in reduced.residual])
         self.observe()
 
@@ -659,7 +690,8 @@ class ModalStepper:
 
     def carried(self) -> float:
         """Return the kinetic energy that the motion of the base adds [J]."""
-        reduced, rate = self.periods.reduced, self.base_state[1]
+        reduced = self.periods.reduced
+        rate = self.base_state[1]
         if self.operators.base.is_force:
             return 0.0
         momentum = float(reduced.loads[0] @ self.periods.split(self.at)[1])
@@ -684,12 +716,14 @@ class ModalStepper:
 
         A motion alone does not tell the late contact forces; they are then 0.
         """
-        reduced, M = self.periods.reduced, self.operators.mass
+        reduced = self.periods.reduced
+        M = self.operators.mass
         if internal is not None and internal.shape == self.at.shape:
             self.at = internal
             if np.array_equal(self.state()[:2], motion[:2]):
                 return
-        pull, m = M @ reduced.drive @ reduced.shapes, reduced.n_modes
+        pull = M @ reduced.drive @ reduced.shapes
+        m = reduced.n_modes
         moved = np.zeros(2) if self.operators.base.is_force else self.base_state[:2]
         self.at = np.zeros(reduced.n_state)
         for place, of_dofs, of_base in zip((0, m), motion, moved, strict=False):
@@ -741,7 +775,8 @@ class ModalEngine(Engine):
         if self._driven is None or self._driven[0] is not base_states:
             self._driven = base_states, self.stepper.periods.drive(base_states)
         for _ in range(n_periods):
-            stepper, k = self.stepper, recorder.n_closed
+            stepper = self.stepper
+            k = recorder.n_closed
             record = recorder.open(stepper, base_states)
             before = stepper.periods.energies(stepper.at), stepper.carried()
             period = stepper.periods.record(stepper.at, self._driven[1])
@@ -761,19 +796,25 @@ class ModalEngine(Engine):
 
     def _fill(self, record: PeriodRecord, period: Period) -> None:
         """Write a period into its record; contact forces are impulses at the ends of steps."""
-        stepper, trace, own = self.stepper, period.trace, record.frame_steps
-        reduced, base = stepper.periods.reduced, record.base_states
+        stepper = self.stepper
+        trace = period.trace
+        steps = record.frame_steps
+        reduced = stepper.periods.reduced
+        base = record.base_states
         record.u[:, :N_BASE] = 0.0
         record.u[:, N_BASE:], record.v[:] = stepper.seen(trace.q, trace.v, trace.s, base)
         record.effort[0], record.effort[N_SIZES - 1] = period.effort.tolist()
-        u = reduced.displacement(trace.q[own], trace.s[own], base[own, 0])
-        record.frames.extend(np.stack([u, reduced.velocity(trace.v[own], base[own, 1])], axis=1))
-        touches = np.zeros((own.size, stepper.operators.n_pairs), np.int8)
-        touches[:, : reduced.n_pairs] = trace.impulse[own] > 0.0
+        u = reduced.displacement(trace.q[steps], trace.s[steps], base[steps, 0])
+        record.frames.extend(
+            np.stack([u, reduced.velocity(trace.v[steps], base[steps, 1])], axis=1)
+        )
+        touches = np.zeros((steps.size, stepper.operators.n_pairs), np.int8)
+        touches[:, : reduced.n_pairs] = trace.impulse[steps] > 0.0
         record.contact.extend(touches)
         step, pair = np.nonzero(trace.impulse > 0.0)
         ends, first, sizes = np.unique(step, return_index=True, return_counts=True)
-        rates, ticks = trace.v @ reduced.gap_modes.T, ends * record.ticks_per_step
+        rates = trace.v @ reduced.gap_modes.T
+        ticks = ends * record.ticks_per_step
         record.jumps = Jumps(
             Columns(
                 ticks, sizes, np.zeros(first.size), pair, trace.impulse[step, pair],
@@ -811,7 +852,8 @@ class ModalEngine(Engine):
         work, modal, creep, closing = period.exchanged.tolist()
         T, V = self.stepper.periods.energies(period.end)
         residual = T + V - stored[0] - stored[1] - (work - modal - creep - closing)
-        more, loss = self.stepper.carried(), modal + creep + of_base
+        more = self.stepper.carried()
+        loss = modal + creep + of_base
         by_base = work + more - carried + of_base
         works = (0.0, work) if self.stepper.operators.base.is_force else (by_base, 0.0)
         return T + more, V, 0.0, *works, loss, 0.0, closing, 0.0, residual

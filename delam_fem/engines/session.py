@@ -105,7 +105,8 @@ def engine_of(
     if modes is not None:
         from delam_fem.engines.massless import ModalEngine
 
-        is_open, refine = law.name == "none", refinement.factor
+        is_open = law.name == "none"
+        refine = refinement.factor
         return ModalEngine(one, modes, time_step, refine, is_open=is_open)
     require(name in ENGINES, "engine", " or ".join(map(repr, ENGINES)), name)
     if name == "petsc" and find_spec("petsc4py") is None:
@@ -141,14 +142,14 @@ def modes_of(case: Case) -> int | None:
 
 def law_of(case: Case) -> Law:
     """Return the contact law of a case."""
-    given = case.contact
+    contact = case.contact
     return Law(
-        given.law,
-        restitution=given.restitution,
-        impulse=given.impulse,
+        contact.law,
+        restitution=contact.restitution,
+        impulse=contact.impulse,
         penalty_stiffness=case.spring[0],
         penalty_damping=case.spring[1],
-        threshold_velocity=given.threshold_velocity,
+        threshold_velocity=contact.threshold_velocity,
     )
 
 
@@ -215,7 +216,7 @@ def _size_of(case: Case) -> float:
     speed += sum(impactor.velocity for impactor in case.impactor)
     reach = sum(abs(start.displacement) for start in case.initial)
     if case.excitation.acts_on == "force":
-        masses = [own.mass or own.mass_per_length * own.length for own in case.lamina]
+        masses = [lamina.mass or lamina.mass_per_length * lamina.length for lamina in case.lamina]
         reach += 0.5 * float(largest[0]) / min(masses) * duration**2
     else:
         reach += float(largest[0])
@@ -324,7 +325,8 @@ class Solution:
     @cached_property
     def impacts(self) -> ImpactTable:
         """All impacts of the window."""
-        table, recorder = self.recorder.impacts(), self.recorder
+        table = self.recorder.impacts()
+        recorder = self.recorder
         instants = np.repeat(table.ticks / recorder.refine * recorder.time_step, table.sizes)
         return ImpactTable(instants, table.hit, table.impulses, table.rate_pre)
 
@@ -454,8 +456,8 @@ def session(
     """
     if initial is not None:
         for name, shape in (("motion", (3, operators.n_dofs)), ("resting", (operators.n_pairs,))):
-            given = getattr(initial, name).shape
-            require(given == shape, f"initial.{name}", f"the shape {shape}", given)
+            actual_shape = getattr(initial, name).shape
+            require(actual_shape == shape, f"initial.{name}", f"the shape {shape}", actual_shape)
     computing = engine_of(
         operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm,
         modes=modes,
@@ -481,7 +483,8 @@ def session(
 
 def start_of(operators: Operators | DistributedOperators, base_state: FloatArray) -> State | None:
     """Return the state with which a run begins that gets no other; None: all dofs at rest."""
-    start, shift = getattr(operators, "start", None), operators.base.shift
+    start = getattr(operators, "start", None)
+    shift = operators.base.shift
     if start is None and shift is None:
         return None
     motion = np.zeros((3, operators.n_dofs))

@@ -119,7 +119,8 @@ def create_mesh(
     if ranks is not None and comm.size > 1:
         further["partitioner"] = _given_ranks(cells, ranks, is_first=comm.rank == 0)
     if comm.rank > 0:
-        points, cells = points[:0], cells[:0]
+        points = points[:0]
+        cells = cells[:0]
     dim = points.shape[1]
     if hasattr(dolfinx.fem, "functionspace"):
         import basix.ufl
@@ -147,7 +148,7 @@ def _given_ranks(cells: IntArray, ranks: IntArray, *, is_first: bool) -> Callabl
     owns = sp.csr_matrix((np.ones(n), (np.arange(n), ranks)))
     near = (touches @ (touches.T @ owns)).tolil().rows
     lists = [[r, *(q for q in near[c] if q != r)] for c, r in enumerate(ranks) if is_first]
-    flat = np.array([rank for own in lists for rank in own], dtype=np.int32)
+    flat = np.array([rank for ranks_of_cell in lists for rank in ranks_of_cell], dtype=np.int32)
     offsets = np.cumsum([0, *map(len, lists)]).astype(np.int32)
 
     def partition(*_: Any) -> Any:
@@ -206,7 +207,8 @@ def reference_nodes(cell: str, degree: int) -> FloatArray:
 
 def _lagrange(cell: str, degree: int) -> Any:
     """Return basix's element of one component of `vector_space`."""
-    shape, variant = getattr(basix.CellType, cell), basix.LagrangeVariant.gll_warped
+    shape = getattr(basix.CellType, cell)
+    variant = basix.LagrangeVariant.gll_warped
     return basix.create_element(basix.ElementFamily.P, shape, degree, variant)
 
 
@@ -234,7 +236,8 @@ def cell_dofs(space: Any) -> npt.NDArray[np.int32]:
 
 def facet_dofs(space: Any, n_facets: int) -> list[list[int]]:
     """Return the positions in `cell_dofs` of the dofs on each facet of a cell, edges included."""
-    layout, dim = space.dofmap.dof_layout, space.mesh.topology.dim
+    layout = space.dofmap.dof_layout
+    dim = space.mesh.topology.dim
     of_facet = layout.entity_closure_dofs
     return [[int(k) for k in of_facet(dim - 1, facet)] for facet in range(n_facets)]
 
@@ -246,10 +249,13 @@ def constant(mesh: Any, value: float) -> Any:
 
 def input_nodes(linear: Any) -> IntArray:
     """Return the input node of each dof of a P1 space on this rank, shape (n_local_dofs,)."""
-    dofmap, geometry = linear.dofmap, linear.mesh.geometry
+    dofmap = linear.dofmap
+    geometry = linear.mesh.geometry
     nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
-    own = cell_nodes(linear.mesh)
-    nodes[cell_dofs(linear)[: len(own)]] = np.asarray(geometry.input_global_indices)[own]
+    mesh_nodes = cell_nodes(linear.mesh)
+    nodes[cell_dofs(linear)[: len(mesh_nodes)]] = np.asarray(geometry.input_global_indices)[
+        mesh_nodes
+    ]
     return nodes
 
 
@@ -268,12 +274,14 @@ def write_vtx(
         fields: values of a frame by name, each of shape (n_nodes,), or of vectors (n_nodes, 3), in
             the order of the input nodes; the same names at all frames.
     """
-    linear, dim = space(mesh, "Lagrange", 1), mesh.geometry.dim
-    nodes, first = input_nodes(linear), fields(0)
-    vectors = vector_space(mesh, 1) if any(own.ndim == 2 for own in first.values()) else None
+    linear = space(mesh, "Lagrange", 1)
+    dim = mesh.geometry.dim
+    nodes = input_nodes(linear)
+    first = fields(0)
+    vectors = vector_space(mesh, 1) if any(array.ndim == 2 for array in first.values()) else None
     functions = {
-        name: dolfinx.fem.Function(linear if own.ndim == 1 else vectors, name=name)
-        for name, own in first.items()
+        name: dolfinx.fem.Function(linear if array.ndim == 1 else vectors, name=name)
+        for name, array in first.items()
     }
     with dolfinx.io.VTXWriter(mesh.comm, path, list(functions.values()), "BP4") as writer:
         for k, time in enumerate(times):
@@ -326,14 +334,14 @@ def held_by(conditions: Sequence[Any], like: Any) -> FloatArray:
         conditions: Dirichlet conditions of dolfinx.
         like: matrix of PETSc whose rows are the dofs.
     """
-    found = []
+    arrays = []
     for start in (0.0, 1.0):
         vector = like.createVecLeft()
         vector.set(start)
         dolfinx.fem.petsc.set_bc(vector, list(conditions))
-        found.append(np.array(vector.array))
+        arrays.append(np.array(vector.array))
         vector.destroy()
-    return np.where(found[0] == found[1], found[0], np.nan)
+    return np.where(arrays[0] == arrays[1], arrays[0], np.nan)
 
 
 NEAR = 1e-9
@@ -350,19 +358,23 @@ def cells_at(mesh: Any, points: FloatArray) -> IntArray:
     Raises:
         CaseError: a point is outside the mesh.
     """
-    geometry, dim, comm = dolfinx.geometry, mesh.topology.dim, mesh.comm
+    geometry = dolfinx.geometry
+    dim = mesh.topology.dim
+    comm = mesh.comm
     x = mesh.geometry.x
-    low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+    low = x.min(axis=0, initial=np.inf)
+    high = x.max(axis=0, initial=-np.inf)
     ends = np.array(comm.allgather((low, high)))
     reach = NEAR * float(np.linalg.norm(ends[:, 1].max(axis=0) - ends[:, 0].min(axis=0)))
-    own = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    local_cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     if hasattr(geometry, "bb_tree"):
-        tree = geometry.bb_tree(mesh, dim, entities=own, padding=reach)
+        tree = geometry.bb_tree(mesh, dim, entities=local_cells, padding=reach)
         candidates = geometry.compute_collisions_points(tree, points)
     else:
-        tree = geometry.BoundingBoxTree(mesh, dim, own, reach)
+        tree = geometry.BoundingBoxTree(mesh, dim, local_cells, reach)
         candidates = geometry.compute_collisions(tree, points)
-    cells, away = np.full(len(points), -1, dtype=np.int64), np.full(len(points), np.inf)
+    cells = np.full(len(points), -1, dtype=np.int64)
+    away = np.full(len(points), np.inf)
     for k, point in enumerate(points):
         near = candidates.links(k)
         if len(near):
@@ -384,14 +396,17 @@ def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_ma
         points: the same on all ranks, shape (n, dim) [m].
         along: one number for each component.
     """
-    comm, dofmap = space.mesh.comm, space.dofmap
+    comm = space.mesh.comm
+    dofmap = space.dofmap
     at = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     cells = cells_at(space.mesh, at)
-    count, first = space.num_sub_spaces, 0
+    count = space.num_sub_spaces
+    first = 0
     subs = [space.sub(i).collapse() for i in range(count)] or [(space, None)]
     entries: list[tuple[int, int, float]] = []
     for sub, parents in subs:
-        shape, size = dolfinx.fem.Function(sub), 0
+        shape = dolfinx.fem.Function(sub)
+        size = 0
         of_parent = None if parents is None else np.ravel(parents)  # from 0.10 on a list of arrays
         for k in np.flatnonzero(cells >= 0).tolist():
             bs = sub.dofmap.bs
@@ -412,7 +427,8 @@ def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_ma
     pieces = comm.allgather((rows.astype(np.int64), where, weights))
     row, column, weight = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
     start, stop = (bs * end for end in dofmap.index_map.local_range)
-    own = (column >= start) & (column < stop) & (weight != 0.0)
+    is_local = (column >= start) & (column < stop) & (weight != 0.0)
     return sp.csr_matrix(
-        (weight[own], (row[own], column[own] - start)), shape=(len(points), stop - start)
+        (weight[is_local], (row[is_local], column[is_local] - start)),
+        shape=(len(points), stop - start),
     )

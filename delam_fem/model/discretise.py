@@ -56,8 +56,8 @@ def require_plain(case: Case, study: str) -> None:
     """
     require_bending(case, study)
     inside = {"stop": case.stop, "impactor": case.impactor, "support": case.support.inside}
-    for key, found in inside.items():
-        require(not found, f"{key}: {study}", "none inside the span", len(found))
+    for key, entries in inside.items():
+        require(not entries, f"{key}: {study}", "none inside the span", len(entries))
 
 
 def require_mass(case: Case, study: str, reason: str) -> None:

@@ -80,7 +80,8 @@ def factored(K: sp.spmatrix, M: sp.spmatrix | None = None, shift: float = 0.0) -
         MemoryError: the factors need more memory than there is.
     """
     if is_large := K.shape[0] >= LARGE:
-        K, M = _rows(K), None if M is None else _rows(M)
+        K = _rows(K)
+        M = None if M is None else _rows(M)
     A = K if M is None or not shift else K + shift * M
     factor = None
     if is_large:
@@ -158,16 +159,16 @@ def _by_petsc(
         from petsc4py import PETSc
     except ImportError:
         return None
-    whole = matrix(A, comm)
-    whole.setOption(PETSc.Mat.Option.SPD, True)
+    operator = matrix(A, comm)
+    operator.setOption(PETSc.Mat.Option.SPD, True)
     solver = PETSc.KSP().create(comm)
-    solver.setOperators(whole)
+    solver.setOperators(operator)
     solver.setType("preonly")
     solver.getPC().setType("cholesky")
     if PETSc.Sys.hasExternalPackage("suitesparse"):
         solver.getPC().setFactorSolverType("cholmod")
     solver.setUp()
-    right, left = whole.createVecs()
+    right, left = operator.createVecs()
 
     def solve(b: FloatArray) -> FloatArray:
         columns = b.reshape(len(b), -1)

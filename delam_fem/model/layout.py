@@ -65,9 +65,9 @@ class Part:
         n = self.x.size
         shapes = {"dofs": (n, 2), "flexural_rigidity": (n - 1,), "mass_per_length": (n - 1,)}
         for name, expected in shapes.items():
-            given = getattr(self, name).shape
-            if given != expected:
-                raise ValueError(f"part {self.name}: {name} has shape {given}, expected {expected}")
+            shape = getattr(self, name).shape
+            if shape != expected:
+                raise ValueError(f"part {self.name}: {name} has shape {shape}, expected {expected}")
 
     @property
     def n_elements(self) -> int:
@@ -270,11 +270,11 @@ class Layout:
         if self.reading is None:
             return rows
         n = self.reading.base.size
-        own = sp.csr_matrix(rows[:, :n] @ self.reading.matrix)
+        reduced_rows = sp.csr_matrix(rows[:, :n] @ self.reading.matrix)
         if rows.shape[1] == n:
-            return own
+            return reduced_rows
         base = rows[:, n].toarray().ravel() + rows[:, :n] @ self.reading.base
-        return sp.hstack([own, sp.csr_matrix(base[:, None])], format="csr")
+        return sp.hstack([reduced_rows, sp.csr_matrix(base[:, None])], format="csr")
 
     def own_dofs(self, number: int) -> IntArray:
         """Return the free dofs of a part, increasing, shape (n,)."""
@@ -314,7 +314,7 @@ class Layout:
         """
         points = np.arange(self.x.size, dtype=np.float64)
         return np.asarray(
-            np.unique(np.concatenate([points, *[own.places for own in self.touching]]))
+            np.unique(np.concatenate([points, *[pairs.places for pairs in self.touching]]))
         )
 
     def stations_of(self, interface: Interface) -> IntArray:
@@ -370,12 +370,12 @@ class Structure:
         if dofs.max() >= n:
             what = "free dofs" if layout.reading is None else "readings"
             raise ValueError(f"layout: dof {dofs.max()}, expected below {n}, the number of {what}")
-        for what, given, expected in (
-            ("pairs", sum(own.places.size for own in layout.touching), o.n_pairs),
+        for what, count, expected in (
+            ("pairs", sum(pairs.places.size for pairs in layout.touching), o.n_pairs),
             ("probes", len(layout.probes), o.n_probes),
         ):
-            if given != expected:
-                raise ValueError(f"layout: {given} {what}, the operators have {expected}")
+            if count != expected:
+                raise ValueError(f"layout: {count} {what}, the operators have {expected}")
 
 
 CURVATURE = 2
@@ -408,8 +408,10 @@ def opposite(parts: Sequence[Part], lower: int, upper: int, *, per_element: int 
 
 def in_order(interfaces: Sequence[Interface]) -> tuple[Interface, ...]:
     """Return interfaces whose pairs follow one another in the gap operator."""
-    firsts = accumulate((own.places.size for own in interfaces), initial=0)
-    return tuple(replace(own, first_pair=n) for own, n in zip(interfaces, firsts, strict=False))
+    firsts = accumulate((interface.places.size for interface in interfaces), initial=0)
+    return tuple(
+        replace(interface, first_pair=n) for interface, n in zip(interfaces, firsts, strict=False)
+    )
 
 
 def interpolation_rows(
@@ -449,7 +451,8 @@ def interpolation(
     """
     if cells is None:
         cells = np.clip(np.ceil(places).astype(np.int64) - 1, 0, part.n_elements - 1)
-    X, h = places - cells, np.diff(part.x)[cells]
+    X = places - cells
+    h = np.diff(part.x)[cells]
     if np.all(part.dofs[:, SLOPE] == FIXED):  # bars and points: straight between their nodes
         linear = {DISPLACEMENT: (1.0 - X, X), SLOPE: (-1.0 / h, 1.0 / h)}
         ends = linear.get(component, (0.0 * X, 0.0 * X))
@@ -504,8 +507,9 @@ def columns_of(
         component: DISPLACEMENT, SLOPE or CURVATURE.
         cell: the cell, for a place between two; None: the one that ends there.
     """
-    given, at = None if cell is None else np.array([cell]), np.atleast_1d(places)
-    cells, weights = interpolation(part, at, component, given)
+    asked_cells = None if cell is None else np.array([cell])
+    at = np.atleast_1d(places)
+    cells, weights = interpolation(part, at, component, asked_cells)
     dofs = np.concatenate([part.dofs[cells], part.dofs[cells + 1]], axis=1)  # (k, 4)
     columns = np.where(dofs == BASE, n_dofs, dofs)
     rows = np.repeat(np.arange(at.size)[:, None], 4, axis=1)
@@ -523,9 +527,9 @@ def gap_matrix(
     A point that is held adds no entry to its row: both parts move with the base there.
     """
     blocks = [
-        interpolation_rows(parts[own.parts[1]], own.places, n_dofs)
-        - interpolation_rows(parts[own.parts[0]], own.places, n_dofs)
-        for own in sorted(interfaces, key=lambda interface: interface.first_pair)
+        interpolation_rows(parts[interface.parts[1]], interface.places, n_dofs)
+        - interpolation_rows(parts[interface.parts[0]], interface.places, n_dofs)
+        for interface in sorted(interfaces, key=lambda interface: interface.first_pair)
     ]
     return sp.vstack(blocks, format="csr") if blocks else sp.csr_matrix((0, n_dofs))
 
@@ -536,9 +540,10 @@ def tributary_lengths(parts: Sequence[Part], interface: Interface) -> FloatArray
     A length is half of the distances to the next points or pairs on both sides. With these weights,
     springs per length do not depend on the mesh.
     """
-    lower, own = parts[interface.parts[0]], interface.places
-    places = np.unique(np.concatenate([np.arange(lower.x.size, dtype=np.float64), own]))
-    return half_ways(lower.positions(places))[np.searchsorted(places, own)]
+    lower = parts[interface.parts[0]]
+    pair_places = interface.places
+    places = np.unique(np.concatenate([np.arange(lower.x.size, dtype=np.float64), pair_places]))
+    return half_ways(lower.positions(places))[np.searchsorted(places, pair_places)]
 
 
 def half_ways(places: FloatArray) -> FloatArray:
@@ -592,15 +597,16 @@ def at_stations(layout: Layout, u: FloatArray, phi: FloatArray) -> tuple[FloatAr
     Returns:
         Displacements and slopes, each of shape (n_parts, k, n_stations).
     """
-    part, places = layout.parts[0], layout.stations
+    part = layout.parts[0]
+    places = layout.stations
     if places.size == part.x.size:
         return u, phi
-    found = []
+    values = []
     for component in (DISPLACEMENT, SLOPE):
         cells, weights = interpolation(part, places, component)
         ends = np.stack([u[..., cells], phi[..., cells], u[..., cells + 1], phi[..., cells + 1]])
-        found.append(np.asarray(np.einsum("e...s,se->...s", ends, weights)))
-    return found[0], found[1]
+        values.append(np.asarray(np.einsum("e...s,se->...s", ends, weights)))
+    return values[0], values[1]
 
 
 def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray:
@@ -617,8 +623,9 @@ def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray
     Returns:
         Moments, shape (n_parts, k, n_stations) [N m].
     """
-    part, places = layout.parts[0], layout.stations
-    EI = np.stack([own.flexural_rigidity for own in layout.parts])[:, None, :]
+    part = layout.parts[0]
+    places = layout.stations
+    EI = np.stack([lamina.flexural_rigidity for lamina in layout.parts])[:, None, :]
 
     def of(cells: IntArray) -> FloatArray:
         # the curvature depends on the difference of both displacements alone
@@ -626,5 +633,6 @@ def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray
         ends = np.stack([phi[..., cells], np.diff(u)[..., cells], phi[..., cells + 1]])
         return np.asarray(EI[..., cells] * np.einsum("e...s,se->...s", ends, weights))
 
-    before, behind = np.ceil(places).astype(np.int64) - 1, np.floor(places).astype(np.int64)
+    before = np.ceil(places).astype(np.int64) - 1
+    behind = np.floor(places).astype(np.int64)
     return 0.5 * (of(np.maximum(before, 0)) + of(np.minimum(behind, part.n_elements - 1)))

@@ -67,7 +67,8 @@ def lowest(
     if dofs <= DENSE_DOFS or 2 * n >= dofs:
         stiff = K.toarray() + shift * M.toarray() if shift else K.toarray()
         mu, vectors = eigh(M.toarray(), stiff, subset_by_index=(dofs - n, dofs - 1))
-        mu, vectors = np.where(mu > NO_MASS * mu[-1], mu, 0.0)[::-1], vectors[:, ::-1]
+        mu = np.where(mu > NO_MASS * mu[-1], mu, 0.0)[::-1]
+        vectors = vectors[:, ::-1]
         with np.errstate(divide="ignore"):
             omega = np.sqrt(np.maximum(1.0 / mu - shift, 0.0)) if shift else 1.0 / np.sqrt(mu)
     else:
@@ -127,8 +128,8 @@ def elastic(
     K: sp.csr_matrix, M: sp.csr_matrix, n: int, n_rigid: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the n lowest frequencies and vectors behind the rigid motions; see `lowest`."""
-    found, vectors = lowest(K, M, n_rigid + n, is_floating=n_rigid > 0)
-    return found[n_rigid:], vectors[:, n_rigid:]
+    frequencies, vectors = lowest(K, M, n_rigid + n, is_floating=n_rigid > 0)
+    return frequencies[n_rigid:], vectors[:, n_rigid:]
 
 
 _ITERATIONS = 12
@@ -148,16 +149,16 @@ def first_mode(structure: Structure, number: int) -> FloatArray:
         Mode in all free dofs, 1 at the probe, shape (n,) [-, 1/m].
     """
     operators = structure.operators
-    own = structure.layout.own_dofs(number)
-    K, M = (matrix[own][:, own] for matrix in (operators.stiffness, operators.mass))
-    probe = operators.probes[number, own]
+    dofs = structure.layout.own_dofs(number)
+    K, M = (matrix[dofs][:, dofs] for matrix in (operators.stiffness, operators.mass))
+    probe = operators.probes[number, dofs]
     solve = factored(K).solve
-    shape = np.ones(own.size)
+    shape = np.ones(dofs.size)
     for _ in range(_ITERATIONS):
         shape = solve(M @ shape)
         shape /= (probe @ shape)[0]
     mode = np.zeros(operators.n_dofs)
-    mode[own] = shape
+    mode[dofs] = shape
     return mode
 
 
@@ -200,11 +201,15 @@ def response(
         frequency: frequency of the drive [Hz].
         S: the motions that are left, u = S w (`keeping_closed`), shape (n, m); None: all.
     """
-    o, omega = operators, 2.0 * math.pi * frequency
+    o = operators
+    omega = 2.0 * math.pi * frequency
     load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
     M, C, K = o.mass, o.damping, o.stiffness
     if S is not None:
-        M, C, K, load = S.T @ M @ S, S.T @ C @ S, S.T @ K @ S, S.T @ load
+        M = S.T @ M @ S
+        C = S.T @ C @ S
+        K = S.T @ K @ S
+        load = S.T @ load
     U = regular(K + 1j * omega * C - omega**2 * M)(load)
     return np.asarray(U if S is None else S @ U)
 
@@ -233,7 +238,8 @@ def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
         np.einsum("ij,ij->j", vectors, matrix @ vectors)
         for matrix in (o.mass, o.damping, o.stiffness)
     )
-    s, square = damping / (2.0 * mass), stiffness / mass
+    s = damping / (2.0 * mass)
+    square = stiffness / mass
     rates = s - np.sqrt(np.maximum(s**2 - square, 0.0))
     return max(0.0, float(rates.min(initial=math.inf)))
 
@@ -271,7 +277,8 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
     Raises:
         ValueError: there are more pairs than dofs that they can tie.
     """
-    layout, H = structure.layout, structure.operators.gap_matrix
+    layout = structure.layout
+    H = structure.operators.gap_matrix
     n = structure.operators.n_dofs
     H = H[: sum(interface.places.size for interface in layout.interfaces)]  # stops stay open
     if layout.reading is None or not H.shape[0]:
@@ -282,19 +289,19 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
     is_free = np.ones(n, dtype=np.bool_)
     for k in range(H.shape[0]):
         row = H[k]
-        own = row.indices[is_free[row.indices]]
+        free_columns = row.indices[is_free[row.indices]]
         size = np.abs(row.data[is_free[row.indices]])
-        if not own.size:
+        if not free_columns.size:
             raise ValueError("pairs: more of them than dofs that they can tie")
-        pivots[k] = own[size.argmax()]
+        pivots[k] = free_columns[size.argmax()]
         is_free[pivots[k]] = False
-    kept = np.flatnonzero(is_free)
+    remaining = np.flatnonzero(is_free)
     S = sp.identity(n, format="lil")
     S[pivots] = (
-        sp.csr_matrix(-regular(H[:, pivots])(H[:, kept].toarray()))
-        @ sp.identity(n, format="csr")[kept]
+        sp.csr_matrix(-regular(H[:, pivots])(H[:, remaining].toarray()))
+        @ sp.identity(n, format="csr")[remaining]
     )
-    return sp.csr_matrix(sp.csr_matrix(S)[:, kept])
+    return sp.csr_matrix(sp.csr_matrix(S)[:, remaining])
 
 
 def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
@@ -319,9 +326,11 @@ def largest_stable_time_step(
     Ω is `Scheme.courant`, 2 for the central difference. The step is infinite for masses without any
     stiffness.
     """
-    o, H = operators, operators.gap_matrix
+    o = operators
+    H = operators.gap_matrix
     weighted = H if o.pair_weights is None else sp.diags(o.pair_weights) @ H
-    K, M = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ weighted)), sp.csc_matrix(o.mass)
+    K = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ weighted))
+    M = sp.csc_matrix(o.mass)
     if not K.count_nonzero():
         return math.inf
     if o.n_dofs <= DENSE_DOFS:

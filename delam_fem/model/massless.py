@@ -140,19 +140,24 @@ def reduce(operators: Operators, modes: int) -> Reduced:
             omitted modes have no flexibility at some pairs.
     """
     require(modes >= 1, "model.modes", "at least 1", modes)
-    o, H, k_b = operators, operators.gap_matrix, operators.base.stiffness
+    o = operators
+    H = operators.gap_matrix
+    k_b = operators.base.stiffness
     each = [_piece(o, dofs, matrices, modes) for dofs, *matrices in o.bodies()]
     of_part, damping, creep, Phi, at_gaps, at_drive = zip(*each, strict=True)
-    W = np.stack([H @ own for own in at_gaps])
+    W = np.stack([H @ response for response in at_gaps])
     W = 0.5 * (W + W.transpose(0, 2, 1))
-    shapes, squares = np.concatenate(Phi, axis=1), np.concatenate(of_part)
+    shapes = np.concatenate(Phi, axis=1)
+    squares = np.concatenate(of_part)
     G = H @ shapes
     _require_flexible(W.sum(axis=0), (G**2 / squares).sum(axis=1), squares.size // len(each))
     iota = -sum(at_drive, np.zeros_like(k_b))
     columns = np.stack([o.base.mass, o.base.damping, k_b])
     moved = columns + np.stack([A @ iota for A in (o.mass, o.damping, o.stiffness)])
     if o.base.is_force:
-        loads, base_mass, base_damping = columns @ shapes, 0.0, 0.0
+        loads = columns @ shapes
+        base_mass = 0.0
+        base_damping = 0.0
     else:
         loads = moved @ shapes
         loads[2] = 0.0  # K ι + k_b is round-off
@@ -194,11 +199,12 @@ def _piece(
     vectors = normalised(vectors, M)
     squares = (2.0 * np.pi * frequencies) ** 2
     alpha, beta = _rayleigh(M, C, K, squares, vectors)
-    squares, vectors = squares[:modes], vectors[:, :modes]
+    squares = squares[:modes]
+    vectors = vectors[:, :modes]
     loads = np.column_stack([o.gap_matrix[:, dofs].T.toarray(), o.base.stiffness[dofs]])
     with np.errstate(all="ignore"):
-        whole = regular(K)(loads)
-    if not np.isfinite(whole).all():
+        solution = regular(K)(loads)
+    if not np.isfinite(solution).all():
         raise CaseError("model.modes: a part is not held; support each part")
     # K r + M Φ μ = f, Φᵀ M r = 0 is R f without the cancellation of K⁻¹ f - Φ ω⁻² Φᵀ f
     of_modes = sp.csc_matrix(M @ vectors)
@@ -206,7 +212,7 @@ def _piece(
     residual = np.zeros((o.n_dofs, loads.shape[1]))
     residual[dofs] = regular(bordered)(np.pad(loads, ((0, squares.size), (0, 0))))[: dofs.size]
     if not o.base.is_force:
-        residual[dofs, -1] = whole[:, -1]
+        residual[dofs, -1] = solution[:, -1]
     shapes = np.zeros((o.n_dofs, squares.size))
     shapes[dofs] = vectors
     return squares, alpha + beta * squares, beta, shapes, residual[:, :-1], residual[:, -1]
@@ -240,8 +246,8 @@ def _require_flexible(W: FloatArray, of_modes: FloatArray, modes: int) -> None:
     Raises:
         CaseError: they do not give way at some pairs.
     """
-    own = W.diagonal()
-    scale = 1.0 / np.sqrt(np.where(own > ROUND_OFF * of_modes, own, 1e300))
+    diagonal = W.diagonal()
+    scale = 1.0 / np.sqrt(np.where(diagonal > ROUND_OFF * of_modes, diagonal, 1e300))
     if W.size and np.linalg.eigvalsh(scale[:, None] * W * scale)[0] < TOO_RIGID:
         raise CaseError(
             f"model.modes: the modes beyond the lowest {modes} cannot follow all {len(W)} contact "

@@ -71,14 +71,21 @@ def edges(case: Case) -> FloatArray:
     are no springs.
     """
     length = case.length
-    held = {own.position for own in case.support.held}
-    places = sorted({edge for own in case.delamination for edge in (own.start, own.end)} | held)
+    support_places = {support.position for support in case.support.held}
+    places = sorted(
+        {
+            edge
+            for delamination in case.delamination
+            for edge in (delamination.start, delamination.end)
+        }
+        | support_places
+    )
     margin = NODE_TOLERANCE * length
-    kept = [0.0]
+    positions = [0.0]
     for place in places:
-        if place - kept[-1] > margin and length - place > margin:
-            kept.append(place)
-    return np.array([*kept, length])
+        if place - positions[-1] > margin and length - place > margin:
+            positions.append(place)
+    return np.array([*positions, length])
 
 
 def require_edges(case: Case, x: FloatArray, source: str) -> None:
@@ -105,7 +112,8 @@ def placed(case: Case, n: int) -> FloatArray:
     Raises:
         CaseError: n is less than two for each segment.
     """
-    length, at = case.length, edges(case)
+    length = case.length
+    at = edges(case)
     uniform = np.linspace(0.0, length, n + 1)
     nearest = np.abs(uniform[:, None] - at).argmin(axis=0)
     if np.all(np.abs(uniform[nearest] - at) <= NODE_TOLERANCE * length) and (
@@ -203,8 +211,8 @@ def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArr
     mesh = read_file(path)
     lines = mesh.cells_dict.get("line")
     if lines is None:
-        found = ", ".join(sorted(mesh.cells_dict)) or "none"
-        raise CaseError(f"mesh.file: {path}: expected line cells, found: {found}")
+        kinds = ", ".join(sorted(mesh.cells_dict)) or "none"
+        raise CaseError(f"mesh.file: {path}: expected line cells, found: {kinds}")
     tags = [
         values["line"]
         for values in mesh.cell_data_dict.values()
@@ -247,5 +255,6 @@ def _lamina_nodes(path: Path, x: FloatArray, cells: IntArray, length: float) -> 
             f"mesh.file: {path}: expected nodes from x = 0 to lamina.length = {length:g} m, "
             f"given {result[0]:g} to {result[-1]:g} m"
         )
-    result[0], result[-1] = 0.0, length
+    result[0] = 0.0
+    result[-1] = length
     return result

@@ -149,7 +149,9 @@ class Body:
             slowest: φ of the lowest mode, with φᵀMφ = 1, shape (n_dofs,).
         """
         M, C, K = self.mass, self.damping, self.stiffness
-        size, alpha, beta = K.multiply(K).sum(), 0.0, 0.0
+        size = K.multiply(K).sum()
+        alpha = 0.0
+        beta = 0.0
         for _ in range(FITS):
             beta = float((C - alpha * M).multiply(K).sum() / size)
             alpha = float(slowest @ ((C - beta * K) @ slowest))
@@ -173,11 +175,11 @@ def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
     Raises:
         ValueError: a body is not held and there is no shift.
     """
-    found = []
+    result = []
     for dofs, M, C, K in o.bodies():
         rayleigh = o.rayleigh and (float(o.rayleigh[0][dofs[0]]), float(o.rayleigh[1][dofs[0]]))
-        found.append(Body(dofs, M, C, K, factored(K, M, shift), rayleigh))
-    return found
+        result.append(Body(dofs, M, C, K, factored(K, M, shift), rayleigh))
+    return result
 
 
 DEPENDENT = 1e-11
@@ -276,10 +278,15 @@ def basis_of(
             f"coordinates: expected at least {normal}, the number of normal modes, given {most}"
         )
     least = weights[room - 1] if 0 < room <= weights.size else np.inf if room == 0 else 0.0
-    kept = [int((piece.weights >= least).sum()) for piece in pieces]
-    columns, squares, damping, is_mode, numbers = [], [], [], [], []
-    body_of_dof, error = np.empty(o.n_dofs, dtype=np.int64), 0.0
-    for number, (piece, k) in enumerate(zip(pieces, kept, strict=True)):
+    counts = [int((piece.weights >= least).sum()) for piece in pieces]
+    columns = []
+    squares = []
+    damping = []
+    is_mode = []
+    numbers = []
+    body_of_dof = np.empty(o.n_dofs, dtype=np.int64)
+    error = 0.0
+    for number, (piece, k) in enumerate(zip(pieces, counts, strict=True)):
         high, shapes = _ritz(piece.body, piece.shapes[:, :k])
         reached = np.sum((piece.loads.T @ shapes) ** 2 / high, axis=1)
         if piece.compliance.size:
@@ -300,7 +307,7 @@ def basis_of(
         np.concatenate(is_mode),
         np.concatenate(numbers),
         body_of_dof,
-        sum(piece.weights.size + piece.dropped for piece in pieces) - sum(kept),
+        sum(piece.weights.size + piece.dropped for piece in pieces) - sum(counts),
         error,
         np.sort(np.concatenate([piece.lowest for piece in pieces]))[:COMPARED],
     )
@@ -308,10 +315,12 @@ def basis_of(
 
 def _piece(o: Operators, rows: sp.csr_matrix, body: Body, modes: int) -> _Piece:
     """Return a body with its modes and residual shapes for loads at the rows of pairs."""
-    lowest, found = body.modes(max(modes, COMPARED))
-    squares, vectors = lowest[:modes], found[:, :modes]
+    lowest, mode_shapes = body.modes(max(modes, COMPARED))
+    squares = lowest[:modes]
+    vectors = mode_shapes[:, :modes]
     H = rows[:, body.dofs]  # the loads of B1 that act on the body follow
-    stiff, inertia = o.base.stiffness[body.dofs], o.base.mass[body.dofs]
+    stiff = o.base.stiffness[body.dofs]
+    inertia = o.base.mass[body.dofs]
     columns = [stiff]
     if not o.base.is_force:
         columns.append(inertia - body.mass @ body.solve(stiff))
@@ -340,8 +349,9 @@ def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray
     if not shapes.shape[1]:
         return shapes, np.zeros(0)
     weights, turn = eigh(_gram(shapes, body.stiffness @ shapes))
-    kept = weights > DEPENDENT * weights[-1]
-    weights, turn = weights[kept][::-1], turn[:, kept][:, ::-1]
+    is_kept = weights > DEPENDENT * weights[-1]
+    weights = weights[is_kept][::-1]
+    turn = turn[:, is_kept][:, ::-1]
     result = shapes @ (turn / np.sqrt(weights))
     for _ in range(2):  # round-off of the eigenvalues is that of the largest
         factor = np.linalg.cholesky(_gram(result, body.stiffness @ result))
@@ -354,7 +364,8 @@ def _ritz(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
     if not shapes.shape[1]:
         return np.zeros(0), shapes
     inverse, turn = eigh(_gram(shapes, body.mass @ shapes))
-    inverse, turn = inverse[::-1], turn[:, ::-1]
+    inverse = inverse[::-1]
+    turn = turn[:, ::-1]
     return 1.0 / inverse, np.asarray(shapes @ (turn / np.sqrt(inverse)))
 
 
@@ -374,7 +385,9 @@ def projected(structure: Structure, basis: Basis) -> Structure:
         structure: the full structure.
         basis: of its operators.
     """
-    o, V, n = structure.operators, basis.vectors, basis.squares.size
+    o = structure.operators
+    V = basis.vectors
+    n = basis.squares.size
     base = BaseCoupling(
         V.T @ o.base.mass,
         V.T @ o.base.damping,
@@ -392,8 +405,8 @@ def projected(structure: Structure, basis: Basis) -> Structure:
         pair_weights=o.pair_weights,
         probes=sp.csr_matrix(o.probes @ V),
     )
-    layout, given = structure.layout, structure.layout.reading
-    rows, moved = (V, np.zeros(len(V))) if given is None else (given.matrix @ V, given.base)
+    layout, reading = structure.layout, structure.layout.reading
+    rows, moved = (V, np.zeros(len(V))) if reading is None else (reading.matrix @ V, reading.base)
     return Structure(
         operators,
         replace(
@@ -409,6 +422,6 @@ def _parts(layout: Layout, basis: Basis) -> IntArray:
     """Return the part to which each coordinate belongs, -1 where bonded parts share it."""
     of_body = np.full(1 + int(basis.body_of_dof.max()), -2)  # -2: of no part yet
     for number in range(len(layout.parts)):
-        own = np.unique(basis.body_of_dof[layout.own_dofs(number)])
-        of_body[own] = np.where(of_body[own] == -2, number, -1)
+        body_numbers = np.unique(basis.body_of_dof[layout.own_dofs(number)])
+        of_body[body_numbers] = np.where(of_body[body_numbers] == -2, number, -1)
     return np.maximum(of_body, -1)[basis.body]

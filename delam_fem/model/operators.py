@@ -238,16 +238,16 @@ class Operators(Recorded[sp.csr_matrix]):
             ValueError: a matrix or vector does not fit the number of dofs or of pairs.
         """
         for name in ("mass", "damping", "stiffness", "gap_matrix"):
-            given = getattr(self, name)
-            if hasattr(given, "getValuesCSR"):
-                given = _of_one_rank(given, name)
-                object.__setattr__(self, name, given)
-            if not sp.issparse(given):
+            value = getattr(self, name)
+            if hasattr(value, "getValuesCSR"):
+                value = _of_one_rank(value, name)
+                object.__setattr__(self, name, value)
+            if not sp.issparse(value):
                 raise CaseError(
-                    f"operators: {name}: expected a sparse matrix, given {type(given).__name__}; "
+                    f"operators: {name}: expected a sparse matrix, given {type(value).__name__}; "
                     f"write scipy.sparse.csr_matrix({name})"
                 )
-            wrong = given.data[~np.isfinite(given.data)]
+            wrong = value.data[~np.isfinite(value.data)]
             require(not wrong.size, f"operators: {name}", "finite numbers", wrong[:1].tolist())
         least = float(self.mass.diagonal().min(initial=0.0))
         require(least >= 0.0, "operators: mass", "a diagonal without negative numbers", least)
@@ -304,16 +304,19 @@ class Operators(Recorded[sp.csr_matrix]):
         M, K = (_dolfinx.assemble_own(form) for form in (mass, stiffness))
         C = damping if isinstance(damping, tuple) else _dolfinx.assemble_own(damping)
         if isinstance(gap, Gap):
-            points, opposite = np.atleast_2d(gap.points), gap.opposite
+            points = np.atleast_2d(gap.points)
+            opposite = gap.opposite
             rows = _dolfinx.rows_at(space, points, gap.along)
             if opposite is not None:
                 rows = rows - _dolfinx.rows_at(space, np.atleast_2d(opposite), gap.along)
             gap = rows, np.broadcast_to(np.asarray(gap.at_rest, dtype=float), len(points)).copy()
-        seen = {
+        probe_rows = {
             name: _dolfinx.rows_at(space, np.atleast_2d(point), along)
             for name, (point, along) in (probes or {}).items()
         }
-        result = Operators.from_petsc(M, C, K, gap=gap, base=_dolfinx.held_by(base, M), probes=seen)
+        result = Operators.from_petsc(
+            M, C, K, gap=gap, base=_dolfinx.held_by(base, M), probes=probe_rows
+        )
         for matrix in (M, K, *([] if isinstance(C, tuple) else [C])):
             matrix.destroy()
         return result
@@ -353,7 +356,8 @@ class Operators(Recorded[sp.csr_matrix]):
             follows.shape == (n,), "base", f"one number for each own dof, ({n},)", follows.shape
         )
         free = np.flatnonzero(np.isnan(follows))
-        H, at_rest = sp.csr_matrix(gap[0]), np.asarray(gap[1], dtype=float)
+        H = sp.csr_matrix(gap[0])
+        at_rest = np.asarray(gap[1], dtype=float)
         carried = np.abs(H @ np.nan_to_num(follows)).max(initial=0.0)
         carried = carried if comm.size == 1 else max(comm.allgather(carried))
         require(carried == 0.0, "gap", "points that the base does not carry", float(carried))
@@ -367,14 +371,16 @@ class Operators(Recorded[sp.csr_matrix]):
         where = PETSc.IS().createGeneral((first + free).astype(PETSc.IntType), comm=mass.comm)
         g, image = mass.createVecs()
         g.array[:] = np.nan_to_num(follows)
-        parts, columns, corners = [], [], []
+        parts = []
+        columns = []
+        corners = []
         for matrix in (mass, C, stiffness):
             matrix.mult(g, image)
             parts.append(matrix.createSubMatrix(where, where))
             columns.append(np.array(image.array[free]))
             corners.append(float(g.dot(image)))
-        for own in (where, g, image, *([C] if isinstance(damping, tuple) else [])):
-            own.destroy()
+        for handle in (where, g, image, *([C] if isinstance(damping, tuple) else [])):
+            handle.destroy()
         shapes = stiffness.getNearNullSpace()
         near = np.array([v.array_r[free] for v in shapes.getVecs()]).T if shapes else None
         rows = [sp.csr_matrix((0, n)), *(sp.csr_matrix(row) for row in (probes or {}).values())]
@@ -459,7 +465,8 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         Raises:
             ValueError: a matrix or vector does not fit the number of own dofs or of pairs.
         """
-        n, text = self.n_own, "distributed operators: {name} has shape {given} on rank "
+        n = self.n_own
+        text = "distributed operators: {name} has shape {given} on rank "
         self._complete(n, {}, f"{text}{self.comm.rank}, expected {{expected}}")
         for name in ("mass", "damping", "stiffness"):
             rows, columns = getattr(self, name).getSizes()
@@ -493,33 +500,35 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         operators: the whole problem, the same on every rank.
         comm: communicator that shares the work.
     """
-    o, (share, rest) = operators, divmod(operators.n_dofs, comm.size)
-    first = comm.rank * share + min(comm.rank, rest)
-    own = slice(first, first + share + (comm.rank < rest))  # the same split as PETSc's
+    o, (share, remainder) = operators, divmod(operators.n_dofs, comm.size)
+    first = comm.rank * share + min(comm.rank, remainder)
+    local_rows = slice(first, first + share + (comm.rank < remainder))  # the same split as PETSc's
     base, lumped = o.base, o.lumped_mass
     matrices = o.mass, o.damping, o.stiffness
-    M, C, K = (matrix(m if comm.size == 1 else m[own], comm) for m in matrices)
+    M, C, K = (matrix(m if comm.size == 1 else m[local_rows], comm) for m in matrices)
     if o.near_null is not None:
-        with_near_null(K, o.near_null[own])
+        with_near_null(K, o.near_null[local_rows])
     return DistributedOperators(
         M,
         C,
         K,
         BaseCoupling(
-            base.mass[own],
-            base.damping[own],
-            base.stiffness[own],
+            base.mass[local_rows],
+            base.damping[local_rows],
+            base.stiffness[local_rows],
             base.corner,
             base.is_force,
-            None if base.shift is None else base.shift[own],
+            None if base.shift is None else base.shift[local_rows],
         ),
-        gap_matrix=sp.csr_matrix(o.gap_matrix)[:, own],
+        gap_matrix=sp.csr_matrix(o.gap_matrix)[:, local_rows],
         gap0=o.gap0,
-        lumped_mass=None if lumped is None else lumped[own],
+        lumped_mass=None if lumped is None else lumped[local_rows],
         pair_weights=o.pair_weights,
-        probes=sp.csr_matrix(o.probes)[:, own],
-        sensors=sp.csr_matrix(o.sensors)[:, own],
-        rayleigh=None if o.rayleigh is None else (o.rayleigh[0][own], o.rayleigh[1][own]),
+        probes=sp.csr_matrix(o.probes)[:, local_rows],
+        sensors=sp.csr_matrix(o.sensors)[:, local_rows],
+        rayleigh=None
+        if o.rayleigh is None
+        else (o.rayleigh[0][local_rows], o.rayleigh[1][local_rows]),
         names=o.names,
         comm=comm,
         is_shared_order=True,
@@ -568,13 +577,13 @@ def with_near_null(stiffness: PETSc.Mat, shapes: FloatArray) -> PETSc.Mat:
 
     vectors: list[PETSc.Vec] = []
     for shape in shapes.T:
-        own = stiffness.createVecLeft()
-        own.array[:] = shape
-        size = own.norm()
+        vector = stiffness.createVecLeft()
+        vector.array[:] = shape
+        size = vector.norm()
         for other in vectors:
-            own.axpy(-own.dot(other), other)
-        if own.normalize() > DEPENDENT * size:
-            vectors.append(own)
+            vector.axpy(-vector.dot(other), other)
+        if vector.normalize() > DEPENDENT * size:
+            vectors.append(vector)
     stiffness.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=stiffness.comm))
     return stiffness
 

@@ -79,12 +79,13 @@ class Reduction:
 
     def _strains(self) -> FloatArray:
         """Return what the strain sensors of the case read, as `write` takes it."""
-        sensors, V = self.full.operators.sensors, self.basis.vectors
+        sensors = self.full.operators.sensors
+        V = self.basis.vectors
         of_case = self.case.without_strikes.sensor
         rows = [
-            np.append(sensors[own.of_u].toarray()[0] @ V, own.of_base[0])
-            for own, given in zip(self.full.layout.sensors, of_case, strict=True)
-            if given.quantity == "strain" and own.of_u is not None
+            np.append(sensors[sensor.of_u].toarray()[0] @ V, sensor.of_base[0])
+            for sensor, case_sensor in zip(self.full.layout.sensors, of_case, strict=True)
+            if case_sensor.quantity == "strain" and sensor.of_u is not None
         ]
         return np.array(rows).reshape(len(rows), self.basis.squares.size + 1)
 
@@ -111,13 +112,14 @@ def reduced_case(
     require_mass(case, "reduce", "the case computes its motion in modes already")
     require(modes >= 1, "modes", "at least 1", modes)
     require_coupled(case)
-    slowest = min(float(own.angular_frequencies(1)[0]) for own in case.lamina)
+    slowest = min(float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina)
     begin = time.perf_counter()
     if full is None or case.stop or case.impactor or case.initial:
         full = assemble(case.without_strikes)
     start = with_start(full, case).operators.start
     assembled = time.perf_counter()
-    o, loads = full.operators, striking_rows(full, case)
+    o = full.operators
+    loads = striking_rows(full, case)
     if start is not None:
         loads = sp.vstack([loads, sp.csr_matrix(start @ o.stiffness)], format="csr")
     try:

@@ -92,8 +92,10 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
         "reading_part": layout.reading.part,
         "strains": strains,
     }
-    content["lower"] = np.array([own.parts[0] for own in layout.interfaces], dtype=np.int64)
-    content |= {f"places_{k}": own.places for k, own in enumerate(layout.interfaces)}
+    content["lower"] = np.array(
+        [interface.parts[0] for interface in layout.interfaces], dtype=np.int64
+    )
+    content |= {f"places_{k}": interface.places for k, interface in enumerate(layout.interfaces)}
     if o.start is not None:
         content["start"] = o.start
     write_arrays(path, content)
@@ -113,7 +115,8 @@ def load(case: Case) -> Structure:
         raise CaseError(f"model.file: {path} cannot be read ({error.strerror})") from None
     origin, mesh, structure, strains = _read(path, stamp.st_mtime_ns, stamp.st_size)
     # the case must not differ from the reduced one in what was assembled
-    before, now = dict(_assembled(origin)), dict(_assembled(case))
+    before = dict(_assembled(origin))
+    now = dict(_assembled(case))
     for key in [*before, *(key for key in now if key not in before)]:
         if before.get(key) != now.get(key):
             raise CaseError(
@@ -129,8 +132,8 @@ def load(case: Case) -> Structure:
             structure, operators=replace(o, gap0=gap_at_rest(case, structure.layout))
         )
     is_beam = origin.model.kind == "beam" and origin.is_apart
-    found = None if is_beam else _strain_rows(structure.layout, origin, strains)
-    return completed(structure, case, found)
+    strain_rows = None if is_beam else _strain_rows(structure.layout, origin, strains)
+    return completed(structure, case, strain_rows)
 
 
 @lru_cache(maxsize=4)
@@ -178,7 +181,8 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
     if squares.ndim != 1 or not squares.size or (squares < 0.0).any():
         raise ValueError("squares are none")
     n = squares.size
-    base, corner = data["base"], data["corner"].tolist()
+    base = data["base"]
+    corner = data["corner"].tolist()
     weights = data["weights"]
     operators = Operators(
         mass=sp.identity(n, format="csr"),
@@ -210,7 +214,7 @@ def _assembled(case: Case) -> Iterator[tuple[str, object]]:
     data = case.model_dump(mode="json")
     # written laminae leave out what follows from others, as from a material
     data["lamina"] = [
-        {key: getattr(own, key) for key in Lamina.model_fields} for own in case.lamina
+        {key: getattr(lamina, key) for key in Lamina.model_fields} for lamina in case.lamina
     ]
     for section, keys in _COMPARED.items():
         tables = data[section] if isinstance(data[section], list) else [data[section]]
@@ -221,10 +225,10 @@ def _assembled(case: Case) -> Iterator[tuple[str, object]]:
             for key, value in table.items():
                 if key != "material" and (keys is None or key in keys):
                     yield f"{section}.{name}.{key}" if is_list else f"{section}.{key}", value
-    given = case.excitation
-    yield "excitation.kind", "base" if given.acts_on == "base" else "force"
+    excitation = case.excitation
+    yield "excitation.kind", "base" if excitation.acts_on == "base" else "force"
     for key in ("lamina", "position"):
-        yield f"excitation.{key}", getattr(given, key, None)
+        yield f"excitation.{key}", getattr(excitation, key, None)
 
 
 def _digest(case: Case) -> str:
@@ -249,15 +253,15 @@ def require_coupled(case: Case) -> None:
 
 def _strain_rows(layout: Layout, origin: Case, strains: FloatArray) -> StrainRows:
     """Return the strains of surfaces that a file has: those of the sensors of the reduced case."""
-    known = [own for own in origin.sensor if own.quantity == "strain"]
+    known = [sensor for sensor in origin.sensor if sensor.quantity == "strain"]
 
     def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
         x = float(layout.parts[lamina].positions(np.array([place]))[0])
-        for own, row in zip(known, strains, strict=True):
-            assert own.position is not None
-            is_there = abs(own.position - x) <= _SAME_PLACE * origin.length
-            is_side = (-1.0 if own.surface == "bottom" else 1.0) == side
-            if own.lamina == layout.names[lamina] and is_there and is_side:
+        for sensor, row in zip(known, strains, strict=True):
+            assert sensor.position is not None
+            is_there = abs(sensor.position - x) <= _SAME_PLACE * origin.length
+            is_side = (-1.0 if sensor.surface == "bottom" else 1.0) == side
+            if sensor.lamina == layout.names[lamina] and is_there and is_side:
                 return sp.csr_matrix(row)
         raise CaseError(
             f"sensor: expected one of the {len(known)} strains that the case had when it was "

@@ -102,18 +102,18 @@ class Share:
         size = (self.sizes[comm.rank], sum(self.sizes))
         solutions = None if loads is None else np.empty_like(loads)
         right, left = (PETSc.Mat().createDense((size, count), comm=comm) for _ in range(2))
-        own = np.empty((count, size[0]))  # a dense matrix of PETSc has column after column
+        share = np.empty((count, size[0]))  # a dense matrix of PETSc has column after column
         for k in range(count):
-            comm.Scatterv(None if loads is None else self._spread(loads[k]), own[k])
+            comm.Scatterv(None if loads is None else self._spread(loads[k]), share[k])
         for dense in (right, left):
             dense.setUp()
-        right.getDenseArray()[:] = own.T
+        right.getDenseArray()[:] = share.T
         right.assemble()
         left.assemble()
         self._factor.matSolve(right, left)
-        own[:] = left.getDenseArray().T
+        share[:] = left.getDenseArray().T
         for k in range(count):
-            comm.Gatherv(own[k], None if solutions is None else self._spread(solutions[k]))
+            comm.Gatherv(share[k], None if solutions is None else self._spread(solutions[k]))
         right.destroy()
         left.destroy()
         return solutions
@@ -184,7 +184,8 @@ class Ranks:
             MemoryError: the factors need more memory than there is.
         """
         self._n_factors += 1
-        number, size = self._n_factors, self.comm.size
+        number = self._n_factors
+        size = self.comm.size
         ends = [K.shape[0] * rank // size for rank in range(size + 1)]
         pieces = (
             (K[first:last], None if M is None else M[first:last]) for first, last in pairwise(ends)
@@ -226,7 +227,8 @@ class Ranks:
         """Take part in what the first rank orders, until it ends."""
         name = ""
         while name != "_end":
-            request, begin = self.comm.Ibarrier(), time.monotonic()
+            request = self.comm.Ibarrier()
+            begin = time.monotonic()
             while not request.Test():
                 time.sleep(min(LOOK, 0.1 * (time.monotonic() - begin)))
             name, arguments = self.comm.bcast(None)
@@ -239,7 +241,8 @@ class Ranks:
     def _together(self, name: str, *arguments: Any, of_first: Any = None) -> Any:
         """Do something on all ranks; the first one, which calls, has further data."""
         self.is_busy = True
-        unused, self._unused = self._unused, []
+        unused = self._unused
+        self._unused = []
         if unused:
             self._order("_forget", unused)
             self._forget(unused)

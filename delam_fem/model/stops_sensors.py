@@ -144,9 +144,9 @@ def _words(layout: Layout, case: Case, pair: int) -> str:
 def striking_rows(structure: Structure, case: Case) -> sp.csr_matrix:
     """Return rows that read the deflections at all stops and impactors, shape (k, n)."""
     rows = (
-        _places(own, structure, f"{section}.{number}", case)[2]
+        _places(entry, structure, f"{section}.{number}", case)[2]
         for section in ("stop", "impactor")
-        for number, own in enumerate(getattr(case, section), start=1)
+        for number, entry in enumerate(getattr(case, section), start=1)
     )
     return sp.vstack([sp.csr_matrix((0, structure.operators.n_dofs)), *rows], format="csr")
 
@@ -161,15 +161,15 @@ def with_stops(structure: Structure, case: Case) -> Structure:
     if not case.stop:
         return structure
     added: list[_Added] = []
-    for number, own in enumerate(case.stop):
-        which, places, N, shares = _places(own, structure, f"stop.{number + 1}", case)
-        factor = 1.0 if own.stiffness is None else own.stiffness / case.spring[0] * shares
+    for number, stop in enumerate(case.stop):
+        which, places, N, shares = _places(stop, structure, f"stop.{number + 1}", case)
+        factor = 1.0 if stop.stiffness is None else stop.stiffness / case.spring[0] * shares
         at = structure.layout.parts[which].positions(places)
-        gap = own.gap + opening_at_rest(own, at, case.length)
-        for side in _SIDES[own.side]:
+        gap = stop.gap + opening_at_rest(stop, at, case.length)
+        for side in _SIDES[stop.side]:
             added.append(
                 (
-                    StopPairs(number, which, places, side, 0, own.on == "base"),
+                    StopPairs(number, which, places, side, 0, stop.on == "base"),
                     -side * N,
                     gap,
                     factor,
@@ -190,21 +190,22 @@ def with_impactors(structure: Structure, case: Case) -> Structure:
     o = structure.operators
     added: list[_Added] = []
     start = np.zeros((2, o.n_dofs)) if o.start is None else o.start
-    for k, own in enumerate(case.impactor):
-        which, places, N, _ = _places(own, structure, f"impactor.{k + 1}", case)
-        side = _SIDES[own.side][0]
-        inside = side * float((N @ start[0])[0]) - own.gap
-        if inside > _ROUND_OFF * own.gap:
+    for k, impactor in enumerate(case.impactor):
+        which, places, N, _ = _places(impactor, structure, f"impactor.{k + 1}", case)
+        side = _SIDES[impactor.side][0]
+        inside = side * float((N @ start[0])[0]) - impactor.gap
+        if inside > _ROUND_OFF * impactor.gap:
             raise CaseError(
-                f"impactor.{k + 1}.gap: expected a start outside lamina {own.lamina}, given "
-                f"{own.gap:g} m, {inside:.3g} m inside as the lamina starts"
+                f"impactor.{k + 1}.gap: expected a start outside lamina {impactor.lamina}, given "
+                f"{impactor.gap:g} m, {inside:.3g} m inside as the lamina starts"
             )
         own_dof = o.n_dofs - len(case.impactor) + k
         row = side * (sp.csr_matrix(([1.0], ([0], [own_dof])), shape=N.shape) - N)
-        stiffness, depths = _contact(own, case, which)
-        n, factor = depths.size, 1.0 if stiffness is None else stiffness / case.spring[0]
+        stiffness, depths = _contact(impactor, case, which)
+        n = depths.size
+        factor = 1.0 if stiffness is None else stiffness / case.spring[0]
         stop = StopPairs(len(case.stop) + k, which, np.repeat(places, n), side, 0, on_base=False)
-        added.append((stop, sp.vstack([row] * n), own.gap + depths, factor))
+        added.append((stop, sp.vstack([row] * n), impactor.gap + depths, factor))
     return _with_pairs(structure, added)
 
 
@@ -212,10 +213,10 @@ def _with_pairs(structure: Structure, added: Sequence[_Added]) -> Structure:
     """Return a structure with the pairs of stops behind all others."""
     o, layout = structure.operators, structure.layout
     stops, rows, gaps, factors = zip(*added, strict=True)
-    firsts = o.n_pairs + np.cumsum([0, *(own.size for own in gaps)])
+    firsts = o.n_pairs + np.cumsum([0, *(gap.size for gap in gaps)])
     weights = np.concatenate([
         np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights,
-        *(factor * np.ones(own.size) for factor, own in zip(factors, gaps, strict=True)),
+        *(factor * np.ones(gap.size) for factor, gap in zip(factors, gaps, strict=True)),
     ])  # fmt: skip
     operators = replace(
         o,
@@ -232,7 +233,9 @@ def _with_pairs(structure: Structure, added: Sequence[_Added]) -> Structure:
 
 def _with_dofs(structure: Structure, case: Case) -> Structure:
     """Return a structure with a dof for each impactor, behind all others, and its start."""
-    o, base, count = structure.operators, structure.operators.base, len(case.impactor)
+    o = structure.operators
+    base = structure.operators.base
+    count = len(case.impactor)
     m, k, c, on_base = np.array(
         [[i.mass, i.spring, i.spring_damping, i.on == "base"] for i in case.impactor], dtype=float
     ).T
@@ -266,7 +269,8 @@ def _with_dofs(structure: Structure, case: Case) -> Structure:
         sensors=None,
         start=start,
     )
-    layout, body = replace(structure.layout, n_impactors=count), structure.body
+    layout = replace(structure.layout, n_impactors=count)
+    body = structure.body
     if reading := layout.reading:
         layout = replace(
             layout,
@@ -286,7 +290,8 @@ def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float 
     """
     if own.radius is None:
         return own.stiffness, np.zeros(1)
-    lamina, of_all = case.lamina[which], case.model.poisson
+    lamina = case.lamina[which]
+    of_all = case.model.poisson
     E = lamina.young_modulus / (1.0 - (lamina.poisson if of_all is None else of_all) ** 2)
     k = 4.0 / 3.0 * E * np.sqrt(own.radius)
     deepest = (1.25 * own.mass * own.velocity**2 / k) ** 0.4
@@ -307,7 +312,8 @@ def _places(
     """
     layout = structure.layout
     which = layout.names.index(own.lamina)
-    part, shares = layout.parts[which], np.ones(1)
+    part = layout.parts[which]
+    shares = np.ones(1)
     if isinstance(own, Impactor) or own.start is None or own.end is None:
         place = place_of(part, case.length if own.position is None else own.position)
         if place != round(place) and case.has_lumped_impulses:
@@ -327,7 +333,8 @@ def _places(
                 f"{own.start:g} to {own.end:g} m; use more elements, or position"
             )
         lengths = half_ways(part.x)[nodes]
-        places, shares = nodes.astype(np.float64), lengths / lengths.sum()
+        places = nodes.astype(np.float64)
+        shares = lengths / lengths.sum()
     numbered = layout.n_numbered(structure.operators.n_dofs)
     N = layout.of_dofs(interpolation_rows(part, places, numbered))
     if np.any(np.diff(N.indptr) == 0):
@@ -347,12 +354,15 @@ def in_moving_frame(structure: Structure) -> Structure:
     o, layout = structure.operators, structure.layout
     if not layout.stops or o.base.is_force:
         return structure
-    n, base, numbered = o.n_dofs, o.base, layout.n_numbered(o.n_dofs)
-    r, needed = np.zeros(n), np.zeros(o.n_pairs)  # H r = needed: then no gap depends on q
+    n = o.n_dofs
+    base = o.base
+    numbered = layout.n_numbered(o.n_dofs)
+    r = np.zeros(n)
+    needed = np.zeros(o.n_pairs)  # H r = needed: then no gap depends on q
     for stop in layout.stops:
         part = layout.parts[stop.part]
-        held = layout.of_dofs(columns_of(part, stop.places, numbered))[:, n].toarray().ravel()
-        needed[stop.pairs] = -stop.side * (float(stop.on_base) - held)
+        base_share = layout.of_dofs(columns_of(part, stop.places, numbered))[:, n].toarray().ravel()
+        needed[stop.pairs] = -stop.side * (float(stop.on_base) - base_share)
     if any(stop.on_base for stop in layout.stops):
         stiffness = o.stiffness.diagonal()
         if structure.body is not None:
@@ -376,8 +386,8 @@ def in_moving_frame(structure: Structure) -> Structure:
     if not r.any():
         return structure
     (m, m_aa), (c, c_aa), (k, k_aa) = (
-        (column + matrix @ r, own + float(r @ (2.0 * column + matrix @ r)))
-        for matrix, column, own in zip(
+        (column + matrix @ r, corner + float(r @ (2.0 * column + matrix @ r)))
+        for matrix, column, corner in zip(
             (o.mass, o.damping, o.stiffness),
             (base.mass, base.damping, base.stiffness),
             base.corner,
@@ -391,7 +401,8 @@ def in_moving_frame(structure: Structure) -> Structure:
         for number, part in enumerate(layout.parts):
             part_of[part.own_dofs] = number
         reading = Reading(sp.identity(n, format="csr"), np.zeros(n), part_of)
-    reading, body = replace(reading, base=reading.base + reading.matrix @ r), structure.body
+    reading = replace(reading, base=reading.base + reading.matrix @ r)
+    body = structure.body
     return Structure(
         replace(o, base=shifted),
         replace(layout, reading=reading),
@@ -410,9 +421,9 @@ def with_start(structure: Structure, case: Case) -> Structure:
     if not case.initial or structure.operators.start is not None:
         return structure
     start = np.zeros((2, structure.operators.n_dofs))
-    for number, own in enumerate(case.initial, start=1):
-        size = np.array([[own.displacement], [own.velocity]])
-        start += size * _shape(structure, case, own, f"initial.{number}")
+    for number, entry in enumerate(case.initial, start=1):
+        size = np.array([[entry.displacement], [entry.velocity]])
+        start += size * _shape(structure, case, entry, f"initial.{number}")
     return replace(structure, operators=replace(structure.operators, start=start))
 
 
@@ -420,7 +431,8 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
     """Return the shape of an initial state, whose largest deflection at a node is 1, shape (n,)."""
     o, layout, body = structure.operators, structure.layout, structure.body
     numbers = [k for k, part in enumerate(layout.parts) if own.lamina in (None, part.name)]
-    parts, numbered = [layout.parts[k] for k in numbers], layout.n_numbered(o.n_dofs)
+    parts = [layout.parts[k] for k in numbers]
+    numbered = layout.n_numbered(o.n_dofs)
     deflections = np.unique(np.concatenate([part.dofs[:, DISPLACEMENT] for part in parts]))
     read = layout.of_dofs(selection(deflections[deflections >= 0], numbered))
     if body is None:
@@ -435,7 +447,8 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
         shape[dofs] = o.near_null[dofs, UP]
     if own.shape == "uniform":
         return shape
-    K, M = o.stiffness[dofs][:, dofs], o.mass[dofs][:, dofs]
+    K = o.stiffness[dofs][:, dofs]
+    M = o.mass[dofs][:, dofs]
     if own.shape == "mode":
         require(own.mode <= dofs.size, f"{key}.mode", f"at most {dofs.size}", own.mode)
         shape[dofs] = mode_of(K, M, own.mode, shape[dofs])
@@ -482,8 +495,10 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
         strain = _of_single_laminae(case, layout, o.n_dofs)
     rows = [*np.eye(layout.n_impactors, o.n_dofs, o.n_dofs - layout.n_impactors)]
     sensors = tuple(
-        replace(_sensor(own, case, structure, strain, rows), unit=own.unit, words=own.words)
-        for own in case.sensor
+        replace(
+            _sensor(sensor, case, structure, strain, rows), unit=sensor.unit, words=sensor.words
+        )
+        for sensor in case.sensor
     )
     blocks = [sp.csr_matrix(np.array(rows).reshape(len(rows), o.gap_matrix.shape[1]))]
     needs_all = any(sensor.of_forces is not None for sensor in sensors)
@@ -519,7 +534,8 @@ def _sensor(
         row = strain(number, place, -1.0 if own.surface == "bottom" else 1.0)
     else:
         row = layout.of_dofs(columns_of(part, place, layout.n_numbered(o.n_dofs)))
-    of_dofs, of_base = row.toarray()[0, :-1], 0.0 if o.base.is_force else float(row[0, -1])
+    of_dofs = row.toarray()[0, :-1]
+    of_base = 0.0 if o.base.is_force else float(row[0, -1])
     rows.append(of_dofs)
     if own.quantity in ("velocity", "acceleration"):
         is_rate = own.quantity == "acceleration"

@@ -234,7 +234,8 @@ class StruckBeam:
         Source: S. Timoshenko, Phil. Mag. 41 (1921) 744–746.
         """
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=np.float64)
-        a, r2 = self.kappa**2, self.thickness**2 / 12.0
+        a = self.kappa**2
+        r2 = self.thickness**2 / 12.0
         s2 = 2.0 * (1.0 + poisson) / shear_factor * r2
         root = np.sqrt((s2 - r2) ** 2 * omega**4 + 4.0 * a * omega**2)
         k = np.sqrt(((s2 + r2) * omega**2 + root) / (2.0 * a))

@@ -81,9 +81,9 @@ def harmonic_phases(values: FloatArray, n_periods: int) -> FloatArray:
         ValueError: the number of samples per period is not a whole number.
     """
     bins = _bins(values.shape[-1], n_periods)
-    found = np.fft.rfft(values, axis=-1)[..., bins]
+    spectrum = np.fft.rfft(values, axis=-1)[..., bins]
     cycles = np.arange(bins.start, bins.stop, bins.step)
-    turned = 1j * found * np.exp(-2j * np.pi * cycles / values.shape[-1])
+    turned = 1j * spectrum * np.exp(-2j * np.pi * cycles / values.shape[-1])
     return np.asarray(np.angle(turned))
 
 
@@ -109,8 +109,10 @@ def total_harmonic_distortion(amplitudes: FloatArray) -> FloatArray:
     if not amplitudes.shape[-1]:
         return np.full(amplitudes.shape[:-1], np.nan)
     first = amplitudes[..., 0]
-    rest = np.sqrt((amplitudes[..., 1:] ** 2).sum(axis=-1))
-    return np.asarray(np.divide(rest, first, out=np.full_like(first, np.nan), where=first > 0.0))
+    overtones = np.sqrt((amplitudes[..., 1:] ** 2).sum(axis=-1))
+    return np.asarray(
+        np.divide(overtones, first, out=np.full_like(first, np.nan), where=first > 0.0)
+    )
 
 
 def distortion_factor(amplitudes: FloatArray) -> FloatArray:

@@ -118,21 +118,24 @@ def judge(
     """
     n = strobes.shape[-1]
     judged = strobes[..., min(n // 2, max(0, n - 2 * FEWEST)) :]
-    P, length = 1 if is_linear else periodicity or 1, judged.shape[-1]
+    P = 1 if is_linear else periodicity or 1
+    length = judged.shape[-1]
     if length < FEWEST * P or not (np.isfinite(judged).all() and math.isfinite(decay)):
-        nothing, needed = math.nan, _needed(1.0 / TOLERANCE, decay)
+        nothing = math.nan
+        needed = _needed(1.0 / TOLERANCE, decay)
         missing = None if needed is None else max(needed - n, 1)
         return Settling(
             "not settled", None, nothing, nothing, nothing, TOLERANCE, decay, nothing, length,
             missing,
         )  # fmt: skip
     rate = max(decay, SLOWEST / length)
-    creep, error, rest = _creeping(judged, P, rate)
-    beat, scatter = _decaying(rest, decay), np.zeros(len(creep))
+    creep, error, residual = _creeping(judged, P, rate)
+    beat = _decaying(residual, decay)
+    scatter = np.zeros(len(creep))
     if is_linear:
         error = np.zeros_like(error)
     elif 2.0 * decay * length >= VISIBLE:
-        beat, scatter = _beating(rest, rate)
+        beat, scatter = _beating(residual, rate)
     own_allowed = np.maximum(TOLERANCE, scatter)
     left = np.hypot(np.sqrt(np.maximum(creep**2 - error**2, 0.0)), beat)
     excess = np.maximum(left, SURE * error) / own_allowed
@@ -142,7 +145,7 @@ def judge(
         float(values[worst]) for values in (left, SURE * error, own_allowed)
     )
     is_near = transient <= allowed and uncertainty <= allowed
-    is_over = is_near and (is_linear or periodicity is None or _repeats(judged, rest, P))
+    is_over = is_near and (is_linear or periodicity is None or _repeats(judged, residual, P))
     is_single = is_linear or periodicity is not None
     if is_over and periodicity and not is_linear and _multiple(judged[0], P) != P:
         return judge(strobes, _multiple(judged[0], P), decay, is_linear=False)
@@ -188,18 +191,21 @@ def _creeping(z: FloatArray, P: int, rate: float) -> tuple[FloatArray, FloatArra
         of shape (n_probes,), and the rest, of the shape of the strobes.
     """
     grown = _growth(rate, z.shape[-1])
-    rest = np.empty_like(z)
-    squares, variances = np.zeros(z.shape[1]), np.zeros(z.shape[1])
+    residual = np.empty_like(z)
+    squares = np.zeros(z.shape[1])
+    variances = np.zeros(z.shape[1])
     for phase in range(P):
-        own = z[..., phase::P]
+        samples = z[..., phase::P]
         g = grown[phase::P] - grown[phase::P].mean()
-        b = own @ g / (g @ g)
-        rest[..., phase::P] = own - own.mean(axis=-1, keepdims=True) - b[..., None] * g
-        freedom = max(own.shape[-1] - 2, 1)
-        noise = (rest[..., phase::P] ** 2).sum(axis=-1) / freedom * _memory(rest[..., phase::P])
+        b = samples @ g / (g @ g)
+        residual[..., phase::P] = samples - samples.mean(axis=-1, keepdims=True) - b[..., None] * g
+        freedom = max(samples.shape[-1] - 2, 1)
+        noise = (
+            (residual[..., phase::P] ** 2).sum(axis=-1) / freedom * _memory(residual[..., phase::P])
+        )
         squares += (b**2).sum(axis=0) / P
         variances += (noise / (g @ g)).sum(axis=0) / P
-    return np.sqrt(squares), np.sqrt(variances), rest
+    return np.sqrt(squares), np.sqrt(variances), residual
 
 
 def _growth(rate: float, n: int) -> FloatArray:
@@ -246,7 +252,8 @@ def _observed(z: FloatArray, P: int) -> float:
     """Return the e-folds per period by which strobes P periods apart draw nearer; NaN: none."""
     change = ((z[..., P:] - z[..., :-P]) ** 2).sum(axis=(0, 1))
     half = change.size // 2
-    early, late = change[:half].mean(), change[-half:].mean()
+    early = change[:half].mean()
+    late = change[-half:].mean()
     if not (early > 0.0 and late > 0.0):
         return math.nan
     return float(0.5 * np.log(early / late) / (change.size - half))
@@ -339,15 +346,15 @@ def line_share(strobes: FloatArray) -> FloatArray:
     about_mean = strobes - strobes.mean(axis=-1, keepdims=True)
     power = np.abs(np.fft.rfft(about_mean * np.hanning(n), axis=-1)) ** 2
     total = power.sum(axis=-1)
-    found = np.zeros(total.shape)
+    line_power = np.zeros(total.shape)
     bins = np.arange(power.shape[-1])
     left = power.copy()
     for _ in range(LINES):
         peak = left.argmax(axis=-1)[..., None]
         line = np.abs(bins - peak) <= LINE_WIDTH
-        found += np.where(line, left, 0.0).sum(axis=-1)
+        line_power += np.where(line, left, 0.0).sum(axis=-1)
         left[line] = 0.0
-    share = np.divide(found, total, out=np.ones_like(total), where=total > 0.0)
+    share = np.divide(line_power, total, out=np.ones_like(total), where=total > 0.0)
     return np.where(np.isfinite(total), share, 0.0)
 
 
@@ -406,8 +413,8 @@ def attractors(
     members = [number == k for k in range(len(first))]
     return Attractors(
         number.reshape(shape),
-        np.array([_most_frequent(periodicity.ravel()[own]) for own in members]),
-        np.array([np.median(amplitude[own], axis=0) for own in members]),
+        np.array([_most_frequent(periodicity.ravel()[indices]) for indices in members]),
+        np.array([np.median(amplitude[indices], axis=0) for indices in members]),
         counts[order] / max(number.size, 1),
     )
 
@@ -430,5 +437,5 @@ def is_isolated(number: IntArray) -> BoolArray:
 
 def _most_frequent(values: FloatArray) -> float:
     """Return the value that occurs most often; NaN counts as a value."""
-    found, counts = np.unique(values, return_counts=True)
-    return float(found[counts.argmax()])
+    candidates, counts = np.unique(values, return_counts=True)
+    return float(candidates[counts.argmax()])

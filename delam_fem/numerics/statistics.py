@@ -82,7 +82,8 @@ def orders_of_errors(sizes: npt.ArrayLike, errors: npt.ArrayLike) -> FloatArray:
     Returns:
         log(e_k / e_{k+1}) / log(h_k / h_{k+1}), shape (n - 1,); NaN if an error is 0 or unknown.
     """
-    h, e = np.asarray(sizes, dtype=float), np.abs(np.asarray(errors, dtype=float))
+    h = np.asarray(sizes, dtype=float)
+    e = np.abs(np.asarray(errors, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
         orders = np.log(e[:-1] / e[1:]) / np.log(h[:-1] / h[1:])
     return np.asarray(np.where(np.isfinite(orders), orders, np.nan))
@@ -98,7 +99,8 @@ def observed_orders(sizes: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
     Returns:
         Orders, shape (max(n - 2, 0),); NaN if X1 has no solution between 0 and `HIGHEST_ORDER`.
     """
-    h, f = np.asarray(sizes, dtype=float), np.asarray(values, dtype=float)
+    h = np.asarray(sizes, dtype=float)
+    f = np.asarray(values, dtype=float)
     return np.array([_order(h[k : k + 3], f[k : k + 3]) for k in range(max(h.size - 2, 0))])
 
 
@@ -116,7 +118,8 @@ def limit(
         The limit from X2 if the last two orders agree; the last value if the last differences lie
         within the scatter; otherwise NaN with the reason.
     """
-    h, f = np.asarray(sizes, dtype=float), np.asarray(values, dtype=float)
+    h = np.asarray(sizes, dtype=float)
+    f = np.asarray(values, dtype=float)
     s = np.zeros_like(f) if errors is None else np.asarray(errors, dtype=float)
     orders = observed_orders(h, f)
     if f.size < 4:
@@ -187,8 +190,8 @@ def block_means(values: FloatArray, blocks: int = BLOCKS) -> FloatArray:
     n = values.shape[-1]
     blocks = min(blocks, n)
     length = n // max(blocks, 1)
-    kept = values[..., n - blocks * length :]
-    return np.asarray(kept.reshape(*values.shape[:-1], blocks, length).mean(axis=-1))
+    recent = values[..., n - blocks * length :]
+    return np.asarray(recent.reshape(*values.shape[:-1], blocks, length).mean(axis=-1))
 
 
 def interval(means: FloatArray, confidence: float = CONFIDENCE) -> tuple[FloatArray, FloatArray]:
@@ -251,12 +254,12 @@ class Posterior:
 
     def quantile(self, q: float) -> FloatArray:
         """Return a quantile of each parameter, shape (n_parameters,)."""
-        found = np.empty(self.samples.shape[1])
+        result = np.empty(self.samples.shape[1])
         for j, column in enumerate(self.samples.T):
             order = np.argsort(column)
             middles = np.cumsum(self.weights[order]) - 0.5 * self.weights[order]
-            found[j] = np.interp(q, middles, column[order])
-        return found
+            result[j] = np.interp(q, middles, column[order])
+        return result
 
     def interval(self, level: float = 0.9) -> FloatArray:
         """Return the central interval of each parameter, shape (n_parameters, 2)."""
@@ -325,16 +328,25 @@ class Table:
         """
         size = self.statistics.std(axis=0)
         varies = np.flatnonzero(size > 0.0)
-        values, own = (rows[..., varies] / size[varies] for rows in (self.statistics, observed))
+        values, observation = (
+            rows[..., varies] / size[varies] for rows in (self.statistics, observed)
+        )
         logits, (summaries, predict) = self._logit(), self._regressed
-        seen = predict(observed)
-        distance = np.linalg.norm((summaries - seen) / (logits - summaries).std(axis=0), axis=1)
-        n, p, q = max(FEWEST, len(values) // 4), varies.size, summaries.shape[1]
+        prediction = predict(observed)
+        distance = np.linalg.norm(
+            (summaries - prediction) / (logits - summaries).std(axis=0), axis=1
+        )
+        n = max(FEWEST, len(values) // 4)
+        p = varies.size
+        q = summaries.shape[1]
         near = np.argsort(distance)[: min(n, len(values))]
-        columns = _products(np.concatenate([np.ones((near.size, 1)), summaries[near] - seen], 1))
+        columns = _products(
+            np.concatenate([np.ones((near.size, 1)), summaries[near] - prediction], 1)
+        )
         slopes = np.linalg.lstsq(columns, values[near], rcond=None)[0]
-        rest, left = values[near] - columns @ slopes, own - _products(np.eye(1, 1 + q))[0] @ slopes
-        covariance = np.cov(rest.T).reshape(p, p) + EDGE * np.eye(p)
+        residuals = values[near] - columns @ slopes
+        left = observation - _products(np.eye(1, 1 + q))[0] @ slopes
+        covariance = np.cov(residuals.T).reshape(p, p) + EDGE * np.eye(p)
         squares = float(left @ np.linalg.solve(covariance, left))
         free = near.size - columns.shape[1] - p
         share = float(fdtrc(p, free, squares * free / (p * near.size)))
@@ -425,28 +437,32 @@ def _summaries(
     Returns:
         Shape (n, p), and a function of statistics that returns shape (p,).
     """
-    mean, size = statistics.mean(axis=0), statistics.std(axis=0)
+    mean = statistics.mean(axis=0)
+    size = statistics.std(axis=0)
     varies = size > 0.0
     columns = _products((statistics[:, varies] - mean[varies]) / size[varies])
-    middle, scale = columns.mean(axis=0), columns.std(axis=0)
+    middle = columns.mean(axis=0)
+    scale = columns.std(axis=0)
     columns = (columns - middle) / scale
     centre = targets.mean(axis=0)
-    normal, right = columns.T @ columns, columns.T @ (targets - centre)
+    normal = columns.T @ columns
+    right = columns.T @ (targets - centre)
     penalty = _penalty(columns, targets - centre, normal, right)
-    found, mean_slopes = np.empty_like(targets), np.zeros_like(right)
+    predictions = np.empty_like(targets)
+    mean_slopes = np.zeros_like(right)
     for fold in range(FOLDS):
         rows = columns[fold::FOLDS]
         matrix = normal - rows.T @ rows
         matrix[np.diag_indices_from(matrix)] += penalty
         slopes = np.linalg.solve(matrix, right - rows.T @ (targets[fold::FOLDS] - centre))
-        found[fold::FOLDS] = centre + rows @ slopes
+        predictions[fold::FOLDS] = centre + rows @ slopes
         mean_slopes += slopes / FOLDS
 
     def predict(observed: FloatArray) -> FloatArray:
-        own = _products((observed[None, varies] - mean[varies]) / size[varies])
-        return np.asarray(centre + ((own - middle) / scale @ mean_slopes)[0])
+        features = _products((observed[None, varies] - mean[varies]) / size[varies])
+        return np.asarray(centre + ((features - middle) / scale @ mean_slopes)[0])
 
-    return found, predict
+    return predictions, predict
 
 
 def _penalty(
@@ -461,7 +477,9 @@ def _penalty(
         right: XᵀY, shape (m, p).
     """
     values, vectors = np.linalg.eigh(normal)
-    values, turned, projected = np.maximum(values, 0.0), columns @ vectors, vectors.T @ right
+    values = np.maximum(values, 0.0)
+    turned = columns @ vectors
+    projected = vectors.T @ right
     sizes = []
     for penalty in len(columns) * PENALTIES:
         inverse = 1.0 / (values + penalty)
@@ -487,8 +505,8 @@ def _moved(logits: FloatArray, offsets: FloatArray, weights: FloatArray) -> Floa
     n = weights.sum() ** 2 / (weights**2).sum()
     roots = np.sqrt(weights)[:, None]
     slopes = np.linalg.lstsq(roots * columns, roots * logits, rcond=None)[0]
-    rest = logits - columns @ slopes
-    rest *= math.sqrt((1.0 + 1.0 / n) * n / (n - columns.shape[1]))
-    sizes = np.log(rest**2 + np.finfo(np.float64).tiny)
+    residuals = logits - columns @ slopes
+    residuals *= math.sqrt((1.0 + 1.0 / n) * n / (n - columns.shape[1]))
+    sizes = np.log(residuals**2 + np.finfo(np.float64).tiny)
     growth = np.linalg.lstsq(roots * columns, roots * sizes, rcond=None)[0]
-    return np.asarray(slopes[0] + rest * np.exp(-0.5 * (columns[:, 1:] @ growth[1:])))
+    return np.asarray(slopes[0] + residuals * np.exp(-0.5 * (columns[:, 1:] @ growth[1:])))

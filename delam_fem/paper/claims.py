@@ -69,20 +69,20 @@ class Criterion:
         if math.isnan(self.value):
             return "does not hold"
         keeps = RELATIONS[self.relation]
-        found = {keeps(value, self.bound) for value in (self.value, *(self.within or ()))}
-        if len(found) > 1:
+        outcomes = {keeps(value, self.bound) for value in (self.value, *(self.within or ()))}
+        if len(outcomes) > 1:
             return "undecided"
-        return "holds" if found == {True} else "does not hold"
+        return "holds" if outcomes == {True} else "does not hold"
 
     def __str__(self) -> str:
         """Return number, uncertainty and bound in words."""
         if self.unit == YES_OR_NO:
             return f"{self.name}: {'yes' if self.value == self.bound else 'no'}"
-        found = "none" if math.isnan(self.value) else self._shown(self.value)
+        text = "none" if math.isnan(self.value) else self._shown(self.value)
         if self.within is not None:
-            found += " ({} … {})".format(*map(self._shown, self.within))
+            text += " ({} … {})".format(*map(self._shown, self.within))
         needed = f"{self.relation} {self._shown(self.bound)} {self.unit}".rstrip()
-        return f"{self.name} {found}, needs {needed}"
+        return f"{self.name} {text}, needs {needed}"
 
     def _shown(self, value: float) -> str:
         if self.unit == "Hz":
@@ -139,9 +139,9 @@ class Claim:
 
 def judged(*criteria: Criterion) -> tuple[Verdict, str]:
     """Return the verdict on a statement that holds if all criteria do, and its margin in words."""
-    found = {criterion.verdict for criterion in criteria}
+    verdicts = {criterion.verdict for criterion in criteria}
     order: tuple[Verdict, ...] = ("does not hold", "undecided", "holds")
-    verdict: Verdict = next((worst for worst in order if worst in found), "holds")
+    verdict: Verdict = next((worst for worst in order if worst in verdicts), "holds")
     return verdict, "; ".join(map(str, criteria))
 
 
@@ -237,10 +237,10 @@ def roughness(result: Result, *, free: bool, quantity: str = "tip_velocity") -> 
             other steps.
         quantity: "tip_velocity" or "tip_displacement".
     """
-    whole = diagnostics.last_periods(result.history, result.case)
-    values = whole[quantity].to_numpy()
+    window = diagnostics.last_periods(result.history, result.case)
+    values = window[quantity].to_numpy()
     rough = rough_part(values, values.shape[-1] // result.case.time.steps_per_period)
-    chosen = (diagnostics.tip_gap(whole) > FREE_GAP) == free
+    chosen = (diagnostics.tip_gap(window) > FREE_GAP) == free
     values = values - values.mean(axis=1, keepdims=True)
     scale = np.sqrt((values**2).mean(axis=1))
     part = np.sqrt((rough[:, chosen] ** 2).mean(axis=1)) if chosen.any() else np.zeros(2)
@@ -334,17 +334,17 @@ def has_period(motion: Numbers, periodicity: int) -> list[Criterion]:
     The scatter of cycles counts as uncertain by the factor `diagnostics.PERIODIC_MARGIN`.
     """
     margin = diagnostics.PERIODIC_MARGIN
-    found: list[Criterion] = []
+    criteria: list[Criterion] = []
     for P in (P for P in range(1, periodicity + 1) if periodicity % P == 0):
         (value,) = (motion.strobe_scatters or ())[P - 1 : P] or (math.nan,)
-        found.append(
+        criteria.append(
             Criterion(
                 f"scatter {P} period{'s' if P > 1 else ''} apart", value,
                 "<" if periodicity == P else ">", diagnostics.PERIODIC_SCATTER, "%",
                 (value / margin, value * margin),
             )
         )  # fmt: skip
-    return found
+    return criteria
 
 
 def described(motion: Numbers, periodicity: int) -> list[Criterion]:

@@ -198,7 +198,8 @@ class Rolling:
         is_front = (self.x > FRONT_FROM * self.lamina.length) & (
             line < self.landing[0] + FRONT_WITHIN * self.period
         )
-        x, t = self.x[is_front], line[is_front]
+        x = self.x[is_front]
+        t = line[is_front]
         if np.ptp(t) < 2.0 * self.period / self.steps_per_period:
             return 0.0, float("inf")
         ranks = np.array([np.argsort(np.argsort(values)) for values in (x, t)], dtype=float)
@@ -206,7 +207,8 @@ class Rolling:
 
     def shares(self, time: float) -> dict[str, float]:
         """Return the shares of the energy at a time: lost at impacts, lost to damping, left [-]."""
-        e, half = self.energy, 0.5 * self.period / STRETCHES
+        e = self.energy
+        half = 0.5 * self.period / STRETCHES
         at = int(np.searchsorted(self.energy.time, time - half))
         at = min(at, e.time.size - 1)
         parts = {"impacts": e.impact, "damping": e.damped, "left": e.stored}
@@ -483,7 +485,8 @@ class TipBlock:
 
     def peak(self) -> tuple[float, float]:
         """Return the largest force of the first peak [N] and the time of its end, a minimum [s]."""
-        time, force = self.spring.time, self.force
+        time = self.spring.time
+        force = self.force
         highest = int(np.argmax(np.where(self._is_peak(), force, 0.0)))
         rising = highest + int(np.argmax(np.diff(force[highest:]) > 0.0))
         return float(force[highest]), float(time[rising])
@@ -502,9 +505,11 @@ class TipBlock:
         Returns:
             Middle of each half wave, counted from the largest force [s], and its frequency [Hz].
         """
-        time, signal = self.spring.time, self.wave(self.spring)[1]
+        time = self.spring.time
+        signal = self.wave(self.spring)[1]
         is_seen = (time > 0.0) & (time < self.undisturbed())
-        time, signal = time[is_seen], signal[is_seen]
+        time = time[is_seen]
+        signal = signal[is_seen]
         loud = int(np.argmax(np.abs(signal) > FAINT * np.abs(signal).max()))
         before = loud + np.flatnonzero(np.diff(np.sign(signal[loud:])) != 0.0)
         share = signal[before] / (signal[before] - signal[before + 1])
@@ -517,7 +522,8 @@ class TipBlock:
 
         The beam has no clamp. The times since the touch are `time_step` apart.
         """
-        beam, distances = exact_beam(self.lamina), self.lamina.length - self.gauges
+        beam = exact_beam(self.lamina)
+        distances = self.lamina.length - self.gauges
         force = beam.spring_force(since, self.speed, self.stiffness)
         force[since > until] = 0.0
         return np.array([beam.strain(force, self.time_step, x) for x in distances])
@@ -537,7 +543,8 @@ class TipBlock:
 
     def numbers(self) -> dict[str, Any]:
         """Return the numbers that the figures quote, with the exact beam's where there are any."""
-        length, x = self.lamina.length, self.gauges
+        length = self.lamina.length
+        x = self.gauges
         static = 1.5 * LIFT * self.lamina.thickness * (length - x) / length**3
         return {
             "strip": self.lamina.model_dump(exclude_none=True),
@@ -578,7 +585,8 @@ class TipBlock:
         beam, (middle, frequency) = exact_beam(self.lamina), self.half_waves()
         distance = self.lamina.length - self.gauges[1]
         early = self.spring.time < self.undisturbed()
-        wave, exact = self.wave(self.spring)[:, early], self.exact_wave()[:, early]
+        wave = self.wave(self.spring)[:, early]
+        exact = self.exact_wave()[:, early]
         misfit = np.sqrt(np.mean((wave[1] - exact[1]) ** 2) / np.mean(exact[1] ** 2))
         return {
             "undisturbed_us": 1e6 * self.undisturbed(),
@@ -647,7 +655,8 @@ def tip_block(
     gauges = np.array([0.020, 0.5 * lamina.length])
     operators = rigid_ground.on_ground(lamina, n_elements, "tip", gauges=gauges.tolist())
     start = released(rigid_ground.lifted(lamina, n_elements, LIFT, "tip force"), operators)
-    newmark, half = SCHEMES["newmark"], 0.5 * STRETCH
+    newmark = SCHEMES["newmark"]
+    half = 0.5 * STRETCH
     slow = FALL_STEPS * time_step
     fall = run(
         Law("none"), newmark, operators, start, time_step=slow, stretch=round(half / slow),
@@ -673,7 +682,8 @@ def tip_block(
         )
     )
     # when the tip without a block passes the ground [s], and how fast [m/s]
-    u, v = free.displacement[:, 0], free.velocity[:, 0]
+    u = free.displacement[:, 0]
+    v = free.velocity[:, 0]
     first = int(np.argmax(u <= 0.0))
     touch = float(free.time[first] - u[first] / v[first])
     speed = -float(v[first : first + round(PEAK_DURATION / time_step)].mean())
@@ -704,7 +714,8 @@ def _motion(
     out: Solution, touch: float, mode: FloatArray, stiffness: float | None = None
 ) -> TipMotion:
     """Return the motion of a run, with times from the touch; with a stiffness: a spring block."""
-    tip, impulse = out.displacement[:, 0], np.zeros(out.time.size)
+    tip = out.displacement[:, 0]
+    impulse = np.zeros(out.time.size)
     if stiffness is not None:
         force = stiffness * np.maximum(-tip, 0.0)
         impulse[1:] = np.cumsum(np.diff(out.time) * 0.5 * (force[1:] + force[:-1]))

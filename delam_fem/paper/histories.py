@@ -124,14 +124,15 @@ def identify(
     for k in candidates[inside][np.argsort(-rise[candidates[inside]], kind="stable")].tolist():
         if all(abs(t[k] - t[other]) >= wait for other in chosen):
             chosen.append(k)
-    first, near = np.sort(np.array(chosen, dtype=np.int64)), np.arange(fit_samples)
+    first = np.sort(np.array(chosen, dtype=np.int64))
+    near = np.arange(fit_samples)
     about = near - near.mean()
     # of the line through the samples, the nearest one first, half an interval before the nearest
     weights = 1.0 / fit_samples - 0.5 * fit_samples * about / ((about @ about) or 1.0)
     before = (v[:, first[:, None] - near] @ weights).T
     after = (v[:, first[:, None] + 1 + near] @ weights).T
-    found = Jumps(0.5 * (t[first] + t[first + 1]), before, after)
-    return Jumps._make(column[before[:, 1] < before[:, 0]] for column in found)
+    jumps = Jumps(0.5 * (t[first] + t[first + 1]), before, after)
+    return Jumps._make(column[before[:, 1] < before[:, 0]] for column in jumps)
 
 
 # -- Fig. 3: the four motions -----------------------------------------------------------------
@@ -150,16 +151,16 @@ def measure_histories(lab: Laboratory) -> Numbers:
         largest distance of an impact from the clamp at 1.25 Hz by method 3.2 [m]; length: length of
         the laminae [m].
     """
-    found = both_methods(lab)
-    low, thick = found[FREQUENCIES[0], "3.2"], found[RESONANT, "3.2"]
+    results = both_methods(lab)
+    low, thick = results[FREQUENCIES[0], "3.2"], results[RESONANT, "3.2"]
     x = low.history["x"].to_numpy()[low.history["event_node"].to_numpy()]
     weak, strong = (float(r.history["event_impulse"].max()) for r in (low, thick))
-    motions = {key: motion_numbers(result) for key, result in found.items()}
+    motions = {key: motion_numbers(result) for key, result in results.items()}
     return Numbers(
         {f"{f:g} Hz, {m}": motion.kept for (f, m), motion in motions.items()},
         motions=motions,
-        results=found,
-        approach={f: strikes(found[f, "3.2"]).approach for f in FREQUENCIES},
+        results=results,
+        approach={f: strikes(results[f, "3.2"]).approach for f in FREQUENCIES},
         weakness=weak / strong,
         reach=float(x.max(initial=0.0)),
         length=low.case.lamina[0].length,
@@ -291,19 +292,19 @@ def measure_velocities(lab: Laboratory) -> Numbers:
         mass_ratio: m1/m2 of the laminae [-]; result: the result.
     """
     (result,) = lab.motions([motion_case(RESONANT, lab.plan)])
-    found, (thick, thin) = tip_strikes(result), result.case.lamina
+    impacts, (thick, thin) = tip_strikes(result), result.case.lamina
     mass_ratio = thick.mass_per_length / thin.mass_per_length
     return Numbers(
         {
-            "strike_time_s": found.time,
-            "before": found.before,
-            "after": found.after,
-            "restitution": found.restitution,
+            "strike_time_s": impacts.time,
+            "before": impacts.before,
+            "after": impacts.after,
+            "restitution": impacts.restitution,
             "restitution_by_samples": {
                 n: float(tip_strikes(result, n).restitution.mean()) for n in SAMPLES
             },
-            "restitution_by_lamina": found.restitution_by_body(mass_ratio),
-            "apparent_mass_ratio": found.apparent_mass_ratio,
+            "restitution_by_lamina": impacts.restitution_by_body(mass_ratio),
+            "apparent_mass_ratio": impacts.apparent_mass_ratio,
             "mass_ratio": mass_ratio,
         },
         result=result,
@@ -335,16 +336,18 @@ def draw_velocities(numbers: Numbers) -> Figure:
     figure = style.canvas(7.0)
     panels = figure.subplot_mosaic([["whole"] * 2, ["strikes", "samples"]], width_ratios=[3, 1])
     history, case = numbers.result.history, numbers.result.case
-    time, T = history["time"].to_numpy(), case.period
-    shown = time > time[-1] - SHOWN_PERIODS * T
-    start, v = time[shown][0], history["tip_velocity"].to_numpy()[:, shown]
+    time = history["time"].to_numpy()
+    T = case.period
+    is_shown = time > time[-1] - SHOWN_PERIODS * T
+    start = time[is_shown][0]
+    v = history["tip_velocity"].to_numpy()[:, is_shown]
     struck = np.flatnonzero(numbers.strike_time_s >= start)
     at = (numbers.strike_time_s[struck] - start) / T
     ends = np.concatenate([numbers.before[struck], numbers.after[struck]], axis=1)
     show(
         panels["whole"],
         *(
-            line((time[shown] - start) / T, v[i], color=colour,
+            line((time[is_shown] - start) / T, v[i], color=colour,
                  label=f"{case.lamina[i].name}  $\\dot y_{i + 1}$")
             for i, colour in enumerate(style.lamina_colours(2))
         ),
@@ -353,8 +356,10 @@ def draw_velocities(numbers: Numbers) -> Figure:
         xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]", xmargin=0.0, legend="above",
     )  # fmt: skip
     panel = panels["strikes"]  # e of each strike
-    e, given = numbers.restitution, numbers.result.case.contact.restitution
-    number, by_lamina = np.arange(1, e.size + 1), numbers.restitution_by_lamina
+    e = numbers.restitution
+    restitution = numbers.result.case.contact.restitution
+    number = np.arange(1, e.size + 1)
+    by_lamina = numbers.restitution_by_lamina
     show(
         panel,
         line(number, e, "o", color=style.BLACK, label="eq. 3"),
@@ -365,7 +370,7 @@ def draw_velocities(numbers: Numbers) -> Figure:
         xlabel="number of the strike", ylabel="coefficient of restitution e [–]",
     )  # fmt: skip
     panel.axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
-    panel.axhline(given, color=style.BLACK, linewidth=0.8, label="given e")
+    panel.axhline(restitution, color=style.BLACK, linewidth=0.8, label="given e")
     style.legend_above(panel)
     panel = panels["samples"]  # from which e is read, on each side
     samples, e = zip(*numbers.restitution_by_samples.items(), strict=True)
@@ -438,10 +443,10 @@ def measure_contact(lab: Laboratory) -> Numbers:
         roughness_near: roughness of both tips while they are near, by method [-]; ratio: roughness
         by method 3.2 over that by method 3.1, shape (2,) [-]; results: results by method.
     """
-    found = {m: lab.motions([motion_case(RESONANT, lab.plan, m)])[0] for m in LAWS}
-    rough = {m: roughness(r, free=False) for m, r in found.items()}
+    results = {m: lab.motions([motion_case(RESONANT, lab.plan, m)])[0] for m in LAWS}
+    rough = {m: roughness(r, free=False) for m, r in results.items()}
     return Numbers(
-        {"roughness_near": rough, "ratio": np.divide(rough["3.2"], rough["3.1"])}, results=found
+        {"roughness_near": rough, "ratio": np.divide(rough["3.2"], rough["3.1"])}, results=results
     )
 
 
@@ -453,13 +458,13 @@ def measure_impacts(lab: Laboratory) -> Numbers:
         method 3.1 [-]; impacts_per_period: impacts by method 3.1 and by method 3.2; results:
         results by method.
     """
-    found = measure_contact(lab).results
-    kept = {
-        f"roughness_{name}": roughness(found["3.1"], free=False, quantity=f"tip_{name}")
+    results = measure_contact(lab).results
+    roughnesses = {
+        f"roughness_{name}": roughness(results["3.1"], free=False, quantity=f"tip_{name}")
         for name in ("velocity", "displacement")
     }
-    impacts = [float(r.summary["impacts_per_period"]) for r in found.values()]
-    return Numbers(kept | {"impacts_per_period": impacts}, results=found)
+    impacts = [float(r.summary["impacts_per_period"]) for r in results.values()]
+    return Numbers(roughnesses | {"impacts_per_period": impacts}, results=results)
 
 
 def _draw_strikes(numbers: Numbers, *methods: PaperMethod) -> Figure:

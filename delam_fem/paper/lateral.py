@@ -78,7 +78,8 @@ def struck_block(lab: Laboratory) -> TipBlock:
 
 def draw_rolling(numbers: Numbers) -> Figure:
     """Draw the results of the strip on the ground, and the set-up of the strip on a block."""
-    figure, study = style.canvas(12.6), numbers.study
+    figure = style.canvas(12.6)
+    study = numbers.study
     rows = figure.subfigures(4, 1, height_ratios=(1.0, 1.35, 1.35, 1.35))
     _draw_setup(rows[0].subplots(), numbers.block)
     main = study.by_law["newton@moreau-jean"]
@@ -94,10 +95,10 @@ def draw_rolling(numbers: Numbers) -> Figure:
         labels=names,
         colors=(style.BASE_COLOUR, style.SKY, style.VERMILLION),
     )
-    shown = main.landing[0] + main.period * np.array(SHOWN_ENERGY)
+    time_span = main.landing[0] + main.period * np.array(SHOWN_ENERGY)
     left.set(
         title=f"thin strip, {main.method}, {main.x.size} elements",
-        xlabel="time after the release  [ms]", xlim=1e3 * shown,
+        xlabel="time after the release  [ms]", xlim=1e3 * time_span,
         ylabel="share of the energy  [–]", ylim=(0.0, 1.0),
     )  # fmt: skip
     left.legend(loc="lower right")
@@ -120,9 +121,11 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
     """Draw the strip with its sensors to scale, once lifted and once free of stress."""
     from matplotlib.patches import Rectangle
 
-    strip, n = block.lamina, 100
+    strip = block.lamina
+    n = 100
     x = 1e3 * np.concatenate([[0.0], rigid_ground.nodes(strip, n)])
-    length, t = 1e3 * strip.length, 1e3 * strip.thickness
+    length = 1e3 * strip.length
+    t = 1e3 * strip.thickness
     up = 1e3 * np.concatenate([[0.0], rigid_ground.lifted(strip, n, LIFT, "tip force")[::2]])
     axes.fill_between(x, 0.0, t, color=style.BASE_COLOUR, linewidth=0.0)
     axes.plot(
@@ -158,25 +161,27 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
 
 def _draw_contact_line(axes: Axes, run: Rolling) -> None:
     """Draw the hits of the nodes over time and place, with the first hit of each node on top."""
-    pushes, x = run.impulses, 1e3 * run.x
-    shown = run.landing[0] + run.period * np.array(SHOWN_LANDING)
-    is_shown = (pushes.time > shown[0]) & (pushes.time < shown[1])
-    time, pair = pushes.time[is_shown], pushes.pair[is_shown]
-    apart = np.ptp(shown) / 400.0  # more dots than that cannot be distinguished
-    _, seen = np.unique(np.stack([np.floor(time / apart), pair]), axis=1, return_index=True)
+    pushes = run.impulses
+    x = 1e3 * run.x
+    time_span = run.landing[0] + run.period * np.array(SHOWN_LANDING)
+    is_shown = (pushes.time > time_span[0]) & (pushes.time < time_span[1])
+    time = pushes.time[is_shown]
+    pair = pushes.pair[is_shown]
+    apart = np.ptp(time_span) / 400.0  # more dots than that cannot be distinguished
+    _, firsts = np.unique(np.stack([np.floor(time / apart), pair]), axis=1, return_index=True)
     direction, speed = run.front()
     words = "clamp → tip" if direction > 0.0 else "tip → clamp"
     size = f"{1e3 * run.lamina.thickness:g} mm × {1e3 * run.lamina.length:.0f} mm"
     sag = 1e3 * rigid_ground.sag(run.lamina, run.gravity)
     show(
         axes,
-        line(1e3 * time[seen], x[pair[seen]], ".", color=style.SKY, markersize=2.5,
+        line(1e3 * time[firsts], x[pair[firsts]], ".", color=style.SKY, markersize=2.5,
              label="node is pushed"),
         line(1e3 * run.contact_line, x, ".", color=style.BLACK, markersize=4.5,
              label="for the first time"),
         title=f"{size}, sag {sag:.0f} mm, lifted {1e3 * run.tip[0]:.0f} mm\n"
         f"{words}, {speed:.0f} m/s",
-        xlabel="time after the release  t  [ms]", xlim=1e3 * shown,
+        xlabel="time after the release  t  [ms]", xlim=1e3 * time_span,
         ylabel="place  x  [mm]", ylim=(0.0, 1.03e3 * run.lamina.length),
         legend="upper left" if direction > 0.0 else "center right",
     )  # fmt: skip
@@ -216,13 +221,13 @@ def completed(
     study: RollingStudy, law: str, damping_ratio: float, elements: int
 ) -> Sequence[Mapping[str, Any]]:
     """Return the completed runs of a law, a damping and a mesh, by increasing steps."""
-    found = [
+    entries = [
         rung
         for rung in study.ladder
         if (rung["law"], rung["damping_ratio"], rung["elements"]) == (law, damping_ratio, elements)
         and rung["outcome"] == "completed"
     ]
-    return sorted(found, key=lambda rung: rung["steps_per_period"])
+    return sorted(entries, key=lambda rung: rung["steps_per_period"])
 
 
 def _draw_heights(axes: Axes, study: RollingStudy) -> None:
@@ -242,7 +247,8 @@ def _draw_heights(axes: Axes, study: RollingStudy) -> None:
 
 def _line(numbers: Numbers) -> str:
     """Return in words how the thin and the stiff strip land."""
-    main, stiff = numbers.by_law[MAIN], numbers.stiff
+    main = numbers.by_law[MAIN]
+    stiff = numbers.stiff
     rolled = [
         run["height_mm"] / main["sag_mm"]
         for run in numbers.by_height_mm.values()
@@ -349,13 +355,15 @@ def measure_struck(lab: Laboratory) -> Numbers:
 
 def draw_struck(numbers: Numbers) -> Figure:
     """Draw strains and contact force: the signals, the first wave, its dispersion."""
-    figure, block = style.canvas(8.6), numbers.block
+    figure = style.canvas(8.6)
+    block = numbers.block
     axes = figure.subplots(3, 2)
     for k in (0, 1):
         spring, free = (
             (1e3 * motion.time, 1e6 * motion.strain[k]) for motion in (block.spring, block.free)
         )
-        before, place = 1e6 * block.static_strain[k], 1e3 * block.gauges[k]
+        before = 1e6 * block.static_strain[k]
+        place = 1e3 * block.gauges[k]
         show(
             axes[k, 0],
             line(*spring, color=GAUGE_COLOURS[k]),
@@ -378,9 +386,10 @@ def draw_struck(numbers: Numbers) -> Figure:
 def _draw_waves(axes: Axes, block: TipBlock) -> None:
     """Draw the strain that the block causes, with that of the exact beam without a clamp."""
     time = 1e6 * block.spring.time
-    wave, exact = 1e6 * block.wave(block.spring), 1e6 * block.exact_wave()
-    shown = (time > 0.0) & (time < SHOWN_WAVE)
-    largest = 1.1 * float(np.abs(wave[:, shown]).max())
+    wave = 1e6 * block.wave(block.spring)
+    exact = 1e6 * block.exact_wave()
+    is_shown = (time > 0.0) & (time < SHOWN_WAVE)
+    largest = 1.1 * float(np.abs(wave[:, is_shown]).max())
     distances = 1e3 * (block.lamina.length - block.gauges)
     show(
         axes,
@@ -398,15 +407,15 @@ def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
     """Draw frequency over arrival time at the second gauge, with the dispersion relation."""
     beam, (middle, frequency) = exact_beam(block.lamina), block.half_waves()
     distance = float(block.lamina.length - block.gauges[1])
-    shown = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
-    arrival = 1e6 * distance / beam.group_speed(shown)
-    slower = 1e6 * distance / beam.timoshenko_group_speed(shown)
+    frequencies = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
+    arrival = 1e6 * distance / beam.group_speed(frequencies)
+    slower = 1e6 * distance / beam.timoshenko_group_speed(frequencies)
     rod = 1e6 * distance / float(np.sqrt(block.lamina.young_modulus / block.lamina.density))
-    top = 2e-3 * float(shown.max())
+    top = 2e-3 * float(frequencies.max())
     show(
         axes,
-        line(arrival, 1e-3 * shown, color=style.BLACK, label="distance / $c_g$ (bending)"),
-        line(slower, 1e-3 * shown, ":", color=style.BLACK, label="with shear (Timoshenko)"),
+        line(arrival, 1e-3 * frequencies, color=style.BLACK, label="distance / $c_g$ (bending)"),
+        line(slower, 1e-3 * frequencies, ":", color=style.BLACK, label="with shear (Timoshenko)"),
         line(
             [rod, rod], [0.0, top], "--", color=style.PURPLE,
             label="distance / $c_0$ (longitudinal)",
@@ -432,7 +441,8 @@ def _draw_peak(axes: Axes, block: TipBlock) -> None:
         title=f"[3]  peak of {1e6 * end:.0f} µs", ylabel="force  [kN]",
         xlabel="time after the touch  [µs]", xlim=(-10.0, 100.0),
     )  # fmt: skip
-    right, impulse = axes.twinx(), beam.rigid_impulse(exact_time, block.speed)
+    right = axes.twinx()
+    impulse = beam.rigid_impulse(exact_time, block.speed)
     show(
         right,
         line(1e6 * block.rigid.time, block.rigid.impulse, color=style.GREEN,
@@ -449,7 +459,8 @@ def _draw_peak(axes: Axes, block: TipBlock) -> None:
 def _peak(numbers: Numbers) -> str:
     """Return duration and size of the force peak in words."""
     duration, blocks = numbers.peak_duration_us, numbers.duration_of_block_us
-    soft, hard = min(blocks, key=float), max(blocks, key=float)
+    soft = min(blocks, key=float)
+    hard = max(blocks, key=float)
     return (
         f"{duration:.1f} µs (1/{1e3 * numbers.lowest_period_ms / duration:.0f} of the period) "
         f"and {1e-3 * numbers.peak_force_N:.1f} kN with a block of "

@@ -34,8 +34,8 @@ def show(panel: Axes, *lines: Line, legend: str = "", **look: Any) -> None:
         legend: "above", a place inside as `Axes.legend` names it, or "" for none.
         look: properties of the panel as `Axes.set` takes them.
     """
-    for x, y, line_style, own in lines:
-        panel.plot(x, y, line_style, **own)
+    for x, y, line_style, options in lines:
+        panel.plot(x, y, line_style, **options)
     panel.set(**look)
     if legend == "above":
         style.legend_above(panel)

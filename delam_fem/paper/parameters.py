@@ -108,7 +108,8 @@ def plane_of(data: xr.Dataset, law: str) -> Numbers:
     """
     axes = [key.partition(".")[2] for key, *_ in PLANE_AXES[law]]
     data = data.transpose(*axes, "lamina", "strobe", ...)
-    strobes, amplitude = data["strobe_displacement"].to_numpy(), data["tip_amplitude"].to_numpy()
+    strobes = data["strobe_displacement"].to_numpy()
+    amplitude = data["tip_amplitude"].to_numpy()
     kind = settling.kinds_of_motion(
         data["outcome"].to_numpy(),
         data["periodicity"].to_numpy(),
@@ -257,12 +258,13 @@ def draw_planes(numbers: Numbers) -> Figure:
 
 def _shares(panel: Axes, planes: tuple[Numbers, ...], titles: tuple[str, ...]) -> None:
     """Draw how the share of one-periodic points depends on the threshold of the scatter."""
-    at, margin = 100.0 * diagnostics.PERIODIC_SCATTER, diagnostics.PERIODIC_MARGIN
+    at = 100.0 * diagnostics.PERIODIC_SCATTER
+    margin = diagnostics.PERIODIC_MARGIN
     shares = [plane.one_periodic_by_threshold for plane in planes]
     lines = [
         line(
             [*share],
-            [100.0 * own for own in share.values()],
+            [100.0 * value for value in share.values()],
             line_style,
             color=style.BLACK,
             label=title,
@@ -305,7 +307,9 @@ def _spread(plane: Numbers) -> str:
 def _sensitive(numbers: Numbers) -> Iterable[Criterion]:
     """Return the criteria that compare the penalty law in its best decade with method 3.2."""
     best = numbers.best_decade
-    share, with_undecided = (own or math.nan for own in one_periodic_within(numbers.impact))
+    share, with_undecided = (
+        fraction or math.nan for fraction in one_periodic_within(numbers.impact)
+    )
     yield Criterion(
         "one-periodic in the best decade over method 3.2", best.one_periodic / share, "<", 1.0, "",
         (best.one_periodic / with_undecided, best.one_periodic_within[1] / share),
@@ -409,27 +413,28 @@ def measure_threshold(lab: Laboratory) -> Numbers:
     """
     gammas = np.geomspace(*GAMMAS, lab.plan.thresholds)
     keys = [{"contact.threshold_velocity": float(g)} for g in gammas]
-    found = {
+    runs = {
         f"{f:g}": lab.motions([motion_case(f, lab.plan, "3.2", key) for key in keys])
         for f in CLAPPING
     }
     (printed,) = lab.motions([motion_case(RESONANT, lab.plan)])
-    rate, case = printed.history["tip_velocity"].to_numpy(), printed.case
+    rate = printed.history["tip_velocity"].to_numpy()
+    case = printed.case
     limit = largest_stable_time_step(assemble(case, needs_dolfinx=False).operators, 100.0)
 
     def over_gamma(name: str) -> dict[str, list[Any]]:
-        return {f: [r.summary[name] for r in results] for f, results in found.items()}
+        return {f: [r.summary[name] for r in results] for f, results in runs.items()}
 
     return Numbers(
         {
             "gamma_m_s": gammas,
             "staying_share": {
                 f: [staying_share(r, g) for r, g in zip(results, gammas, strict=True)]
-                for f, results in found.items()
+                for f, results in runs.items()
             },
             "amplitude_mm": {
                 f: [1e3 * np.array(r.summary["tip_amplitude"]) for r in rs]
-                for f, rs in found.items()
+                for f, rs in runs.items()
             },
             "periodicity": over_gamma("periodicity_class"),
             "contacts": over_gamma("tip_contacts_per_period"),
@@ -450,7 +455,8 @@ def staying_share(result: Result, gamma: float) -> float:
 
 def draw_threshold(numbers: Numbers) -> Figure:
     """Draw permanent contacts, amplitudes and impacts of the motions over γ."""
-    gammas, figure = numbers.gamma_m_s, style.canvas(7.6)
+    gammas = numbers.gamma_m_s
+    figure = style.canvas(7.6)
     panels = figure.subplots(3, 1, sharex=True)
     for f, colour, marker in zip(
         CLAPPING, (style.BLUE, style.VERMILLION, style.GREEN), "osv", strict=True

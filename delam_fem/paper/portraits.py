@@ -111,9 +111,9 @@ def measure_portraits(lab: Laboratory) -> Numbers:
         motions: numbers of each motion, roughness_free: roughness of both tips in free flight [-],
         and results: the results themselves, all by frequency [Hz] and method.
     """
-    found = both_methods(lab)
-    motions = {key: motion_numbers(result) for key, result in found.items()}
-    rough = {key: roughness(result, free=True) for key, result in found.items()}
+    results = both_methods(lab)
+    motions = {key: motion_numbers(result) for key, result in results.items()}
+    rough = {key: roughness(result, free=True) for key, result in results.items()}
     return Numbers(
         {
             f"{f:g} Hz, {m}": {**motion.kept, "roughness_free": rough[f, m]}
@@ -121,7 +121,7 @@ def measure_portraits(lab: Laboratory) -> Numbers:
         },
         motions=motions,
         roughness_free=rough,
-        results=found,
+        results=results,
     )
 
 
@@ -140,7 +140,8 @@ def _draw_both_tips(panel: Axes, result: Result) -> None:
     N = result.case.time.steps_per_period
     gap = 1e3 * float(diagnostics.ProbeMotion.of(result.history).gap_at_rest[0])
     for i, (q, v) in enumerate(portrait(result)):
-        y, name = 1e3 * q + i * gap, result.case.lamina[i].name
+        y = 1e3 * q + i * gap
+        name = result.case.lamina[i].name
         show(
             panel,
             line(y, v, color=style.LAMINA_COLOURS[i], linewidth=0.6, label=name),
@@ -156,8 +157,8 @@ def _as_described(numbers: Numbers, method: str) -> int:
 
 def _scatters(numbers: Numbers) -> list[tuple[float, float]]:
     """Return the frequencies [Hz] and the scatters of the motions by method 3.2; NaN: none [-]."""
-    found = [(f, numbers.motions[f, "3.2"].strobe_scatter) for f in FREQUENCIES]
-    return [(f, math.nan if scatter is None else scatter) for f, scatter in found]
+    scatters = [(f, numbers.motions[f, "3.2"].strobe_scatter) for f in FREQUENCIES]
+    return [(f, math.nan if scatter is None else scatter) for f, scatter in scatters]
 
 
 def _smoother(numbers: Numbers) -> FloatArray:
@@ -243,7 +244,8 @@ def measure_finer_mesh(lab: Laboratory) -> Numbers:
         the numbers of the motions with "as printed", by number of elements; fine: that of the fine
         mesh; results: of both meshes with "as printed".
     """
-    exponents, pairs = lab.plan.gap_exponents, _pairs(lab)
+    exponents = lab.plan.gap_exponents
+    pairs = _pairs(lab)
     both = pairs["as printed", 2.0]
     ratio = {key: rough_velocity(b) / rough_velocity(a) for key, (a, b) in pairs.items()}
     costs = [
@@ -295,8 +297,8 @@ def _pairs(lab: Laboratory) -> dict[tuple[str, float], tuple[Result, Result]]:
 
 def rough_velocity(result: Result) -> FloatArray:
     """Return the rms of the rough part of both tip velocities, shape (2,) [m/s]."""
-    whole = diagnostics.last_periods(result.history, result.case)["tip_velocity"].to_numpy()
-    rough = rough_part(whole, whole.shape[1] // result.case.time.steps_per_period)
+    velocity = diagnostics.last_periods(result.history, result.case)["tip_velocity"].to_numpy()
+    rough = rough_part(velocity, velocity.shape[1] // result.case.time.steps_per_period)
     return np.asarray(np.sqrt((rough**2).mean(axis=1)))
 
 
@@ -399,8 +401,8 @@ def measure(lab: Laboratory) -> Numbers:
     """
     exponents = lab.plan.gap_exponents
     cases = [motion_case(RESONANT, lab.plan, "3.2", {"gap.exponent": p}) for p in exponents]
-    found = dict(zip([f"{p:g}" for p in exponents], lab.motions(cases), strict=True))
-    result = found[PRESET_EXPONENT]
+    results = dict(zip([f"{p:g}" for p in exponents], lab.motions(cases), strict=True))
+    result = results[PRESET_EXPONENT]
     u = diagnostics.last_periods(result.history, result.case)["tip_displacement"].to_numpy()
     tips = _harmonics(u, u.shape[1] // result.case.time.steps_per_period, result)
     u = result.history["displacement"].to_numpy().swapaxes(1, 2)
@@ -408,7 +410,7 @@ def measure(lab: Laboratory) -> Numbers:
     at_nodes = {order: harmonics.distortion_factor(a) for order, a in nodes.items()}
 
     def by_gap(name: str) -> dict[str, Any]:
-        return {p: r.summary[name] for p, r in found.items()}
+        return {p: r.summary[name] for p, r in results.items()}
 
     return Numbers(
         {
@@ -418,7 +420,7 @@ def measure(lab: Laboratory) -> Numbers:
             "d_at_nodes": at_nodes,
             "thd_at_nodes": {order: np.sqrt((1.0 + d) ** 2 - 1.0) for order, d in at_nodes.items()},
             "d_by_gap_exponent": by_gap("distortion_factor"),
-            "kind_by_gap_exponent": {p: describe(r) for p, r in found.items()},
+            "kind_by_gap_exponent": {p: describe(r) for p, r in results.items()},
             "tip_min_by_gap_exponent": by_gap("tip_min"),
             "tip_max_by_gap_exponent": by_gap("tip_max"),
         },
@@ -461,7 +463,8 @@ def _spectrum(panel: Axes, numbers: Numbers, i: int) -> None:
     """Draw the harmonics of a tip as bars."""
     from matplotlib.ticker import LogLocator
 
-    orders, A = np.arange(1, SHOWN + 1), 1e3 * numbers.harmonics_m[i]
+    orders = np.arange(1, SHOWN + 1)
+    A = 1e3 * numbers.harmonics_m[i]
     panel.bar(orders, A[:SHOWN], width=0.6, color=style.LAMINA_COLOURS[i])
     panel.set(
         xlabel="harmonic of the excitation", xlim=(0.0, SHOWN + 1),
@@ -475,7 +478,8 @@ def _spectrum(panel: Axes, numbers: Numbers, i: int) -> None:
 
 def _along_lamina(panel: Axes, numbers: Numbers, i: int) -> None:
     """Draw d along a lamina, with THD on the right axis."""
-    x, name = numbers.x, numbers.names[i]
+    x = numbers.x
+    name = numbers.names[i]
     show(
         panel,
         *(
@@ -520,10 +524,10 @@ def _printed(numbers: Numbers, i: int) -> str:
 
 def _away(numbers: Numbers, i: int) -> Criterion:
     """Return the criterion on d of a tip; the unknown shape of the gap makes d uncertain."""
-    own = abs(numbers.d["displacement"][i] / PRINTED[i] - 1.0)
+    deviation = abs(numbers.d["displacement"][i] / PRINTED[i] - 1.0)
     away = [both[i] / PRINTED[i] - 1.0 for both in numbers.d_by_gap_exponent.values()]
     nearest = 0.0 if min(away) <= 0.0 <= max(away) else min(map(abs, away))
-    return Criterion("away by", own, "<", PRINTED_DIGIT, "%", (nearest, max(map(abs, away))))
+    return Criterion("away by", deviation, "<", PRINTED_DIGIT, "%", (nearest, max(map(abs, away))))
 
 
 def _printed_row(i: int, name: str) -> Statement:

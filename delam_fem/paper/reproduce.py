@@ -49,12 +49,12 @@ def entries(directory: Path, stems: Iterable[str]) -> list[Entry]:
         directory: folder of the figures.
         stems: file names without suffix, in the wanted order.
     """
-    found = []
+    figures = []
     for stem in stems:
         path = directory / f"{stem}.json"
         if path.is_file():
-            found.append(json.loads(path.read_text("utf-8")) | {"stem": stem})
-    return found
+            figures.append(json.loads(path.read_text("utf-8")) | {"stem": stem})
+    return figures
 
 
 def claims_of(figures: Iterable[Entry]) -> list[Claim]:
@@ -154,17 +154,17 @@ def chosen(names: Sequence[str]) -> list[str]:
     Raises:
         CaseError: there is no such figure; the message lists the names.
     """
-    found: list[str] = []
-    for given in names or list(FIGURES):
-        short = given.lower().removeprefix("fig").lstrip("0.")
+    selected: list[str] = []
+    for request in names or list(FIGURES):
+        short = request.lower().removeprefix("fig").lstrip("0.")
         fits = [name for name in FIGURES if name == short or name.rstrip("ab") == short]
         if not fits:
             raise CaseError(
-                f"figure {given!r}: expected one of {', '.join(FIGURES)}; give no names to make "
+                f"figure {request!r}: expected one of {', '.join(FIGURES)}; give no names to make "
                 "all figures"
             )
-        found += [name for name in fits if name not in found]
-    return [name for name in FIGURES if name in found]
+        selected += [name for name in fits if name not in selected]
+    return [name for name in FIGURES if name in selected]
 
 
 def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Path]:
@@ -193,10 +193,11 @@ def _write(piece: Piece, lab: Laboratory, directory: Path, begin: float) -> list
     """Write picture, numbers and film of a piece; each file appears only when it is complete."""
     from matplotlib import rc_context
 
-    picture, kept, film = (
+    picture, numbers_path, film = (
         directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json", "gif")
     )
-    paths, numbers = [picture, kept], piece.measure(lab)
+    paths = [picture, numbers_path]
+    numbers = piece.measure(lab)
     with style.styled(), rc_context({"axes.titlelocation": "left"}):
         with atomic(picture) as temporary:
             style.write_png(piece.draw(numbers), temporary)
@@ -213,5 +214,5 @@ def _write(piece: Piece, lab: Laboratory, directory: Path, begin: float) -> list
         "seconds": round(time.perf_counter() - begin, 2),
         "numbers": json_ready(numbers.kept, 7),
     }
-    write_json(kept, content)
+    write_json(numbers_path, content)
     return paths

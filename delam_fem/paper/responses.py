@@ -93,7 +93,9 @@ def measure_linear(lab: Laboratory) -> Numbers:
                 for a, lam in zip(top, case.lamina, strict=True)
             ],
             "damping_ratio": [lam.damping_ratio for lam in case.lamina],
-            "sweep_peak_hz": {name: peak_frequencies(*own) for name, own in envelopes.items()},
+            "sweep_peak_hz": {
+                name: peak_frequencies(*envelope) for name, envelope in envelopes.items()
+            },
             "sweep_peak_m": {name: np.nanmax(a, axis=1) for name, (_, a) in envelopes.items()},
             "stepped_frequency_hz": f,
             "stepped_amplitude_m": stepped,
@@ -141,9 +143,9 @@ def draw_linear(numbers: Numbers) -> Figure:
     panels = figure.subplots(3, 2)
     for i, lamina in enumerate(numbers.case.lamina):
         f1 = numbers.natural_frequency_hz[i]
-        whole, close, record = panels[:, i]
+        overview, close, record = panels[:, i]
         show(
-            whole, *_linear_lines(numbers, i), **LABELS,
+            overview, *_linear_lines(numbers, i), **LABELS,
             title=f"{lamina.name} alone", yscale="log", xlim=BAND, ylim=(1.0, 400.0),
         )  # fmt: skip
         show(
@@ -154,7 +156,8 @@ def draw_linear(numbers: Numbers) -> Figure:
         close.axvline(f1, color=style.BLACK, linewidth=0.8)
         close.axvline(PRINTED[lamina.name], color=style.BLACK, linewidth=0.8, linestyle=":")
         time, (low, high) = numbers.record
-        minutes, envelope = time / 60.0, 1e3 * numbers.envelopes["linear, up"][1][i]
+        minutes = time / 60.0
+        envelope = 1e3 * numbers.envelopes["linear, up"][1][i]
         record.fill_between(minutes, 1e3 * low[i], 1e3 * high[i], color=style.SKY, label="record")
         show(
             record,
@@ -298,7 +301,8 @@ def measure_contact(lab: Laboratory) -> Numbers:
     cases = [swept_case("linear", ends, case.contact.law, CONTACT_STEPS) for ends in WAYS.values()]
     envelopes = dict(zip(WAYS, map(swept_envelope, lab.motions(cases)), strict=True))
     marked = lab.motions([motion_case(f, lab.plan) for f in FREQUENCIES])
-    f, amplitude = data["frequency"].to_numpy(), data["tip_amplitude"].to_numpy()
+    f = data["frequency"].to_numpy()
+    amplitude = data["tip_amplitude"].to_numpy()
     up, down = amplitude[:, 0], amplitude[:, 1]
     is_known = (data["is_decided"] != 0.0) & (data["settled"] != 0.0)
     periodicity = data["periodicity"].where(is_known, UNDECIDED).to_numpy()
@@ -355,7 +359,8 @@ def draw_contact(numbers: Numbers) -> Figure:
     panels = figure.subplots(1, 2)
     for i, panel in enumerate(panels):
         f = numbers.frequency_hz
-        up, down = 1e3 * numbers.amplitude_up_m[i], 1e3 * numbers.amplitude_down_m[i]
+        up = 1e3 * numbers.amplitude_up_m[i]
+        down = 1e3 * numbers.amplitude_down_m[i]
         half = 0.5 * (f[1] - f[0])
         for k, at in enumerate(f[_differ(up, down)]):
             label = "hysteresis" if k == 0 else None
@@ -424,7 +429,8 @@ def doubled_window(numbers: Numbers, frequency: float) -> tuple[float, float] | 
     """
     f = numbers.frequency_hz
     both = (numbers.periodicity_up == 2) & (numbers.periodicity_down == 2)
-    at, others = int(np.abs(f - frequency).argmin()), np.flatnonzero(~both)
+    at = int(np.abs(f - frequency).argmin())
+    others = np.flatnonzero(~both)
     if not both[at]:
         return None
     first = others[others < at].max(initial=-1) + 1
@@ -434,10 +440,10 @@ def doubled_window(numbers: Numbers, frequency: float) -> tuple[float, float] | 
 
 def _window(numbers: Numbers) -> str:
     """Return in words the range of frequencies about 3.65 Hz in which the motion has period 2."""
-    found = doubled_window(numbers, 3.65)
-    if found is None:
+    window = doubled_window(numbers, 3.65)
+    if window is None:
         return "no period 2 beside 3.65 Hz"
-    return "the motion has period 2 from {:.2f} to {:.2f} Hz, up and down".format(*found)
+    return "the motion has period 2 from {:.2f} to {:.2f} Hz, up and down".format(*window)
 
 
 def _inside(numbers: Numbers) -> Criterion:
@@ -446,14 +452,15 @@ def _inside(numbers: Numbers) -> Criterion:
     Each end lies somewhere between two frequencies of the stepped sine.
     """
     first, last = doubled_window(numbers, 3.65) or (math.nan, math.nan)
-    inside, step = min(3.65 - first, last - 3.65), float(np.diff(numbers.frequency_hz).min())
+    inside = min(3.65 - first, last - 3.65)
+    step = float(np.diff(numbers.frequency_hz).min())
     return Criterion("distance to the nearer end", inside, ">", 0.0, "Hz", (inside, inside + step))
 
 
 def _periods(numbers: Numbers) -> FloatArray:
     """Return the different periodicities of all motions, increasing."""
-    found = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
-    return np.asarray(np.unique(found[found > 0]))
+    periods = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
+    return np.asarray(np.unique(periods[periods > 0]))
 
 
 def _scenario(numbers: Numbers) -> str:

@@ -182,7 +182,8 @@ def _shape(lamina: Lamina, n: int, by: Lift, tip: float) -> FloatArray:
     """Return the shape of a cantilever without weight under the load `by`, u and φ."""
     xi = nodes(lamina, n) / lamina.length
     if by == "tip force":
-        u, slope = (3.0 * xi**2 - xi**3) / 2.0, (6.0 * xi - 3.0 * xi**2) / 2.0
+        u = (3.0 * xi**2 - xi**3) / 2.0
+        slope = (6.0 * xi - 3.0 * xi**2) / 2.0
     elif by == "uniform load":
         u = (6.0 * xi**2 - 4.0 * xi**3 + xi**4) / 3.0
         slope = (12.0 * xi - 12.0 * xi**2 + 4.0 * xi**3) / 3.0

@@ -173,7 +173,7 @@ def peak_frequencies(f: FloatArray, amplitude: FloatArray) -> list[float]:
     If the largest amplitude occurs at several times, return the mean of their frequencies. The
     arguments are those that `swept_envelope` returns.
     """
-    return [float(f[own >= np.nanmax(own) * (1.0 - 1e-9)].mean()) for own in amplitude]
+    return [float(f[row >= np.nanmax(row) * (1.0 - 1e-9)].mean()) for row in amplitude]
 
 
 PaperMethod = Literal["3.1", "3.2"]

@@ -65,7 +65,8 @@ def measure(lab: Laboratory) -> Numbers:
 
 def draw(numbers: Numbers) -> Figure:
     """Draw the laminae at rest, their gap, the base and the sensors, and list their properties."""
-    case, figure = numbers.drawn_case, style.canvas(5.2)
+    case = numbers.drawn_case
+    figure = style.canvas(5.2)
     left, right = figure.subplots(1, 2, width_ratios=[3, 4])
     _draw_laminae(left, case)
     right.axis("off")
@@ -87,12 +88,13 @@ def draw(numbers: Numbers) -> Figure:
 def _draw_laminae(axes: Axes, case: Case) -> None:
     """Draw both laminae upright on their base."""
     assert case.gap is not None  # the paper's case has one
-    L, tip = case.lamina[0].length, 1e3 * float(case.gap.tip or 0.0)
+    L = case.lamina[0].length
+    tip = 1e3 * float(case.gap.tip or 0.0)
     x = np.linspace(0.0, L, SHOWN_POINTS)
     gaps = [1e3 * initial_gap(Gap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS]
-    own = 1e3 * initial_gap(case.gap, x, L)
+    gap = 1e3 * initial_gap(case.gap, x, L)
     axes.fill_betweenx(1e3 * x, gaps[-1], gaps[0], color=style.GAP_COLOUR, label="p = 1 … 3")
-    shapes = (np.zeros_like(x), own)
+    shapes = (np.zeros_like(x), gap)
     for lamina, shape, colour in zip(case.lamina, shapes, style.lamina_colours(2), strict=True):
         width = 2.5 * lamina.thickness / 1e-3
         label = f"{lamina.name}, {1e3 * lamina.thickness:g} mm"
@@ -158,11 +160,11 @@ SYSTEM = Piece(
         Statement(
             "E and the sections give EI = 1.51 and 0.16 N m²", "sec. 2.1, 3.1",
             lambda n: "EI given / (E b h³/12) − 1 = {:+.1f} % and {:+.1f} %; the given EI are used"
-            .format(*(100 * (given - 1.0) for given in n.stiffness_over_EbH3_12)),
+            .format(*(100 * (ratio - 1.0) for ratio in n.stiffness_over_EbH3_12)),
             lambda n: [
                 Criterion(
                     "largest deviation",
-                    max(abs(given - 1.0) for given in n.stiffness_over_EbH3_12), "<", NEAR, "%",
+                    max(abs(ratio - 1.0) for ratio in n.stiffness_over_EbH3_12), "<", NEAR, "%",
                 )
             ],
         ),
@@ -203,31 +205,34 @@ def measure_shapes(lab: Laboratory) -> Numbers:
         shown: numbers of the frames that are shown.
     """
     (result,) = lab.motions([detailed_case(lab)])
-    n, x = result.case.output.fields_per_period, result.history["x"].to_numpy()
+    n = result.case.output.fields_per_period
+    x = result.history["x"].to_numpy()
     last = result.history.isel(frame=slice(-n, None))
     position = 1e3 * (last["displacement"].to_numpy() + diagnostics.rest_positions(last)[:, None])
     strike = int(np.argmin(diagnostics.gap_field(last)[0, :, diagnostics.probe_node(last)]))
-    shown = (strike + np.rint(np.array(PHASES) * n).astype(np.int64)) % n
+    samples = (strike + np.rint(np.array(PHASES) * n).astype(np.int64)) % n
     gap = diagnostics.gap_field(result.history)[0, :, 1:]
-    held = result.history["contact_state"].to_numpy()[:, 1:] > 0
+    has_contact = result.history["contact_state"].to_numpy()[:, 1:] > 0
     return Numbers(
         {
             "x_m": x[1:],
-            "share_closed": ((gap <= 0.0) | held).mean(axis=0),
+            "share_closed": ((gap <= 0.0) | has_contact).mean(axis=0),
             "share_near": (gap < CLOSED).mean(axis=0),
             "periods_after_strike": PHASES,
-            "position_mm": np.round(position[:, shown], 4),
+            "position_mm": np.round(position[:, samples], 4),
         },
         names=[lamina.name for lamina in result.case.lamina],
         x=1e3 * x,
         position=position,
-        shown=shown,
+        shown=samples,
     )
 
 
 def draw_shapes(numbers: Numbers) -> Figure:
     """Draw both laminae at several times of one period, and the contact time of each pair."""
-    x, position, figure = numbers.x, numbers.position, style.canvas(7.4)
+    x = numbers.x
+    position = numbers.position
+    figure = style.canvas(7.4)
     columns = len(PHASES) // 2
     panels = figure.subplots(2, columns + 1, width_ratios=[1.0] * columns + [1.3])
     limits = position.min() - 3.0, position.max() + 3.0
@@ -279,7 +284,8 @@ def film(numbers: Numbers, path: Path) -> None:
     from matplotlib.animation import PillowWriter
     from matplotlib.figure import Figure
 
-    x, every = numbers.x, max(numbers.position.shape[1] // FILM_FRAMES, 1)
+    x = numbers.x
+    every = max(numbers.position.shape[1] // FILM_FRAMES, 1)
     position = numbers.position[:, ::every]
     figure = Figure(figsize=(4.2, 5.4))
     axes = figure.add_axes((0.17, 0.11, 0.79, 0.82))
@@ -354,22 +360,31 @@ def decisions(result: Result) -> tuple[npt.NDArray[np.int8], int]:
         number of decisions that break eq. 17 as corrected.
     """
     history = result.history
-    held = history["contact_state"].to_numpy()[:, 1:] == 2
+    is_resting = history["contact_state"].to_numpy()[:, 1:] == 2
     closed = diagnostics.gap_field(history)[0, :, 1:] <= 0.0
-    hit = np.zeros_like(held)
+    hit = np.zeros_like(is_resting)
     steps = np.rint(
         (history["event_time"].to_numpy() - float(history["frame"][0])) / result.case.time_step
     ).astype(np.int64)
     hit[steps, history["event_node"].to_numpy() - 1] = True
-    before, held, closed, hit = held[:-1], held[1:], closed[1:], hit[1:]
+    before = is_resting[:-1]
+    is_resting = is_resting[1:]
+    closed = closed[1:]
+    hit = hit[1:]
     state = np.select(
-        [before & ~held, before & held & ~hit, hit & held, hit, closed],  # the first that fits
+        [
+            before & ~is_resting,
+            before & is_resting & ~hit,
+            hit & is_resting,
+            hit,
+            closed,
+        ],  # the first that fits
         [RELEASED, HELD, BEGUN, STRUCK, SEPARATING],
         OPEN,
     ).astype(np.int8)
     # a spring stays exactly while the pair is closed, without a hit; only a hit can begin one
-    wrong = (before & (held != closed)) | (before & hit) | (hit & ~closed)
-    wrong |= held & ~before & ~hit
+    wrong = (before & (is_resting != closed)) | (before & hit) | (hit & ~closed)
+    wrong |= is_resting & ~before & ~hit
     return state, int(np.count_nonzero(wrong))
 
 
@@ -404,12 +419,15 @@ def measure_chart(lab: Laboratory) -> Numbers:
 
 def draw_chart(numbers: Numbers) -> Figure:
     """Draw the decisions of the supervisor as a chart with counts, and as a timeline of pairs."""
-    state, N, figure = numbers.state, numbers.steps_per_period, style.canvas(9.6)
+    state = numbers.state
+    N = numbers.steps_per_period
+    figure = style.canvas(9.6)
     grid = figure.add_gridspec(2, 2, height_ratios=[3, 2], width_ratios=[1, 2])
     _flow(figure.add_subplot(grid[0, :]), numbers.pair_steps_per_period, state.shape[1] * N)
-    whole, close = (figure.add_subplot(grid[1, k]) for k in range(2))
-    last, n_pairs = state[-N:], state.shape[1]
-    for axes in (whole, close):
+    overview, close = (figure.add_subplot(grid[1, k]) for k in range(2))
+    last = state[-N:]
+    n_pairs = state.shape[1]
+    for axes in (overview, close):
         axes.grid(False)  # marks, so that rare decisions are visible
         for kind, marker in (
             (SEPARATING, "."),
@@ -428,9 +446,9 @@ def draw_chart(numbers: Numbers) -> Figure:
             ylim=(0.0, n_pairs + 1.0), yticks=range(2, n_pairs + 1, 2),
         )  # fmt: skip
     busy = np.flatnonzero((last != OPEN).any(axis=1)) / N
-    whole.set(title="one period", ylabel="pair (1 near the clamp)")
-    shown = (busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
-    close.set(title="its contact phase", xlim=shown)
+    overview.set(title="one period", ylabel="pair (1 near the clamp)")
+    limits = (busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
+    close.set(title="its contact phase", xlim=limits)
     style.legend_outside(figure, close, 5, "outside lower center")
     return figure
 
@@ -485,7 +503,8 @@ def _flow(axes: Axes, counts: FloatArray, total: int) -> None:
 
 def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
     """Draw an arrow from the edge of a box to the edge of another, with a number in its middle."""
-    start, stop = begin.get_position(), end.get_position()
+    start = begin.get_position()
+    stop = end.get_position()
     is_level = start[1] == stop[1]
     axes.annotate(
         "", stop, start, zorder=0,
@@ -494,7 +513,8 @@ def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
             "patchA": begin.get_bbox_patch(), "patchB": end.get_bbox_patch(),
         },
     )  # fmt: skip
-    x, y = 0.5 * (start[0] + stop[0]), 0.5 * (start[1] + stop[1])
+    x = 0.5 * (start[0] + stop[0])
+    y = 0.5 * (start[1] + stop[1])
     axes.text(
         x + (0.0 if is_level else 1.0), y + (1.0 if is_level else 0.0), text, fontsize=8.5,
         ha="center" if is_level else "left", va="bottom" if is_level else "center",

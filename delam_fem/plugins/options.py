@@ -54,10 +54,8 @@ class Flag:
         if isinstance(value, str | Path) and self.kind in (int, float, str, Path):
             with suppress(ValueError):
                 value = self.kind(str(value).strip())
-        expected, choices = (
-            f"one of {', '.join(map(str, get_args(self.kind)))}",
-            get_args(self.kind),
-        )
+        expected = f"one of {', '.join(map(str, get_args(self.kind)))}"
+        choices = get_args(self.kind)
         fits = value in choices or not choices
         if self.kind in (int, float):
             fits = isinstance(value, int if self.kind is int else int | float)
@@ -88,8 +86,8 @@ class Options:
     @property
     def inputs(self) -> list[Path]:
         """Files of the user that are read."""
-        found: Any = getattr(self, "measured", None) or ()
-        return [found] if isinstance(found, Path) else list(found)
+        files: Any = getattr(self, "measured", None) or ()
+        return [files] if isinstance(files, Path) else list(files)
 
     def part(self, kind: type[O]) -> O:
         """Return the options that belong to a class which this one extends."""

@@ -191,8 +191,8 @@ class Study(Generic[Chosen, Found]):
             if self.has_checkpoints:
                 question = identity(case, study=self.name, options=options)
                 checkpoints = of_study(directory, question, resume=resume)
-            with checkpoints as kept:
-                context = RunContext(directory, kept, resume, workers, progress)
+            with checkpoints as checkpoint_folder:
+                context = RunContext(directory, checkpoint_folder, resume, workers, progress)
                 finding = self.computed(case, options, context)
                 with rewritten(directory):
                     written = finding.save(directory)

@@ -99,13 +99,15 @@ class Motions:
             top.plot(self.times, 1e3 * self.reference_tips[i], "k:", label=f"{name}, reference")
         top.set(ylabel="tip displacement [mm]")
         top.legend(ncols=2, fontsize=8)
-        seen = np.maximum(self.differences, np.finfo(np.float64).tiny)
-        bottom.semilogy(self.times, seen, color="C3", linewidth=0.8)
+        differences = np.maximum(self.differences, np.finfo(np.float64).tiny)
+        bottom.semilogy(self.times, differences, color="C3", linewidth=0.8)
         if self.impact_limit:
             bottom.axvline(self.impact_time, color="0.5", linestyle="--")
             label = f" impact {self.impact_limit}"
-            bottom.annotate(label, (self.impact_time, seen.max()), fontsize=8, va="top")
-        floor = max(float(seen[seen > np.finfo(np.float64).tiny].min(initial=1e-18)), 1e-20)
+            bottom.annotate(label, (self.impact_time, differences.max()), fontsize=8, va="top")
+        floor = max(
+            float(differences[differences > np.finfo(np.float64).tiny].min(initial=1e-18)), 1e-20
+        )
         label_x((top, bottom), "time [s]")
         bottom.set(ylabel="largest difference [m]", ylim=(floor, None))
         figure.suptitle("dolfinx and PETSc beside the independent reference")
@@ -143,18 +145,18 @@ class Comparison(Finding):
     @property
     def report(self) -> Report:
         """The comparison as files and the terminal show it."""
-        found: dict[str, object] = {
+        entries: dict[str, object] = {
             "matrices_relative": self.matrices,
             "frequencies_relative": self.frequencies,
         }
         tables = [Table("largest differences", ("what", "difference"), self.rows())]
         if self.motion is None:
             remarks = [f"the motion is not compared: {self.refusal}"]
-            numbers = {**found, "no_motion": self.refusal}
+            numbers = {**entries, "no_motion": self.refusal}
             return Report(name="compare", numbers=numbers, tables=tables, remarks=remarks)
         return Report(
             name="compare",
-            numbers=found | self.motion.numbers(),
+            numbers=entries | self.motion.numbers(),
             tables=tables,
             pictures={"compare": (self.motion.figure, "")},
         )
@@ -198,9 +200,11 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
     if not has_dolfinx():
         raise CaseError(f"compare: dolfinx or petsc4py is not installed: {INSTALL}")
     structure = assemble(case)
-    x, observed = structure.layout.x, structure.layout.probes[0].point
+    x = structure.layout.x
+    observed = structure.layout.probes[0].point
     independent = matrices.assemble(case, x, observed)
-    motion, refusal = None, refused_motion(case)
+    motion = None
+    refusal = refused_motion(case)
     if not refusal:
         span = {"time.periods": periods, "output.window_periods": periods}
         short = case.with_overrides({**span, "output.fields_per_period": 0})
@@ -285,10 +289,10 @@ def _frequency_difference(given: Structure, expected: Operators, case: Case) -> 
     """Return the largest relative difference of frequencies: of each lamina, or of the stack."""
     if not case.is_apart:
         n = min(COMPARED_MODES, given.operators.n_dofs)
-        found = structure_modes(given, case, n).frequencies
+        frequencies = structure_modes(given, case, n).frequencies
         other = lowest_frequencies(expected, n)
         elastic = other > 1e-6 * other[-1]  # a floating stack has rigid modes too
-        return float(np.abs(found[elastic] / other[elastic] - 1.0).max())
+        return float(np.abs(frequencies[elastic] / other[elastic] - 1.0).max())
     n = min(
         COMPARED_MODES, *(given.layout.own_dofs(i).size for i in range(len(given.layout.parts)))
     )

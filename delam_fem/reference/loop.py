@@ -128,11 +128,12 @@ def consistent_impact(
 def _roots(W: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return L^T and L^-1 r of W = L L^T; of a singular W, L has as many columns as its rank."""
     squares, vectors = eigh(W)
-    kept = squares > _SINGULAR * squares[-1]
-    if kept.all():
+    is_regular = squares > _SINGULAR * squares[-1]
+    if is_regular.all():
         L = cholesky(W, lower=True)
         return L.T, np.asarray(solve_triangular(L, right, lower=True))
-    roots, basis = np.sqrt(squares[kept]), vectors[:, kept]
+    roots = np.sqrt(squares[is_regular])
+    basis = vectors[:, is_regular]
     return roots[:, None] * basis.T, basis.T @ right / roots
 
 
@@ -213,8 +214,8 @@ def simulate_reference(
     refusal = refused_motion(case)
     if refusal:
         raise CaseError(refusal)
-    rest = np.zeros(operators.n_dofs)
-    state = initial or Standing(0, rest, rest, np.zeros(operators.n_pairs, dtype=bool))
+    zeros = np.zeros(operators.n_dofs)
+    state = initial or Standing(0, zeros, zeros, np.zeros(operators.n_pairs, dtype=bool))
     N, dt = case.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)
     base = base_motion(case.excitation).states(steps * dt)
@@ -278,7 +279,8 @@ class _System:
     def _factorise(self, P: BoolArray) -> None:
         """Put a spring on the gap of each pair in P: force on the dofs -k H^T (H u + g0)."""
         ops, k, dt = self.operators, self.penalty_stiffness, self.dt
-        H, w = ops.gap_matrix[P], np.ones(ops.n_pairs)
+        H = ops.gap_matrix[P]
+        w = np.ones(ops.n_pairs)
         if ops.pair_weights is not None:
             w = ops.pair_weights
         springs = H.T @ sp.diags(k * w[P])

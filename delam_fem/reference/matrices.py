@@ -55,22 +55,25 @@ def natural_frequencies(operators: Operators, n: int) -> FloatArray:
         n: number of frequencies per lamina, at most the number of its dofs.
     """
     each = operators.n_dofs // operators.n_probes
-    found = []
+    result = []
     for first in range(0, operators.n_dofs, each):
-        own = slice(first, first + each)
-        M, K = (m[own, own].toarray() for m in (operators.mass, operators.stiffness))
+        dofs = slice(first, first + each)
+        M, K = (m[dofs, dofs].toarray() for m in (operators.mass, operators.stiffness))
         # largest 1/omega^2: as omega^2, low frequencies would drown in the round-off of high ones
         squares = eigh(M, K, eigvals_only=True, subset_by_index=(each - n, each - 1))
-        found.append(1.0 / (2.0 * np.pi * np.sqrt(squares[::-1])))
-    return np.array(found)
+        result.append(1.0 / (2.0 * np.pi * np.sqrt(squares[::-1])))
+    return np.array(result)
 
 
 def section(lamina: Lamina) -> tuple[float, float]:
     """Return the mass per length rho A [kg/m] and the bending stiffness EI [N m2] of a lamina."""
     area = lamina.width * lamina.thickness
     inertia = area * lamina.thickness**2 / 12.0
-    given = lamina.bending_stiffness
-    return lamina.density * area, lamina.young_modulus * inertia if given is None else given
+    bending_stiffness = lamina.bending_stiffness
+    return (
+        lamina.density * area,
+        lamina.young_modulus * inertia if bending_stiffness is None else bending_stiffness,
+    )
 
 
 def shape_functions(h: float) -> list[Polynomial]:
@@ -231,16 +234,17 @@ def point_masses(case: Case, name: str, x: FloatArray) -> list[tuple[int, FloatA
         name: name of the lamina.
         x: positions of the nodes [m].
     """
-    found = []
-    for own in case.point_mass:
-        if own.lamina == name:
-            place = float(x[-1]) if own.position is None else own.position
+    blocks = []
+    for point_mass in case.point_mass:
+        if point_mass.lamina == name:
+            place = float(x[-1]) if point_mass.position is None else point_mass.position
             k = int(np.clip(np.searchsorted(x, place) - 1, 0, x.size - 2))
-            h, s = float(x[k + 1] - x[k]), place - float(x[k])
+            h = float(x[k + 1] - x[k])
+            s = place - float(x[k])
             N = np.array([float(f(s)) for f in shape_functions(h)])
-            ends = own.mass * np.array([1.0 - s / h, 0.0, s / h, 0.0])
-            found.append((k, own.mass * np.outer(N, N), np.diag(ends)))
-    return found
+            ends = point_mass.mass * np.array([1.0 - s / h, 0.0, s / h, 0.0])
+            blocks.append((k, point_mass.mass * np.outer(N, N), np.diag(ends)))
+    return blocks
 
 
 HELD, MOVED = -1, -2
@@ -278,12 +282,13 @@ class Stack:
         names = [lamina.name for lamina in case.lamina]
         middles = 0.5 * (x[1:] + x[:-1])
         is_bonded = np.full((len(names) - 1, middles.size), case.gap is None)
-        for own in case.delamination:
-            inside = (middles > own.start) & (middles < own.end)
-            is_bonded[names.index(own.between[0]), inside] = False
+        for delamination in case.delamination:
+            inside = (middles > delamination.start) & (middles < delamination.end)
+            is_bonded[names.index(delamination.between[0]), inside] = False
         dofs = np.empty((len(names), x.size, 2), dtype=np.int64)
         kinds = _ends(case, x)
-        places, n = list(np.ndindex(len(names), x.size)), 0
+        places = list(np.ndindex(len(names), x.size))
+        n = 0
         if not case.is_apart:
             places.sort(key=lambda place: place[1])
         for i, node in places:
@@ -301,7 +306,8 @@ class Stack:
     @property
     def sections(self) -> FloatArray:
         """Rows ρA [kg/m], EI [N m2], EA [N], z of the middle plane [m] of the laminae."""
-        rows, bottom = [], 0.0
+        rows = []
+        bottom = 0.0
         for lamina in self.case.lamina:
             rhoA, EI = section(lamina)
             EA = lamina.young_modulus * lamina.width * lamina.thickness
@@ -313,8 +319,8 @@ class Stack:
         """Sum element matrices, each with its lamina and element, over free dofs and base."""
         total = sp.lil_matrix((self.n_free + 2,) * 2)
         for i, k, block in blocks:
-            own = self.dofs[i, k : k + 2].ravel()
-            total[np.ix_(own, own)] += block
+            dofs = self.dofs[i, k : k + 2].ravel()
+            total[np.ix_(dofs, dofs)] += block
         return total[:-1, :-1].tocsr()
 
 
@@ -346,7 +352,8 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
             lumps.append((i, k, diagonal))
     inertia = masses if case.time.mass == "consistent" else lumps
     bending = [(i, k, element_stiffness(EI[i], h)) for i, k, h in places]
-    M, K = stack.summed(inertia), stack.summed(bending)
+    M = stack.summed(inertia)
+    K = stack.summed(bending)
     if stack.is_bonded.any():
         K = sp.csr_matrix(K + axial_stiffness(stack))
     if case.support.rotational_stiffness is not None:
@@ -355,10 +362,12 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
             K[slope, slope] += case.support.rotational_stiffness
     H, gap0, weights = _pairs(stack)
     if case.is_apart:
-        own = [_of_lamina(case, stack, i, (inertia, bending)) for i in range(len(case.lamina))]
+        damping_pairs = [
+            _of_lamina(case, stack, i, (inertia, bending)) for i in range(len(case.lamina))
+        ]
         C = stack.summed(
-            [(i, k, own[i][0] * block) for i, k, block in inertia]
-            + [(i, k, own[i][1] * block) for i, k, block in bending]
+            [(i, k, damping_pairs[i][0] * block) for i, k, block in inertia]
+            + [(i, k, damping_pairs[i][1] * block) for i, k, block in bending]
         )
     else:
         alpha, beta = _rayleigh(stack, M, K, H)
@@ -406,7 +415,8 @@ def _of_lamina(
 
 def lowest_frequencies(operators: Operators, n: int) -> FloatArray:
     """Return the lowest natural frequencies of a stack, increasing, shape (n,) [Hz]."""
-    K, M = operators.stiffness.toarray(), operators.mass.toarray()
+    K = operators.stiffness.toarray()
+    M = operators.mass.toarray()
     squares = eigh(K, M, eigvals_only=True, subset_by_index=(0, n - 1))
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
 
@@ -415,7 +425,8 @@ def axial_stiffness(stack: Stack) -> FloatArray:
     """Return what the axial displacements add to the stiffness of free dofs and base."""
     G_u, G_d = _constraints(stack)
     K_u = _stretching(stack)
-    n, m = K_u.shape[0], G_u.shape[0]
+    n = K_u.shape[0]
+    m = G_u.shape[0]
     scale = np.abs(K_u).max()
     saddle = np.block([[K_u / scale, G_u.T], [G_u, np.zeros((m, m))]])
     right = np.vstack([np.zeros((n, G_d.shape[1])), -G_d])
@@ -425,9 +436,9 @@ def axial_stiffness(stack: Stack) -> FloatArray:
 
 def _stretching(stack: Stack) -> FloatArray:
     """Return the stiffness of all quadratic axial displacements, lamina by lamina."""
-    own = 2 * stack.x.size - 1
+    n_places = 2 * stack.x.size - 1
     EA = stack.sections[2]
-    total = np.zeros((own * len(EA),) * 2)
+    total = np.zeros((n_places * len(EA),) * 2)
     for k, h in enumerate(np.diff(stack.x).tolist()):
         bases = [
             Polynomial.fit([0.0, 0.5 * h, h], values, 2).deriv()  # type: ignore[no-untyped-call]
@@ -435,31 +446,32 @@ def _stretching(stack: Stack) -> FloatArray:
         ]
         block = np.array([[(f * g).integ(lbnd=0.0)(h) for g in bases] for f in bases])
         for i, stiffness in enumerate(EA):
-            at = own * i + 2 * k + np.arange(3)
+            at = n_places * i + 2 * k + np.arange(3)
             total[np.ix_(at, at)] += stiffness * block
     return total
 
 
 def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
     """Return G_u and G_d of G_u u + G_d d = 0: plane sections and axial supports."""
-    n_laminae, own = len(stack.case.lamina), 2 * stack.x.size - 1
+    n_laminae = len(stack.case.lamina)
+    n_places = 2 * stack.x.size - 1
     EA, z = stack.sections[2:]
     rows: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
 
     def empty() -> tuple[FloatArray, FloatArray]:
-        return np.zeros(own * n_laminae), np.zeros(stack.n_free + 2)
+        return np.zeros(n_places * n_laminae), np.zeros(stack.n_free + 2)
 
     for k, h in enumerate(np.diff(stack.x).tolist()):
         N = shape_functions(h)
         for j in np.flatnonzero(stack.is_bonded[:, k]):
             for point, s in enumerate((0.0, 0.5 * h, h)):
                 u, d = empty()
-                u[own * j + 2 * k + point] = -1.0
-                u[own * (j + 1) + 2 * k + point] = 1.0
+                u[n_places * j + 2 * k + point] = -1.0
+                u[n_places * (j + 1) + 2 * k + point] = 1.0
                 for dof, f in zip(stack.dofs[j, k : k + 2].ravel().tolist(), N, strict=True):
                     d[dof] += (z[j + 1] - z[j]) * float(f.deriv()(s))  # type: ignore[no-untyped-call]
                 rows[int(j), 2 * k + point] = u, d
-    found = list(rows.values())
+    constraints = list(rows.values())
     for node, kind in _ends(stack.case, stack.x).items():
         if kind == "free":
             continue
@@ -468,9 +480,9 @@ def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
         for first, last in pairwise(cuts):
             u, d = empty()  # the neutral axis of each group of bonded laminae is held
             for i in range(first, last):
-                u[own * i + 2 * node] = EA[i] / EA[first:last].sum()
-            found.append((u, d))
-    return np.array([u for u, _ in found]), np.array([d[:-1] for _, d in found])
+                u[n_places * i + 2 * node] = EA[i] / EA[first:last].sum()
+            constraints.append((u, d))
+    return np.array([u for u, _ in constraints]), np.array([d[:-1] for _, d in constraints])
 
 
 def _pairs(stack: Stack) -> tuple[sp.csr_matrix, FloatArray, FloatArray | None]:
@@ -486,7 +498,8 @@ def _pairs(stack: Stack) -> tuple[sp.csr_matrix, FloatArray, FloatArray | None]:
         gap0 = np.tile(gap_at_rest(case.gap, places, case.lamina[0].length), n_interfaces)
         is_plain = case.contact.points_per_element == 1
         return H, gap0, None if is_plain else np.tile(shares, n_interfaces)
-    rows, gaps = [], []
+    rows = []
+    gaps = []
     for j in range(n_interfaces):
         for node, place in enumerate(stack.x.tolist()):
             lower, upper = stack.dofs[j : j + 2, node, 0].tolist()
@@ -501,15 +514,17 @@ def _pairs(stack: Stack) -> tuple[sp.csr_matrix, FloatArray, FloatArray | None]:
 def _opening(case: Case, interface: int, x: float) -> float:
     """Return the gap at rest of an interface at a place within a delamination [m]."""
     between = (case.lamina[interface].name, case.lamina[interface + 1].name)
-    (own,) = [d for d in case.delamination if d.between == between and d.start <= x <= d.end]
-    if own.file is not None:
-        return float(PchipInterpolator(*tabulated(own.file))(x))
-    s = (x - own.start) / (own.end - own.start)
-    if own.shape == "power":
-        if case.support.start == "free" and own.start == 0.0:
+    (delamination,) = [
+        d for d in case.delamination if d.between == between and d.start <= x <= d.end
+    ]
+    if delamination.file is not None:
+        return float(PchipInterpolator(*tabulated(delamination.file))(x))
+    s = (x - delamination.start) / (delamination.end - delamination.start)
+    if delamination.shape == "power":
+        if case.support.start == "free" and delamination.start == 0.0:
             s = 1.0 - s
-        return float(own.opening * s ** (own.exponent or 2.0))
-    return float(own.opening * np.cos(np.pi * (s - 0.5)))
+        return float(delamination.opening * s ** (delamination.exponent or 2.0))
+    return float(delamination.opening * np.cos(np.pi * (s - 0.5)))
 
 
 def _rayleigh(

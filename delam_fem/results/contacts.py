@@ -122,7 +122,8 @@ class _Histories:
         if not closes.any():
             return None
         share = before[closes] / (before - after)[closes]
-        start, end = self.rate[step, columns][closes], self.rate[step + 1, columns][closes]
+        start = self.rate[step, columns][closes]
+        end = self.rate[step + 1, columns][closes]
         return float(-(start + share * (end - start)).min())
 
     def impulses(self, pairs: IntArray) -> FloatArray:
@@ -147,10 +148,12 @@ def of_run(
     Returns:
         Interfaces, stops and impactors in this order; empty with the law "none".
     """
-    layout, N = structure.layout, case.steps_per_period
+    layout = structure.layout
+    N = case.steps_per_period
     if case.contact.law == "none" or not layout.touching:
         return []
-    known, motion = _histories(recorder, structure, case), ProbeMotion.of(history)
+    known = _histories(recorder, structure, case)
+    motion = ProbeMotion.of(history)
     at_frames: FloatArray | None = None
     if layout.interfaces and LAWS[case.contact.law].spring:
         at_frames = _forces_at_frames(recorder, structure, case)
@@ -225,7 +228,8 @@ def _is_at_probes(layout: Layout, number: int) -> bool:
 
 def _histories(recorder: Recorder, structure: Structure, case: Case) -> _Histories:
     """Return gaps, forces and impacts of the window."""
-    o, impacts = structure.operators, recorder.impacts()
+    o = structure.operators
+    impacts = recorder.impacts()
     gap, rate = recorded_gaps(recorder, structure)
     ends = -(-impacts.ticks // recorder.refine)  # the step in which an impact happened
     forces = [spring_forces(record, structure, case) for record in recorder.window]
@@ -278,7 +282,8 @@ def _contact(
         at_frames: see `_spring_force`.
     """
     duration = known.n_steps * case.time_step
-    impulses, force = known.impulses(pairs), _spring_force(known, pairs, case, at_frames)
+    impulses = known.impulses(pairs)
+    force = _spring_force(known, pairs, case, at_frames)
     if force is None:
         total, peak = None, None
     else:  # the impulses of massless contact points are contact forces times the step
@@ -323,10 +328,12 @@ def _forces_at_frames(recorder: Recorder, structure: Structure, case: Case) -> F
 
     They are None without frames, and where the dofs are shared by ranks.
     """
-    o, frames = structure.operators, frames_of(recorder)
+    o = structure.operators
+    frames = frames_of(recorder)
     if not frames.states or isinstance(o, DistributedOperators):
         return None
     u, v = np.array(frames.states).swapaxes(0, 1)
-    gap, rate = o.gap0 + u @ o.gap_matrix.T, v @ o.gap_matrix.T
+    gap = o.gap0 + u @ o.gap_matrix.T
+    rate = v @ o.gap_matrix.T
     carries = frames.contact == RESTING if case.contact.law != "penalty" else gap <= 0.0
     return contact_forces(case, gap, rate, carries, o.pair_weights)

@@ -36,7 +36,8 @@ def history(
         case: the case that was computed.
         attributes: attributes of the dataset beside case and versions.
     """
-    layout, gap0 = structure.layout, structure.operators.gap0
+    layout = structure.layout
+    gap0 = structure.operators.gap0
     start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
     n = len(layout.parts)
     data = xr.Dataset(coords={"lamina": list(layout.names)})
@@ -44,17 +45,18 @@ def history(
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
     u, v, base = _add_motion(data, recorder, n, start)
     if probes := layout.probes[n:]:
-        own = slice(n, len(layout.probes))  # those of sensors follow
+        columns = slice(n, len(layout.probes))  # those of sensors follow
         data = data.assign_coords(probe=[probe.name for probe in probes])
         add(
             data,
-            probe_displacement=u[:, own].T,
-            probe_velocity=v[:, own].T,
+            probe_displacement=u[:, columns].T,
+            probe_velocity=v[:, columns].T,
             probe_lamina=[probe.part for probe in probes],
             probe_node=[layout.station_of_point(probe.point) for probe in probes],
         )
     _add_periods(data, recorder, n)
-    x, tip = layout.parts[0].positions(layout.stations), layout.probes[0].point
+    x = layout.parts[0].positions(layout.stations)
+    tip = layout.probes[0].point
     add(data, x=x, tip_node=layout.station_of_point(tip))
     data = data.set_coords("x")
     at_rest = _of_interfaces(layout, gap0)
@@ -76,12 +78,12 @@ def history(
         )
     if layout.n_impactors:
         o = structure.operators
-        own = slice(o.n_probes, o.n_probes + layout.n_impactors)
+        columns = slice(o.n_probes, o.n_probes + layout.n_impactors)
         shift = 0.0 if o.base.shift is None else o.base.shift[-layout.n_impactors :]
         add(
             data,
-            impactor_displacement=(u[:, own] + base[:, :1] * shift).T,
-            impactor_velocity=(v[:, own] + base[:, 1:2] * shift).T,
+            impactor_displacement=(u[:, columns] + base[:, :1] * shift).T,
+            impactor_velocity=(v[:, columns] + base[:, 1:2] * shift).T,
         )
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
@@ -133,7 +135,7 @@ def of_probes(
 
 def _add_motion(data: xr.Dataset, recorder: Recorder, n: int, start: int) -> list[FloatArray]:
     """Add the motion of n reference probes and of the base; return u, v of all probes, and base."""
-    u, v, base = found = [rows[1:] for rows in steps_of(recorder)]
+    u, v, base = motion = [rows[1:] for rows in steps_of(recorder)]
     add(
         data,
         time=(start + 1 + np.arange(len(u))) * recorder.time_step,
@@ -143,12 +145,13 @@ def _add_motion(data: xr.Dataset, recorder: Recorder, n: int, start: int) -> lis
     )
     if recorder.is_forced:
         add(data, force=base[:, 0])
-    return found
+    return motion
 
 
 def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:
     """Add strobes, envelopes, impulses and energies of every period."""
-    k, references = recorder.n_closed, slice(0, n_parts)
+    k = recorder.n_closed
+    references = slice(0, n_parts)
     energies = zip(LEDGER, recorder.ledger[:k].T, strict=True)
     add(
         data,
@@ -196,13 +199,16 @@ def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[An
 def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, start: int) -> None:
     """Add the table of impacts in the window; pairs hit at one instant share the energy change."""
     impacts = recorder.impacts()
-    first, hit, p = np.cumsum(impacts.sizes) - impacts.sizes, impacts.hit, impacts.impulses
+    first = np.cumsum(impacts.sizes) - impacts.sizes
+    hit = impacts.hit
+    p = impacts.impulses
     time = (start + impacts.ticks / recorder.refine) * recorder.time_step
     # an impulse works at the mean gap rate; a remainder is shared by the impulses
     work = 0.5 * p * (impacts.rate_pre + impacts.rate_post)
-    rest, total = impacts.energies - np.add.reduceat(work, first), np.add.reduceat(p, first)
-    each = np.array([time, rest, np.where(total == 0.0, 1.0, total)])
-    time, rest, total = np.repeat(each, impacts.sizes, axis=1)
+    remainder = impacts.energies - np.add.reduceat(work, first)
+    total = np.add.reduceat(p, first)
+    each = np.array([time, remainder, np.where(total == 0.0, 1.0, total)])
+    time, remainder, total = np.repeat(each, impacts.sizes, axis=1)
     add(data, event_time=time)
     if layout is None:
         add(data, event_pair=hit)
@@ -213,16 +219,16 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, sta
         if layout.stops:
             add(data, event_stop=stop[hit])
         add(data, event_node=node[hit])
-    energy = work + rest * p / total
+    energy = work + remainder * p / total
     add(data, event_impulse=p, event_velocity_before=impacts.rate_pre, event_energy=energy)
 
 
 def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:
     """Return interface (-1: a stop), station and stop (-1: none) of each pair, all (n_pairs,)."""
     numbers = [*range(len(layout.interfaces)), *(-1 for _ in layout.stops)]
-    sizes = [own.places.size for own in layout.touching]
+    sizes = [pairs.places.size for pairs in layout.touching]
     interface = np.repeat(np.array(numbers, dtype=np.int64), sizes)
-    places = np.concatenate([np.zeros(0), *(own.places for own in layout.touching)])
+    places = np.concatenate([np.zeros(0), *(pairs.places for pairs in layout.touching)])
     stop = np.where(interface < 0, np.cumsum(interface < 0), 0) - 1
     return interface, np.searchsorted(layout.stations, places), stop
 
@@ -244,10 +250,10 @@ def grouped(history: xr.Dataset) -> dict[str, xr.Dataset]:
     """
     dims = {str(name): set(history[name].dims) for name in history.data_vars}
     groups = {
-        group: [name for name, own in dims.items() if dim in own] for group, dim in GROUPS.items()
+        group: [name for name, axes in dims.items() if dim in axes] for group, dim in GROUPS.items()
     }
-    for name, own in dims.items():  # a sensor with a time axis of its own
-        if name.startswith(SENSOR) and f"{name}_time" in own:
+    for name, axes in dims.items():  # a sensor with a time axis of its own
+        if name.startswith(SENSOR) and f"{name}_time" in axes:
             groups[name] = [name]
     taken = {name for names in groups.values() for name in names}
     groups[SHAPE] = [name for name in dims if name not in taken]

@@ -297,10 +297,10 @@ class ProbeMotion:
             A_1, A_2, …, shape (n_laminae, n_harmonics) [m]; None if there is no whole period or
             the motion is not finite.
         """
-        whole = self.whole_periods(steps_per_period)
-        if not whole.shape[1] or not np.isfinite(whole).all():
+        periods = self.whole_periods(steps_per_period)
+        if not periods.shape[1] or not np.isfinite(periods).all():
             return None
-        return harmonic_amplitudes(whole, whole.shape[1] // steps_per_period)
+        return harmonic_amplitudes(periods, periods.shape[1] // steps_per_period)
 
 
 def probe_node(history: xr.Dataset) -> int:
@@ -312,7 +312,8 @@ def probe_place(history: xr.Dataset) -> str:
     """Return where the reference probes are in words: "the tip", or the position along x."""
     if "tip_node" not in history:
         return "the probes"
-    node, x = probe_node(history), history["x"].to_numpy()
+    node = probe_node(history)
+    x = history["x"].to_numpy()
     return "the tip" if node == x.size - 1 else f"x = {1e3 * x[node]:.4g} mm"
 
 
@@ -443,8 +444,8 @@ def last_periods(history: xr.Dataset, case: Case, count: int | None = None) -> x
     N = case.steps_per_period
     n = history.sizes["time"]
     last = n if not case.is_periodic else min(n, (count or 0) * N)
-    kept = n // N * N if count is None else last
-    return history.isel(time=slice(n - kept, n))
+    n_kept = n // N * N if count is None else last
+    return history.isel(time=slice(n - n_kept, n))
 
 
 def phase_portrait(history: xr.Dataset, case: Case, count: int = 10) -> FloatArray:
@@ -454,7 +455,8 @@ def phase_portrait(history: xr.Dataset, case: Case, count: int = 10) -> FloatArr
         Shape (n_laminae, 2, n_steps).
     """
     last = last_periods(history, case, count)
-    q, v = last["tip_displacement"].to_numpy(), last["tip_velocity"].to_numpy()
+    q = last["tip_displacement"].to_numpy()
+    v = last["tip_velocity"].to_numpy()
     return np.stack([q, v], axis=1)
 
 
@@ -474,7 +476,8 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
         Values by name [m, -]; None or NaN if a number has no meaning: harmonics and periodicity
         under a swept sine, contacts of tips without a contact law or beside a single lamina.
     """
-    q, N = motion.displacement, case.steps_per_period
+    q = motion.displacement
+    N = case.steps_per_period
     n_periods = q.shape[1] / N
     amplitudes = motion.harmonics(N) if case.is_periodic else None
     repeats = _periodicity_of(motion, N) if case.is_periodic else _NO_PERIODICITY
@@ -533,14 +536,14 @@ def _periodicity_of(motion: ProbeMotion, N: int) -> dict[str, Any]:
         strobe = strobe[:, :-1]
     if not (np.isfinite(strobe).all() and np.isfinite(q).all()):
         return _NO_PERIODICITY
-    found = scatters(strobe, np.ptp(q, axis=1) / 2.0)
-    if not found.size:
+    strobe_scatters = scatters(strobe, np.ptp(q, axis=1) / 2.0)
+    if not strobe_scatters.size:
         return _NO_PERIODICITY
-    is_sure = is_decided(found)
-    P, scatter = _first_below(found, PERIODIC_SCATTER) if is_sure else (None, None)
+    is_sure = is_decided(strobe_scatters)
+    P, scatter = _first_below(strobe_scatters, PERIODIC_SCATTER) if is_sure else (None, None)
     return {
         "periodicity": P,
         "strobe_scatter": scatter,
         "periodicity_class": class_name(P, is_decided=is_sure),
-        "strobe_scatters": found.tolist(),
+        "strobe_scatters": strobe_scatters.tolist(),
     }

@@ -50,12 +50,13 @@ def write_matlab(history: xr.Dataset, path: Path) -> list[Path]:
     """
     content: dict[str, Any] = {"units": {}, "meaning": {}, "dimensions": {}}
     for name in [*history.coords, *history.data_vars]:
-        own, word = history[name], _word(str(name))
-        values = own.to_numpy()
+        variable = history[name]
+        word = _word(str(name))
+        values = variable.to_numpy()
         content[word] = values.astype(object) if values.dtype.kind in "UO" else values
-        content["units"][word] = str(own.attrs.get("units", ""))
-        content["meaning"][word] = str(own.attrs.get("long_name", ""))
-        content["dimensions"][word] = ", ".join(map(str, own.dims))
+        content["units"][word] = str(variable.attrs.get("units", ""))
+        content["meaning"][word] = str(variable.attrs.get("long_name", ""))
+        content["dimensions"][word] = ", ".join(map(str, variable.dims))
     content["case_file"] = str(history.attrs.get("case", ""))
     content["outcome"] = str(history.attrs.get("outcome", ""))
     with atomic(path) as temporary:
@@ -102,20 +103,22 @@ def write_tables(history: xr.Dataset, path: Path) -> list[Path]:
 
 def _wide(group: xr.Dataset) -> str:
     """Return a group as a table in which each lamina, probe or interface has its columns."""
-    all_dims = [str(dim) for own in group.data_vars.values() for dim in own.dims]
+    all_dims = [str(dim) for variable in group.data_vars.values() for dim in variable.dims]
     dim = max(group.dims, key=lambda dim: all_dims.count(str(dim)))  # that of most variables
     columns: dict[str, object] = {}
     for name in [n for n in group.coords if group[n].dims == (dim,)] + list(group.data_vars):
-        own = group[name]
-        if dim not in own.dims:
+        variable = group[name]
+        if dim not in variable.dims:
             continue
-        others = [d for d in own.dims if d != dim]
+        others = [d for d in variable.dims if d != dim]
         if not others:
-            columns[_heading(own)] = own.to_numpy()
-        for k in range(own.sizes[others[0]] if len(others) == 1 else 0):
-            one = own.isel({others[0]: k})
-            label = str(own[others[0]][k].item()) if others[0] in own.coords else str(k + 1)
-            columns[_heading(own, f" {label}")] = one.to_numpy()
+            columns[_heading(variable)] = variable.to_numpy()
+        for k in range(variable.sizes[others[0]] if len(others) == 1 else 0):
+            one = variable.isel({others[0]: k})
+            label = (
+                str(variable[others[0]][k].item()) if others[0] in variable.coords else str(k + 1)
+            )
+            columns[_heading(variable, f" {label}")] = one.to_numpy()
     frame = xr.Dataset({k: (("row",), v) for k, v in columns.items()}).to_dataframe()
     return str(frame[list(columns)].to_csv(index=False))
 
@@ -171,8 +174,8 @@ def _write(sets: list[dict[str, Any]], path: Path) -> Path:
 
     with atomic(path) as temporary:
         file = pyuff.UFF(str(temporary))
-        for own in sets:
-            file.write_sets([own], "add")
+        for dataset in sets:
+            file.write_sets([dataset], "add")
     return path
 
 
@@ -209,18 +212,18 @@ def _histories(history: xr.Dataset) -> Iterator[dict[str, Any]]:
     """Yield the sets of histories at every step, and those at the ends of the periods."""
     tip = probe_node(history)
     for name in map(str, history.data_vars):
-        own = history[name]
-        dim = str(own.dims[-1]) if own.dims else ""
+        variable = history[name]
+        dim = str(variable.dims[-1]) if variable.dims else ""
         is_time = dim == "time" or dim.endswith("_time")
-        if not (is_time or dim == "period") or own.ndim > 2:
+        if not (is_time or dim == "period") or variable.ndim > 2:
             continue
-        axis: FloatArray = own[dim].to_numpy().astype(float)
-        if own.ndim == 1:
-            yield _set(own, name, axis, 0, is_time=is_time)
+        axis: FloatArray = variable[dim].to_numpy().astype(float)
+        if variable.ndim == 1:
+            yield _set(variable, name, axis, 0, is_time=is_time)
             continue
-        for i, label in enumerate(map(str, own[own.dims[0]].to_numpy())):
-            node = _node(i, tip) if own.dims[0] == "lamina" else 0
-            yield _set(own[i], f"{name} {label}", axis, node, is_time=is_time)
+        for i, label in enumerate(map(str, variable[variable.dims[0]].to_numpy())):
+            node = _node(i, tip) if variable.dims[0] == "lamina" else 0
+            yield _set(variable[i], f"{name} {label}", axis, node, is_time=is_time)
 
 
 def _fields(history: xr.Dataset) -> Iterator[dict[str, Any]]:
@@ -347,15 +350,16 @@ def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
     for number, part in enumerate(layout.parts if layout.reading is None else ()):
         for component, dofs in enumerate(part.dofs.T):
             free = dofs >= 0
-            of_dofs[0, dofs[free]], of_dofs[2, dofs[free]] = number, component
+            of_dofs[0, dofs[free]] = number
+            of_dofs[2, dofs[free]] = component
             of_dofs[1, dofs[free]] = part.x[free]
     pairs = [layout.parts[i.parts[0]].positions(i.places) for i in layout.interfaces]
     pairs += [layout.parts[stop.part].positions(stop.places) for stop in layout.stops]
-    given = case.excitation
-    frequency = given.top_frequency if given.is_periodic else np.nan
-    amplitude = getattr(given, "amplitude", np.nan)
-    if given.is_periodic and hasattr(given, "displacement_amplitude"):
-        amplitude = given.displacement_amplitude(frequency)
+    excitation = case.excitation
+    frequency = excitation.top_frequency if excitation.is_periodic else np.nan
+    amplitude = getattr(excitation, "amplitude", np.nan)
+    if excitation.is_periodic and hasattr(excitation, "displacement_amplitude"):
+        amplitude = excitation.displacement_amplitude(frequency)
     content = {
         "M": o.mass.toarray(),
         "C": o.damping.toarray(),

@@ -256,7 +256,8 @@ def save_views(
             from delam_fem.results.fields import vtx
 
             drawn.insert(0, vtx.write_lines(history, directory / "fields"))
-        solid, target = directory / "fields" / SOLID, directory / "figures" / "solid.png"
+        solid = directory / "fields" / SOLID
+        target = directory / "figures" / "solid.png"
         if solid.is_file():
             from delam_fem.results.fields import animation
             from delam_fem.results.fields.vtkhdf import Series

@@ -94,7 +94,8 @@ def read_dataset(path: Path, *, is_ours: bool = False) -> xr.Dataset:
             with path.open("rb") as file:
                 is_classic = file.read(3) == b"CDF"
             data = _classic(path) if is_classic else _in_memory(path)
-            stated, present = data.attrs.pop(DIGEST, None), digest_of(data)
+            stated = data.attrs.pop(DIGEST, None)
+            present = digest_of(data)
     except CaseError:
         raise
     except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
@@ -186,7 +187,7 @@ def _nodes(file: h5py.File, path: Path) -> Iterator[tuple[str, Any]]:
         CaseError: a link leads to another file.
     """
     waiting: list[Any] = [file]
-    seen = set()
+    addresses = set()
     while waiting:
         group = waiting.pop()
         for key in group:
@@ -197,9 +198,9 @@ def _nodes(file: h5py.File, path: Path) -> Iterator[tuple[str, Any]]:
                 continue  # to a place in this file, which is found by itself
             node = group[key]
             address = h5py.h5o.get_info(node.id).addr
-            if address in seen:
+            if address in addresses:
                 raise CaseError(f"{path}: damaged: {key!r} is in two places")
-            seen.add(address)
+            addresses.add(address)
             yield key, node
             if isinstance(node, h5py.Group):
                 waiting.append(node)

@@ -74,7 +74,7 @@ def _strobes(recorder: Recorder, n_parts: int, n: int) -> FloatArray:
         Displacements and velocities of the reference probes, 0 of a probe at rest, shape (2,
         n_parts, n) [-].
     """
-    given = recorder.strobe[:n, :, :n_parts].transpose(1, 2, 0)
+    strobes = recorder.strobe[:n, :, :n_parts].transpose(1, 2, 0)
     last = slice(max(0, n - len(recorder.window)), n)
     low, high = recorder.envelope[last, 0, :n_parts], recorder.envelope[last, 1, :n_parts]
     speeds = np.concatenate([r.v[: r.n_steps + 1, :n_parts] for r in recorder.window])
@@ -82,8 +82,8 @@ def _strobes(recorder: Recorder, n_parts: int, n: int) -> FloatArray:
         moved = high.max(axis=0) - low.min(axis=0) if n else np.zeros(n_parts)
         half_ranges = np.array([moved, np.ptp(speeds, axis=0)]) / 2.0
         least = LEAST_RANGE * half_ranges.max(axis=1, keepdims=True)
-        seen = np.where(half_ranges <= least, np.inf, half_ranges)  # NaN stays NaN: not settled
-        return np.asarray(given / seen[..., None])
+        scales = np.where(half_ranges <= least, np.inf, half_ranges)  # NaN stays NaN: not settled
+        return np.asarray(strobes / scales[..., None])
 
 
 def decay_of(case: Case, structure: Structure) -> float:
@@ -128,12 +128,12 @@ def stop_when_settled(
     def is_steady(period: int) -> bool:
         if period % EVERY or period < AGREEING * EVERY:
             return False
-        found = [
+        verdicts = [
             verdict_of(recorder, n_parts, decay, period - back * EVERY) for back in range(AGREEING)
         ]
-        if found[0].word == "irregular" and found[0].periods_judged < FEWEST_IRREGULAR:
+        if verdicts[0].word == "irregular" and verdicts[0].periods_judged < FEWEST_IRREGULAR:
             return False
-        return all(own.word == found[0].word != "not settled" for own in found)
+        return all(verdict.word == verdicts[0].word != "not settled" for verdict in verdicts)
 
     return is_steady if case.time.periods == "settled" else None
 
@@ -169,21 +169,21 @@ def settling_summary(recorder: Recorder, n_parts: int, case: Case, decay: float)
     """
     if not case.is_periodic:
         return {"settled": None, "settling": None}
-    found = verdict_of(recorder, n_parts, decay)
-    values = asdict(found)
+    verdict = verdict_of(recorder, n_parts, decay)
+    values = asdict(verdict)
     del values["word"], values["periodicity"]
     entries: dict[str, Any] = {
-        "settled": found.word, "periodicity": found.periodicity, "settling": values,
+        "settled": verdict.word, "periodicity": verdict.periodicity, "settling": values,
     }  # fmt: skip
-    if found.periodicity is None:
-        word = found.word if found.word == "not settled" else "not periodic"
+    if verdict.periodicity is None:
+        word = verdict.word if verdict.word == "not settled" else "not periodic"
         return entries | {"strobe_scatter": None, "periodicity_class": word}
     # a settled motion repeats with a margin, by all judged strobes; the last ones alone may not
     strobes = _strobes(recorder, n_parts, finished(recorder))
     scatters = diagnostics.scatters(strobes[0], np.ones(n_parts))
     return entries | {
-        "strobe_scatter": float(scatters[found.periodicity - 1]),
-        "periodicity_class": diagnostics.class_name(found.periodicity, is_decided=True),
+        "strobe_scatter": float(scatters[verdict.periodicity - 1]),
+        "periodicity_class": diagnostics.class_name(verdict.periodicity, is_decided=True),
     }
 
 
@@ -230,39 +230,41 @@ def confidence_intervals(
         "tip_max": history["envelope_max"].to_numpy()[:, judged],
         "impacts_per_period": history["impact_count"].to_numpy()[judged],
     }
-    found = {name: _entry(block_means(values), values.shape[-1]) for name, values in rows.items()}
-    found |= _of_window(history, case)
-    return {name: found[name] for name in NAMES if name in found}
+    intervals = {
+        name: _entry(block_means(values), values.shape[-1]) for name, values in rows.items()
+    }
+    intervals |= _of_window(history, case)
+    return {name: intervals[name] for name in NAMES if name in intervals}
 
 
 def _entry(means: FloatArray, periods: int) -> dict[str, Any]:
     """Return the entry of a number: its mean and interval from the means of blocks of periods."""
     middle, half_width = interval(means)
     windows = means.shape[-1]
-    found = {"mean": middle.tolist(), "half_width": half_width.tolist()}
-    return found | {"windows": windows, "periods": periods // windows * windows}
+    entry = {"mean": middle.tolist(), "half_width": half_width.tolist()}
+    return entry | {"windows": windows, "periods": periods // windows * windows}
 
 
 def _of_window(history: xr.Dataset, case: Case) -> dict[str, dict[str, Any]]:
     """Return means and intervals of the numbers that need every step of their periods."""
     N = case.steps_per_period
     motion = diagnostics.ProbeMotion.of(history)
-    whole = motion.whole_periods(N)
-    n = whole.shape[1] // N
+    periods = motion.whole_periods(N)
+    n = periods.shape[1] // N
     if n < 2:
         return {}
     blocks = min(n, BLOCKS)
     each = n // blocks
-    cut = whole[:, (n - blocks * each) * N :].reshape(len(whole), blocks, each * N)
+    cut = periods[:, (n - blocks * each) * N :].reshape(len(periods), blocks, each * N)
     amplitudes = harmonic_amplitudes(cut, each)
-    found = {
+    intervals = {
         "distortion_factor": _entry(distortion_factor(amplitudes), n),
         "thd": _entry(total_harmonic_distortion(amplitudes), n),
     }
     if case.contact.law != "none":
         counts = contacts_by_period(motion, N)
-        found["tip_contacts_per_period"] = _entry(block_means(counts), counts.size)
-    return found
+        intervals["tip_contacts_per_period"] = _entry(block_means(counts), counts.size)
+    return intervals
 
 
 def contacts_by_period(motion: diagnostics.ProbeMotion, steps_per_period: int) -> FloatArray:
@@ -337,7 +339,8 @@ def alternating_warning(case: Case, history: xr.Dataset) -> str | None:
     steps = f"time.steps_per_period = {per_period}"
     remedy = f"{4 * per_period}"
     if case.time.step is not None:
-        steps, remedy = f"time.step = {case.time.step:g} s", f"{case.time.step / 4.0:.3g} s"
+        steps = f"time.step = {case.time.step:g} s"
+        remedy = f"{case.time.step / 4.0:.3g} s"
     if case.time.refine == 1:
         remedy += ", or time.refine, which divides the steps near contact"
     return (
@@ -367,7 +370,8 @@ def is_lost(residual: float, scheme: Scheme | None = None) -> bool:
 
 def _known(case: Case, structure: Structure) -> str:
     """Return what is known of a balance that no warning explains: the scheme's share, the sizes."""
-    scheme, dt = case.time.scheme, case.time_step
+    scheme = case.time.scheme
+    dt = case.time_step
     if np.isfinite(case.time.integration.courant):
         return (
             f"{scheme} balances energy only for small steps, given {dt:.3g} s; try more steps per "
@@ -390,10 +394,12 @@ def unresolved_blows(case: Case, structure: Structure) -> list[str]:
     Hertz's contact do. With n steps in a blow the spring begins up to v Δt too deep, where it has
     (π/n)² of the energy m v²/2 already.
     """
-    o, contact = structure.operators, case.contact
+    o = structure.operators
+    contact = case.contact
     if not LAWS[contact.law].spring or isinstance(o, DistributedOperators) or not o.n_pairs:
         return []
-    H, weights = o.gap_matrix, np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
+    H = o.gap_matrix
+    weights = np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
     mobility = np.asarray(H.multiply(H) @ (1.0 / o.mass.diagonal()))
     stiffness = case.spring[0] * weights
     for stop in structure.layout.stops:

@@ -53,9 +53,9 @@ def load_numbers(
     history = read_dataset(path, is_ours=True)
     require_history(history, str(path))
     summary = _read_summary(directory / SUMMARY, history.sizes["lamina"])
-    case, found = _case_of(history, directory)
-    if found:
-        said = f"{directory / 'case.toml'} is not the case of {RESULT}: {'; '.join(found)}"
+    case, changes = _case_of(history, directory)
+    if changes:
+        said = f"{directory / 'case.toml'} is not the case of {RESULT}: {'; '.join(changes)}"
         if is_strict:
             raise CaseError(f"{said}. Put the case back, or run it into another folder with -o DIR")
         _log.warning("%s; the result counts", said)
@@ -96,12 +96,12 @@ def _case_of(history: xr.Dataset, directory: Path) -> tuple[Case, list[str]]:
         return load_case(directory / CASE), []
     try:
         beside = load_case(directory / CASE)
-        found = differences(origin, identity(beside), of_case=True)
+        changes = differences(origin, identity(beside), of_case=True)
     except CaseError as error:
         return located(origin, Case.from_toml(history.attrs["case"])), [str(error)]
-    if not found:
+    if not changes:
         return beside, []
-    return located(origin, beside, Case.from_toml(history.attrs["case"])), found
+    return located(origin, beside, Case.from_toml(history.attrs["case"])), changes
 
 
 def is_complete(directory: str | Path, case: Case, engine: str | None = None) -> bool:

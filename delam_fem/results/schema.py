@@ -59,13 +59,13 @@ def versions() -> dict[str, str]:
 @cache
 def solvers() -> dict[str, str]:
     """Return the versions of dolfinx and petsc4py by name; "none" if one is not installed."""
-    found = {}
+    result = {}
     for name, package in (("dolfinx", "fenics-dolfinx"), ("petsc", "petsc4py")):
         try:
-            found[name] = distribution(package).version
+            result[name] = distribution(package).version
         except PackageNotFoundError:
-            found[name] = "none"
-    return found
+            result[name] = "none"
+    return result
 
 
 def provenance() -> dict[str, str]:
@@ -106,10 +106,10 @@ def blas() -> str:
 def processor() -> str:
     """Return the model of the processor."""
     try:
-        found = re.search(r"^model name\s*:\s*(.+)$", _CPU.read_text("utf-8", "replace"), re.M)
+        match = re.search(r"^model name\s*:\s*(.+)$", _CPU.read_text("utf-8", "replace"), re.M)
     except OSError:
-        found = None
-    return found[1].strip() if found else platform.processor() or platform.machine() or UNKNOWN
+        match = None
+    return match[1].strip() if match else platform.processor() or platform.machine() or UNKNOWN
 
 
 @cache
@@ -184,7 +184,8 @@ class Variable:
 _TIP = "at the reference probe (the tip of a cantilever), base motion included"
 _END = "at the reference probe at the end of the period"
 _WITHIN = "displacement at the reference probe within the period"
-_LAMINA_TIME, _LAMINA_PERIOD = ("lamina", "time"), ("lamina", "period")
+_LAMINA_TIME = ("lamina", "time")
+_LAMINA_PERIOD = ("lamina", "period")
 _FIELD = ("lamina", "frame", "node")
 
 _ALL = (
@@ -728,7 +729,8 @@ def add(data: xr.Dataset, **variables: Any) -> None:
         ValueError: the values do not have its dimensions.
     """
     for name, values in variables.items():
-        row, array = VARIABLES[name], np.asarray(values)
+        row = VARIABLES[name]
+        array = np.asarray(values)
         dims = row.dims
         if INTERFACE in dims and array.ndim == len(dims) - 1:
             dims = tuple(dim for dim in dims if dim != INTERFACE)
@@ -741,16 +743,20 @@ def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:
     The variable's dimension is `time`; with a sampling rate it is `sensor_NAME_time`, with a
     coordinate of that name [s].
     """
-    own, name, dim = signal.sensor, f"{SENSOR}{signal.sensor.name}", "time"
-    if own.sampling_rate is not None:
+    sensor, name, dim = signal.sensor, f"{SENSOR}{signal.sensor.name}", "time"
+    if sensor.sampling_rate is not None:
         dim = f"{name}_time"
-        meaning = {"units": "s", "long_name": f"time of the samples of {own.name}"}
+        meaning = {"units": "s", "long_name": f"time of the samples of {sensor.name}"}
         data = data.assign_coords({dim: (dim, signal.time, meaning)})
-    about: dict[str, Any] = {"units": own.unit, "long_name": own.words, "quantity": own.quantity}
+    about: dict[str, Any] = {
+        "units": sensor.unit,
+        "long_name": sensor.words,
+        "quantity": sensor.quantity,
+    }
     keys = ("lamina", "position", "surface", "sampling_rate", "noise")
-    about |= {key: value for key in keys if (value := getattr(own, key)) is not None}
-    if own.between is not None:
-        about["between"] = list(own.between)
+    about |= {key: value for key in keys if (value := getattr(sensor, key)) is not None}
+    if sensor.between is not None:
+        about["between"] = list(sensor.between)
     about["alternating"] = signal.alternating
     data[name] = (dim, signal.value, about)
     return data

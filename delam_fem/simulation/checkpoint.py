@@ -131,8 +131,11 @@ class Watch:
                 wants to know.
             seconds: least time between two checkpoints [s].
         """
-        self._path, self._of_run, self._report = path, of_run, report
-        self._is_stopped, self._comm = is_stopped, comm
+        self._path = path
+        self._of_run = of_run
+        self._report = report
+        self._is_stopped = is_stopped
+        self._comm = comm
         self._seconds, self._last = seconds, time.monotonic()
 
     def __call__(self, period: int) -> bool:
@@ -220,7 +223,8 @@ def arrays_of(run: str, engine: Engine, recorder: Recorder, outcome: Progress) -
         recorder: recorder with everything recorded so far.
         outcome: "running", or how the run has ended.
     """
-    k, state = recorder.n_closed, engine.state()
+    k = recorder.n_closed
+    state = engine.state()
     arrays: dict[str, Any] = {
         "identity": np.array(run),
         "outcome": np.array(outcome),
@@ -295,10 +299,10 @@ def load(
         raise CaseError(f"resume: expected a checkpoint of an interrupted run, no file {path}")
     try:
         data = read_arrays(path)
-        kept = str(data["identity"])
+        stored_identity = str(data["identity"])
     except (ValueError, KeyError) as error:
         raise _damaged(path, error) from None
-    require_same(kept, run, path, without=LENGTH if of_shorter else ())
+    require_same(stored_identity, run, path, without=LENGTH if of_shorter else ())
     try:
         return _restored(data, engine, recorder, motion)
     except (ValueError, KeyError, IndexError, TypeError) as error:
@@ -403,7 +407,8 @@ def _restored(
 ) -> Progress:
     """Fill an engine and a recorder with the arrays of a checkpoint; return the outcome."""
     outcome: Progress = str(data["outcome"])  # type: ignore[assignment]
-    present, k = engine.state(), int(data["n_closed"])
+    present = engine.state()
+    k = int(data["n_closed"])
     damping, contact = (float(loss) for loss in data["losses"])
     state = State(data["motion"], data["resting"], (damping, contact), data.get("internal"))
     shapes = (present.motion.shape, present.resting.shape)
@@ -414,23 +419,23 @@ def _restored(
         getattr(recorder, name)[:k] = data[name]
     for j in range(min(k, recorder.window.maxlen or k)):
         prefix = f"window_{j}_"
-        own = {n.removeprefix(prefix): v for n, v in data.items() if n.startswith(prefix)}
-        released, impact, n_steps, ticks = (float(x) for x in own["totals"])
+        content = {n.removeprefix(prefix): v for n, v in data.items() if n.startswith(prefix)}
+        released, impact, n_steps, ticks = (float(x) for x in content["totals"])
         record = PeriodRecord(
-            own["base_states"],
-            own["u"],
-            own["v"],
-            own["frame_steps"],
-            own["start"],
-            frames=[engine.share(frame) for frame in own["frames"]],
-            contact=list(own["contact"]),
-            jumps=Jumps(Columns(*(own[f"jump_{name}"] for name in Columns._fields))),
+            content["base_states"],
+            content["u"],
+            content["v"],
+            content["frame_steps"],
+            content["start"],
+            frames=[engine.share(frame) for frame in content["frames"]],
+            contact=list(content["contact"]),
+            jumps=Jumps(Columns(*(content[f"jump_{name}"] for name in Columns._fields))),
             released=released,
             impact=impact,
             n_steps=int(n_steps),
             ticks_per_step=int(ticks),
-            resting=own["resting"],
-            damped=own["damped"],
+            resting=content["resting"],
+            damped=content["damped"],
         )
         recorder.window.append(record)
     recorder.n_closed = k

@@ -202,7 +202,8 @@ class StepByStep(Engine):
             try:
                 n_steps = self.run_period(record, -recorder.limit)
             except ArithmeticError as error:
-                failure, n_steps = error, record.n_collected
+                failure = error
+                n_steps = record.n_collected
             record.damped = self.stepper.damped
             is_bounded = recorder.close(record, self.stepper, n_steps)
             if failure is not None:
@@ -314,13 +315,16 @@ def _blocks(
     first, n_periods = recorder.n_closed, recorder.n_periods
     after = motion(first) if first < n_periods else None
     while after is not None:
-        base_states, last, after = after, first + 1, None
+        base_states = after
+        last = first + 1
+        after = None
         end = min(first + longest, every * (first // every + 1))
         while last < n_periods:
             after = motion(last)  # of the period behind the block: the same table, or the next's
             if last == end or after is not base_states:
                 break
-            last, after = last + 1, None
+            last = last + 1
+            after = None
         yield base_states, last
         first = last
 

@@ -117,23 +117,34 @@ def write_ledger(row, levels, seen, base_states, coupling, time_step, is_divided
         sums: see `base_flows`.
         gained: energies that impacts, and switching springs on and off, have added [J].
     """
-    start, end, last = levels[0], levels[1], seen.shape[0] - 1
+    start = levels[0]
+    end = levels[1]
+    last = seen.shape[0] - 1
     work, base_damping = base_flows(
         seen, start[3], end[3], base_states, coupling, time_step, is_divided, sums
     )
     damping_loss = end[4] - start[4] + base_damping
-    contact_loss, impact_loss, released = end[5] - start[5], -gained[0], gained[1]
+    contact_loss = end[5] - start[5]
+    impact_loss = -gained[0]
+    released = gained[1]
     net = work - (damping_loss + contact_loss + impact_loss) + released
     residual = (end[0] + end[1] + end[2]) - (start[0] + start[1] + start[2]) - net
-    strain, by_force = end[1], 0.0
+    strain = end[1]
+    by_force = 0.0
     if coupling[3]:  # E3
         strain -= base_states[last, 0] * seen[last, 2]
         by_force = work - (base_states[last, 0] * seen[last, 2] - base_states[0, 0] * seen[0, 2])
         work = 0.0
-    row[0], row[1], row[2], row[3], row[4] = end[0], strain, end[2], work, by_force
-    row[5], row[6], row[7], row[8], row[9] = (
-        damping_loss, contact_loss, impact_loss, released, residual
-    )  # fmt: skip
+    row[0] = end[0]
+    row[1] = strain
+    row[2] = end[2]
+    row[3] = work
+    row[4] = by_force
+    row[5] = damping_loss
+    row[6] = contact_loss
+    row[7] = impact_loss
+    row[8] = released
+    row[9] = residual  # fmt: skip
 
 
 @kept
@@ -193,7 +204,9 @@ class Columns(NamedTuple):
     @classmethod
     def room(cls, n: int, n_hits: int) -> Columns:
         """Return empty columns for n impacts on `n_hits` pairs in all."""
-        ticks, sizes, hit = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n_hits, np.int64)
+        ticks = np.zeros(n, np.int64)
+        sizes = np.zeros(n, np.int64)
+        hit = np.zeros(n_hits, np.int64)
         impulses, rate_pre, rate_post = np.zeros((3, n_hits))
         return cls(ticks, sizes, np.zeros(n), hit, impulses, rate_pre, rate_post)
 
@@ -231,7 +244,8 @@ class Jumps:
             sizes = np.array([d.hit.size for d in decisions])
             more = Columns(np.array(ticks), sizes, np.array(energies), *joined)
             both = zip(self._columns, more, strict=True)
-            self._columns, self._single = Columns._make(map(np.concatenate, both)), []
+            self._columns = Columns._make(map(np.concatenate, both))
+            self._single = []
         return self._columns
 
     def hit_after(self, tick: int) -> IntArray:
@@ -440,12 +454,17 @@ class Recorder:
             n_sensors: number of functionals of sensors, which are recorded behind the probes.
             round_off: see `energy_round_off`.
         """
-        self._parts, self._span, self.round_off = (base, n_probes, n_sensors), span, round_off
-        self.coupling, self.time_step = np.array([*base.corner, base.is_force]), span.time_step
+        self._parts = (base, n_probes, n_sensors)
+        self._span = span
+        self.round_off = round_off
+        self.coupling = np.array([*base.corner, base.is_force])
+        self.time_step = span.time_step
         self.n_observed = n_probes + n_sensors
         self.is_forced = base.is_force
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
-        self.limit, self.n_closed, n = span.limit, 0, span.periods
+        self.limit = span.limit
+        self.n_closed = 0
+        n = span.periods
         self.refine = span.refinement.factor
         self.strobe = np.full((n, 2, n_probes), np.nan)
         self.envelope = np.full((n, 2, n_probes), np.nan)
@@ -475,7 +494,7 @@ class Recorder:
         """Return the impacts of the window; their ticks count from its start."""
         period = self.steps_per_period * self.refine
         tables = [record.jumps.columns() for record in self.window]
-        moved = [own._replace(ticks=own.ticks + k * period) for k, own in enumerate(tables)]
+        moved = [table._replace(ticks=table.ticks + k * period) for k, table in enumerate(tables)]
         return Columns._make(map(np.concatenate, zip(_NONE, *moved, strict=True)))
 
     def take(self, block: Block) -> Block | None:
@@ -501,7 +520,8 @@ class Recorder:
             stepper: stepper with the state.
             base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
         """
-        rows, n_observed = self.steps_per_period + 1, self.n_observed
+        rows = self.steps_per_period + 1
+        n_observed = self.n_observed
         record = PeriodRecord(
             base_states,
             np.empty((rows, N_BASE + n_observed)),
@@ -619,9 +639,12 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
     """
     base_states, coupling, time_step, is_divided, sums = of_base
     strobe, envelope, ledger = rows
-    last, largest, is_finite = u.shape[0] - 1, 0.0, True
+    last = u.shape[0] - 1
+    largest = 0.0
+    is_finite = True
     for k in range(strobe.shape[1]):
-        strobe[0, k], strobe[1, k] = u[last, N_BASE + k], v[last, k]
+        strobe[0, k] = u[last, N_BASE + k]
+        strobe[1, k] = v[last, k]
         low = high = u[0, N_BASE + k]
         for row in range(1, last + 1):
             value = u[row, N_BASE + k]
@@ -629,7 +652,8 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
                 low = value
             if value > high or value != value:
                 high = value
-        envelope[0, k], envelope[1, k] = low, high
+        envelope[0, k] = low
+        envelope[1, k] = high
         for value in (abs(low), abs(high)):
             if value > largest or value != value:
                 largest = value

@@ -87,14 +87,14 @@ def nearness(gap, rate, reach, slow):  # type: ignore[no-untyped-def]
     The result is the sum of AHEAD, if a pair may close within the time `reach` ahead, and BACK, if
     a pair may have been closed within that time back. `reach` is the a of F1 [s].
     """
-    found = 0
+    flags = 0
     for k in range(gap.size):
         way = reach * abs(rate[k])
         if gap[k] <= way and abs(rate[k]) > slow:
             if gap[k] <= 0.0:
                 return AHEAD + BACK
-            found |= AHEAD if rate[k] < 0.0 else BACK
-    return found
+            flags |= AHEAD if rate[k] < 0.0 else BACK
+    return flags
 
 
 @kept
@@ -106,7 +106,8 @@ def base_rows(before, after, r, time_step):  # type: ignore[no-untyped-def]
     rows = np.empty((r + 1, 3))
     for j in range(r + 1):
         rows[j] = base_within(before, after, j / r, time_step)
-    rows[0], rows[r] = before, after
+    rows[0] = before
+    rows[r] = after
     return rows
 
 
@@ -126,8 +127,10 @@ def base_within(before, after, share, time_step):  # type: ignore[no-untyped-def
     """
     s = share
     back = 1.0 - s
-    early, late = back * back * (1.0 + 2.0 * s), s * s * (3.0 - 2.0 * s)
-    rise, fall = s * back * back * time_step, -s * s * back * time_step
+    early = back * back * (1.0 + 2.0 * s)
+    late = s * s * (3.0 - 2.0 * s)
+    rise = s * back * back * time_step
+    fall = -s * s * back * time_step
     q = early * before[0] + late * after[0] + rise * before[1] + fall * after[1]
     dq = early * before[1] + late * after[1] + rise * before[2] + fall * after[2]
     return q, dq, back * before[2] + s * after[2]
@@ -160,8 +163,8 @@ class Span:
         is_step = math.isfinite(self.time_step) and self.time_step > 0.0
         require(is_step, "time_step", "a number above 0 [s]", self.time_step)
         for key in ("steps_per_period", "periods"):
-            given = getattr(self, key)
-            require(given == int(given) and given >= 1, key, "a whole number from 1", given)
+            value = getattr(self, key)
+            require(value == int(value) and value >= 1, key, "a whole number from 1", value)
         require_number("window_periods", self.window_periods, most=self.periods)
         require_number("frames_per_period", self.frames_per_period, most=self.steps_per_period)
         require(self.limit > 0.0, "limit", "a number above 0 [m]", self.limit)

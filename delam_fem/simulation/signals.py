@@ -52,7 +52,7 @@ def steps_of(recorder: Recorder) -> tuple[FloatArray, FloatArray, FloatArray]:
     first, *_ = records = list(recorder.window)
     tables = ((r.u[:, N_BASE:], r.v, r.base_states) for r in records)
     begun = (first.u[:1, N_BASE:], first.v[:1], first.base_states[:1])
-    rows = ([t[1 : r.n_steps + 1] for t in own] for r, own in zip(records, tables, strict=True))
+    rows = ([t[1 : r.n_steps + 1] for t in table] for r, table in zip(records, tables, strict=True))
     u, v, base = (np.concatenate(table) for table in zip(begun, *rows, strict=True))
     return u, v, base
 
@@ -75,11 +75,12 @@ class Instants(NamedTuple):
 
 def frames_of(recorder: Recorder) -> Instants:
     """Return the frames in the window of a recorder, one after another."""
-    steps, base = [np.zeros(0, np.int64)], [np.zeros((0, 2))]
+    steps = [np.zeros(0, np.int64)]
+    base = [np.zeros((0, 2))]
     for number, record in enumerate(recorder.window):
-        own = record.frame_steps[: len(record.frames)]
-        steps.append(number * recorder.steps_per_period + own)
-        base.append(record.base_states[own, :2])
+        frame_steps = record.frame_steps[: len(record.frames)]
+        steps.append(number * recorder.steps_per_period + frame_steps)
+        base.append(record.base_states[frame_steps, :2])
     of_base = 0.0 if recorder.is_forced else 1.0
     contact = [state for record in recorder.window for state in record.contact]
     return Instants(
@@ -110,7 +111,8 @@ class Signal:
 
 def signals(recorder: Recorder, structure: Structure, case: Case) -> tuple[Signal, ...]:
     """Return the signals of all sensors of a case over the window of a run."""
-    layout, n_probes = structure.layout, structure.operators.n_probes
+    layout = structure.layout
+    n_probes = structure.operators.n_probes
     if not layout.sensors:
         return ()
     forces = None
@@ -169,7 +171,8 @@ def contact_forces_of(record: PeriodRecord, structure: Structure, case: Case) ->
 
     A signal has one value per step: an impulse counts with its mean force over that step.
     """
-    forces, jumps = spring_forces(record, structure, case), record.jumps.columns()
+    forces = spring_forces(record, structure, case)
+    jumps = record.jumps.columns()
     steps = np.repeat(_steps_of(record), jumps.sizes) - 1
     inside = (steps >= 0) & (steps < record.n_steps)
     time_step = case.time_step
@@ -200,13 +203,16 @@ def spring_forces(record: PeriodRecord, structure: Structure, case: Case) -> Flo
     these gaps: with the law "penalty" a closed pair carries its spring and damper, with
     "newton-penalty" a pair that rests (`resting_pairs`) its spring.
     """
-    o, layout, reads = structure.operators, structure.layout, LAWS[case.contact.law].spring
+    o = structure.operators
+    layout = structure.layout
+    reads = LAWS[case.contact.law].spring
     first = layout.first_gap
     if layout.gap_row is None:
         return np.zeros((record.n_steps, 0))
     if not reads:
         return np.zeros((record.n_steps, o.n_pairs - first))
-    row, steps = o.n_probes + layout.gap_row, slice(1, record.n_steps + 1)
+    row = o.n_probes + layout.gap_row
+    steps = slice(1, record.n_steps + 1)
     last = row + o.n_pairs - first
     gap = o.gap0[first:] + record.u[steps, N_BASE + row : N_BASE + last]
     carries = gap <= 0.0
@@ -292,7 +298,8 @@ def _sampled(
     value = centred(of_steps) if is_rate else of_steps
     if sensor.sampling_rate is not None:
         rate = sensor.sampling_rate * time_step
-        value, of_steps = low_passed(value, rate), low_passed(of_steps, rate)
+        value = low_passed(value, rate)
+        of_steps = low_passed(of_steps, rate)
         first = np.ceil(time[0] * sensor.sampling_rate - _ROUND_OFF)
         last = np.floor(time[-1] * sensor.sampling_rate + _ROUND_OFF)
         at = np.clip(np.arange(first, last + 1.0) / sensor.sampling_rate, time[0], time[-1])

@@ -76,7 +76,8 @@ class DiagramAxis:
         v = self.shown
         if v.size < 3 or v.min() <= 0.0 or self.words:
             return False
-        steps, ratios = np.diff(v), np.diff(np.log(v))
+        steps = np.diff(v)
+        ratios = np.diff(np.log(v))
         return bool(
             np.ptp(ratios) < _EVEN * np.abs(ratios).max()
             and np.ptp(steps) > _EVEN * np.abs(steps).max()
@@ -86,7 +87,8 @@ class DiagramAxis:
 def _axis(data: xr.Dataset, name: str) -> DiagramAxis:
     """Return one axis; lengths are shown in millimetres."""
     coordinate = data[name]
-    key, text = str(coordinate.attrs["key"]), str(coordinate.attrs["long_name"])
+    key = str(coordinate.attrs["key"])
+    text = str(coordinate.attrs["long_name"])
     units = str(coordinate.attrs.get("units", ""))
     if not units:
         words = tuple(str(word) for word in coordinate.to_numpy())
@@ -172,9 +174,9 @@ def bifurcation(data: xr.Dataset, axis: DiagramAxis) -> Figure:
             strobes = part["strobe_displacement"].isel(lamina=i)
             q = 1e3 * strobes.transpose(axis.name, "strobe").to_numpy()
             is_grey = is_unsettled(part).to_numpy()
-            for own, shade in ((~is_grey, colour), (is_grey, UNSETTLED_COLOUR)):
+            for mask, shade in ((~is_grey, colour), (is_grey, UNSETTLED_COLOUR)):
                 panel.plot(
-                    np.repeat(axis.shown[own], q.shape[1]), q[own].ravel(), "o", color=shade,
+                    np.repeat(axis.shown[mask], q.shape[1]), q[mask].ravel(), "o", color=shade,
                     markersize=size, alpha=0.5, markeredgewidth=0.0,
                 )  # fmt: skip
             panel.plot([], [], "o", color=colour, markersize=2.0 * size, label=label)
@@ -308,7 +310,8 @@ ATTRACTOR_COLOURS = (
     style.PURPLE,
 )
 """Colours of the attractors, the most frequent first; all further attractors share a grey."""
-NOT_SETTLED, HATCH = at.KINDS[at.UNSETTLED], "////"
+NOT_SETTLED = at.KINDS[at.UNSETTLED]
+HATCH = "////"
 OTHERS, ISOLATED, NONE = "#999999", "#dddddd", "#ffffff"
 MOST_LABELS = 900
 """Largest number of cells up to which the periodicity is written into them."""
@@ -373,21 +376,21 @@ def basins(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     names = ("periodicity", "tip_min", "tip_max", "strobe_displacement")
     moving = is_unsettled(data)
     kept_points = data[list(names)].where(~moving)
-    found = at.attractors(*(kept_points[name].to_numpy() for name in names))
-    isolated = at.is_isolated(found.number)
-    kept = np.setdiff1d(found.number[~isolated], [-1])
-    number = np.where(isolated, kept.size, np.searchsorted(kept, found.number))
-    number[found.number < 0] = kept.size + 1
-    colours = [ATTRACTOR_COLOURS[k] if k < len(ATTRACTOR_COLOURS) else OTHERS for k in kept]
+    attractors = at.attractors(*(kept_points[name].to_numpy() for name in names))
+    isolated = at.is_isolated(attractors.number)
+    common = np.setdiff1d(attractors.number[~isolated], [-1])
+    number = np.where(isolated, common.size, np.searchsorted(common, attractors.number))
+    number[attractors.number < 0] = common.size + 1
+    colours = [ATTRACTOR_COLOURS[k] if k < len(ATTRACTOR_COLOURS) else OTHERS for k in common]
     figure, panel = _map(data, x, y)
     _cells(panel, x, y, number, (*colours, ISOLATED, NONE))
-    shown = min(kept.size, len(ATTRACTOR_COLOURS))
-    labels = [_attractor(found, k) for k in kept[:shown].tolist()]
-    colours = colours[:shown]
+    n_shown = min(common.size, len(ATTRACTOR_COLOURS))
+    labels = [_attractor(attractors, k) for k in common[:n_shown].tolist()]
+    colours = colours[:n_shown]
     for colour, text, share in (
-        (OTHERS, f"{kept.size - shown} others", found.share[kept[shown:]].sum()),
+        (OTHERS, f"{common.size - n_shown} others", attractors.share[common[n_shown:]].sum()),
         (ISOLATED, "isolated cells: not decided", isolated.mean()),
-        (NONE, "not completed", (found.number < 0).mean() - float(moving.mean())),
+        (NONE, "not completed", (attractors.number < 0).mean() - float(moving.mean())),
         (NONE, NOT_SETTLED, _hatch_unsettled(panel, x, y, data)),
     ):
         if share > 0.0:
@@ -514,7 +517,8 @@ def _axes(kind: DiagramName, dims: Iterable[str], fewer: str, one: str) -> list[
     Raises:
         CaseError: a diagram of this kind cannot be drawn of these axes.
     """
-    counts, names = _NEEDS[kind][0], list(dims)
+    counts = _NEEDS[kind][0]
+    names = list(dims)
     axes = [name for name in names if name != "direction"]
     if len(axes) not in counts:
         count = " or ".join(map(str, counts))
@@ -533,16 +537,17 @@ def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
     Raises:
         CaseError: the sweep has another number of axes, or does not record what is drawn.
     """
-    nothing, order = "nothing was computed", sweep.file.order
+    nothing = "nothing was computed"
+    order = sweep.file.order
     one = f'expected order = "independent", "up" or "down", given "{order}"; {nothing}'
     _axes(kind, sweep.sizes, nothing, one)
     for key, least in _NEEDS[kind][1].items():
         value = getattr(sweep.file.record, key)
         if value < least:
-            wanted, given = ("true", "false") if isinstance(value, bool) else (least, value)
+            wanted, actual = ("true", "false") if isinstance(value, bool) else (least, value)
             raise CaseError(
                 f"diagram {kind}: expected record.{key} of at least {wanted} in the sweep file, "
-                f"given {given}; {nothing}"
+                f"given {actual}; {nothing}"
             )
 
 
@@ -676,8 +681,8 @@ def sentence(data: xr.Dataset) -> str:
     if "periodicity" in data and outcomes["completed"]:
         is_moving = is_unsettled(data)
         is_judged = (data["outcome"] == "completed") & ~is_moving
-        found = data["periodicity"].to_numpy()[is_judged.to_numpy()]
-        kinds = Counter(int(P) if np.isfinite(P) else 0 for P in found)
+        periods = data["periodicity"].to_numpy()[is_judged.to_numpy()]
+        kinds = Counter(int(P) if np.isfinite(P) else 0 for P in periods)
         moving = int(is_moving.sum())
         words = [
             f"{kinds[P]} of period {P}" if P else f"{kinds[0]} without a period"
@@ -699,13 +704,13 @@ def points(data: xr.Dataset, directory: Path) -> Iterator[Point]:
     )
     is_moving = is_unsettled(data).to_numpy().ravel()
     for index, outcome in enumerate(grid.to_numpy().ravel()):
-        own = {name: column[index] for name, column in coordinates.items()}
-        keys = {str(data[name].attrs["key"]): own[name] for name in axes}
+        values = {name: column[index] for name, column in coordinates.items()}
+        keys = {str(data[name].attrs["key"]): values[name] for name in axes}
         folder = f"points/{index}"
         there = (directory / folder / "report.html").is_file()
         yield Point(
             index,
-            {name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in own.items()},
+            {name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in values.items()},
             _command(keys, directory, folder),
             f"{folder}/report.html" if there else "",
             str(outcome) or "missing",
@@ -718,18 +723,19 @@ def _command(keys: dict[str, Any], directory: Path, folder: str) -> str:
     """Return the command that runs a point into a folder of the sweep."""
     if any(key.partition(".")[0] == INITIAL for key in keys):
         return ""
-    given = [text for key, value in keys.items() for text in ("--set", f"{key}={value}")]
-    case, folder = str(directory / "case.toml"), str(directory / folder)
-    return shlex.join(["delam-fem", "run", case, *given, "-o", folder])
+    settings = [text for key, value in keys.items() for text in ("--set", f"{key}={value}")]
+    case = str(directory / "case.toml")
+    folder = str(directory / folder)
+    return shlex.join(["delam-fem", "run", case, *settings, "-o", folder])
 
 
 def _diagrams(data: xr.Dataset, directory: Path) -> Iterator[html.Block]:
     """Yield the diagrams that have been drawn, or how to draw one."""
-    found = [directory / f"{kind}.png" for kind in _NEEDS]
-    for picture in found:
+    pictures = [directory / f"{kind}.png" for kind in _NEEDS]
+    for picture in pictures:
         if picture.is_file():
             yield html.Gallery([html.embedded(picture)], picture.stem, f"Diagram: {picture.stem}.")
-    if any(picture.is_file() for picture in found):
+    if any(picture.is_file() for picture in pictures):
         return
     possible = next((kind for kind in _NEEDS if is_drawable(kind, data)), None)
     if possible is None and data["outcome"].ndim == 1:
@@ -746,10 +752,10 @@ def _points(data: xr.Dataset, directory: Path) -> Iterator[html.Block]:
             f"{data['outcome'].size} points are too many for a page; they are in sweep.nc.", "about"
         )
         return
-    found = list(points(data, directory))
-    yield from _maps(data, found)
+    entries = list(points(data, directory))
+    yield from _maps(data, entries)
     yield html.Paragraph(ALONE, "about")
-    yield _table(found)
+    yield _table(entries)
 
 
 def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[html.Block]:
@@ -791,7 +797,7 @@ def _cell(point: Point) -> html.Cell:
 
 def _table(found: list[Point]) -> html.Table:
     """Return the table of all points with the commands that run them."""
-    names, shown = (list(found[0].values), list(found[0].numbers)) if found else ([], [])
+    names, quantities = (list(found[0].values), list(found[0].numbers)) if found else ([], [])
     rows = [
         (
             str(point.number),
@@ -802,5 +808,5 @@ def _table(found: list[Point]) -> html.Table:
         )
         for point in found
     ]
-    heading = ("point", *names, "outcome", *(name.replace("_", " ") for name in shown), "run")
+    heading = ("point", *names, "outcome", *(name.replace("_", " ") for name in quantities), "run")
     return html.Table(heading, rows, anchors=[f"point-{point.number}" for point in found])

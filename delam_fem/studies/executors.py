@@ -83,9 +83,9 @@ def n_cores() -> int:
 def size_of(executor: Executor) -> int:
     """Return the number of workers of an executor, or of cores if the executor does not say it."""
     for name in ("num_workers", "_max_workers"):  # mpi4py; the pools of the standard library
-        found = getattr(executor, name, None)
-        if isinstance(found, int) and found > 0:
-            return found
+        size = getattr(executor, name, None)
+        if isinstance(size, int) and size > 0:
+            return size
     client = getattr(executor, "_client", None)  # Dask
     return sum(client.nthreads().values()) if client is not None else n_cores()
 
@@ -118,7 +118,8 @@ class Pool:
                 )
             from mpi4py.futures import MPIPoolExecutor  # default_name looks for this module
 
-            self.executor, self.n_workers = MPIPoolExecutor(), n_workers
+            self.executor = MPIPoolExecutor()
+            self.n_workers = n_workers
         else:
             self.n_workers = 1 if kind == "serial" else workers or n_cores()
             self.executor = Serial() if kind == "serial" else _process_pool(self.n_workers)
@@ -222,7 +223,8 @@ class _ListeningPool(ProcessPoolExecutor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Shut the pool down, and show the last messages."""
         super().shutdown(wait, cancel_futures=cancel_futures)
-        listener, self._listener = self._listener, None
+        listener = self._listener
+        self._listener = None
         if listener is not None:
             listener.stop()
 

@@ -42,17 +42,18 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
         Shape (n_laminae, k) [m]; NaN for excitations that are not harmonic, except a swept sine of
         the base where the solution is exact.
     """
-    n, given = len(case.lamina), case.excitation
-    if _is_exact(case) and given.acts_on == "base":
+    n = len(case.lamina)
+    excitation = case.excitation
+    if _is_exact(case) and excitation.acts_on == "base":
         return np.stack([case.linear_amplitude(i, frequency) for i in range(n)])
-    if not given.is_periodic:
+    if not excitation.is_periodic:
         return np.full((n, frequency.size), np.nan)
     o = _fine(case.without_impactors.to_toml()).operators
-    found = np.empty((n, frequency.size))
+    amplitudes = np.empty((n, frequency.size))
     for k, f in enumerate(frequency.tolist()):
         tips = (o.probes @ response(o, f) + o.probe_shift[: o.n_probes])[:n]
-        found[:, k] = _size(given, f) * np.abs(tips)
-    return found
+        amplitudes[:, k] = _size(excitation, f) * np.abs(tips)
+    return amplitudes
 
 
 def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -> State | None:
@@ -68,11 +69,12 @@ def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -
         is_closed: whether delaminations are kept as they are at rest; laminae pass through one
             another otherwise.
     """
-    given = case.excitation
-    if (is_closed and case.is_apart) or not given.is_periodic:
+    excitation = case.excitation
+    if (is_closed and case.is_apart) or not excitation.is_periodic:
         return None
-    o, f = structure.operators, given.top_frequency
-    U = _size(given, f) * response(o, f, keeping_closed(structure) if is_closed else None)
+    o = structure.operators
+    f = excitation.top_frequency
+    U = _size(excitation, f) * response(o, f, keeping_closed(structure) if is_closed else None)
     return State(at_start(U, f), np.zeros(o.n_pairs, dtype=np.bool_))
 
 
@@ -100,8 +102,8 @@ def first_frequencies(case: Case) -> list[float]:
     if case.is_apart:
         shapes = [first_mode(fine, i) for i in range(len(case.lamina))]
         return [math.sqrt((v @ (o.stiffness @ v)) / (v @ (o.mass @ v))) for v in shapes]
-    found, _ = elastic(o.stiffness, o.mass, 1, case.n_rigid)
-    return [2.0 * math.pi * float(found[0])] * len(case.lamina)
+    frequencies, _ = elastic(o.stiffness, o.mass, 1, case.n_rigid)
+    return [2.0 * math.pi * float(frequencies[0])] * len(case.lamina)
 
 
 def slowest_decay(case: Case) -> float:

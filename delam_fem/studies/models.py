@@ -71,28 +71,30 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
     """
     if unknown := [name for name in names if name not in NAMES]:
         raise CaseError(f"models: expected some of {', '.join(NAMES)}, given {unknown[0]!r}")
-    found: list[Variant] = []
+    result: list[Variant] = []
     for name in names:
         begin = time.process_time()
         if name == "modes":
-            if not found:
+            if not result:
                 raise CaseError(
                     "models: expected a model before modes, the one that it reduces, for example "
                     "plane-stress,modes"
                 )
             from delam_fem.api import reduced_case, struck
 
-            whole = found[-1]
-            reduction = reduced_case(whole.case, modes, full=whole.structure)
-            structure = struck(reduction.structure, whole.case)
-            own, label = whole.case, f"{whole.name}, {modes} modes"
+            full_variant = result[-1]
+            reduction = reduced_case(full_variant.case, modes, full=full_variant.structure)
+            structure = struck(reduction.structure, full_variant.case)
+            variant_case = full_variant.case
+            label = f"{full_variant.name}, {modes} modes"
         else:
-            own, label = with_model(case, name), name
-            structure = assemble(own, needs_dolfinx=False)
+            variant_case = with_model(case, name)
+            label = name
+            structure = assemble(variant_case, needs_dolfinx=False)
         engine: EngineName = "compiled" if name in ("beam", "modes") else "petsc"
         seconds = time.process_time() - begin
-        found.append(Variant(label, own, structure, engine, seconds))
-    return found
+        result.append(Variant(label, variant_case, structure, engine, seconds))
+    return result
 
 
 def with_model(case: Case, kind: str) -> Case:
@@ -180,7 +182,8 @@ def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes:
     Raises:
         CaseError: a motion cannot be computed.
     """
-    o, count = model.structure.operators, len(model.structure.layout.parts)
+    o = model.structure.operators
+    count = len(model.structure.layout.parts)
     factor = factored(o.stiffness, o.mass)
     if model.case.is_apart and not model.case.point_mass:
         natural = modes_of(model.structure, model.case, modes).frequencies.ravel()
@@ -212,8 +215,8 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     span: dict[str, object] = {"time.periods": periods, "output.window_periods": periods}
     keys: dict[str, object] = {"excitation.frequency": frequency, "output.fields_per_period": 0}
     case = model.case.with_overrides(span | keys)
-    found = run(case, model.engine, structure=model.structure)
-    history = found.history
+    result = run(case, model.engine, structure=model.structure)
+    history = result.history
     t = history["time"].to_numpy()
     late = diagnostics.last_periods(history, case, math.ceil(periods / 2))
     x = history["x"].to_numpy()
@@ -223,18 +226,18 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     node = history["event_node"].to_numpy()[is_late]
     total = np.bincount(node, history["event_impulse"].to_numpy()[is_late], minlength=x.size)
     impulse = np.asarray(total / np.gradient(x))  # per length along the contact line
-    kept = slice(periods // 2, None)
+    second_half = slice(periods // 2, None)
     return Motion(
         frequency,
         t,
         history["tip_displacement"].to_numpy(),
         _first_strike(history),
-        diagnostics.summary(late.isel(period=kept), case),
-        {name: float(history[f"energy_{name}"][kept].mean()) for name in ENERGIES},
-        float(found.summary["energy_residual"]),
+        diagnostics.summary(late.isel(period=second_half), case),
+        {name: float(history[f"energy_{name}"][second_half].mean()) for name in ENERGIES},
+        float(result.summary["energy_residual"]),
         x,
         impulse / math.ceil(periods / 2),
-        (found.summary["microseconds_per_step"], found.summary["steps"] / periods),
+        (result.summary["microseconds_per_step"], result.summary["steps"] / periods),
     )
 
 
@@ -274,16 +277,16 @@ class ModelComparison(Finding):
         """Return rows with a column for each model: sizes, frequencies, compliance."""
         first = self.models[0]
         sizes = (
-            ("unknowns", [str(own.dofs) for own in self.models]),
-            ("contact pairs", [str(own.pairs) for own in self.models]),
-            ("assembly [s]", [f"{own.seconds:.2g}" for own in self.models]),
+            ("unknowns", [str(model.dofs) for model in self.models]),
+            ("contact pairs", [str(model.pairs) for model in self.models]),
+            ("assembly [s]", [f"{model.seconds:.2g}" for model in self.models]),
         )
         rows = [(name, *values) for name, values in sizes]
         for k, label in enumerate(first.labels):
-            values = [own.frequencies[k] for own in self.models]
+            values = [model.frequencies[k] for model in self.models]
             rows.append((f"{label} [Hz]", *_relative(values, 6)))
         for k, lamina in enumerate(self.case.lamina):
-            values = [own.compliance[k] for own in self.models]
+            values = [model.compliance[k] for model in self.models]
             rows.append((f"compliance, {lamina.name} [m/N]", *_relative(values, 5)))
         return rows
 
@@ -297,24 +300,25 @@ class ModelComparison(Finding):
             number: number of the frequency.
         """
         first = self.models[0].motions[number]
-        columns = [_column(own.motions[number], first, self.case) for own in self.models]
+        columns = [_column(model.motions[number], first, self.case) for model in self.models]
         return [(name, *(column[name] for column in columns)) for name in columns[0]]
 
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        heading, first = ("", *(own.name for own in self.models)), self.models[0].motions
+        heading = ("", *(model.name for model in self.models))
+        first = self.models[0].motions
         models = [
             {
-                "name": own.name,
-                "dofs": own.dofs,
-                "pairs": own.pairs,
-                "assembly_seconds": own.seconds,
-                "frequencies": own.frequencies,
-                "compliance": own.compliance,
-                "motions": [_numbers(*pair) for pair in zip(own.motions, first, strict=True)],
+                "name": model.name,
+                "dofs": model.dofs,
+                "pairs": model.pairs,
+                "assembly_seconds": model.seconds,
+                "frequencies": model.frequencies,
+                "compliance": model.compliance,
+                "motions": [_numbers(*pair) for pair in zip(model.motions, first, strict=True)],
             }
-            for own in self.models
+            for model in self.models
         ]
         return Report(
             name="models",
@@ -322,8 +326,8 @@ class ModelComparison(Finding):
             tables=[
                 Table(f"models of case {self.case.name}", heading, self.linear_rows()),
                 *(
-                    Table(f"{own.frequency:g} Hz", heading, self.motion_rows(k))
-                    for k, own in enumerate(first)
+                    Table(f"{motion.frequency:g} Hz", heading, self.motion_rows(k))
+                    for k, motion in enumerate(first)
                 ),
             ],
             pictures={"models": (self.figure, "")},
@@ -335,16 +339,16 @@ class ModelComparison(Finding):
         figure = Figure(figsize=(style.WIDTH, 2.6 * n + 0.6), layout="constrained")
         rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
         for k, (histories, along) in enumerate(rows):
-            for own, colour in zip(self.models, COLOURS * len(self.models), strict=False):
-                motion = own.motions[k]
+            for model, colour in zip(self.models, COLOURS * len(self.models), strict=False):
+                motion = model.motions[k]
                 turns = motion.time * motion.frequency
-                shown = turns <= SHOWN_PERIODS
+                is_shown = turns <= SHOWN_PERIODS
                 for number, tip in enumerate(motion.tips):
-                    label = own.name if number == 0 else None
+                    label = model.name if number == 0 else None
                     line_style = ("-", "--", ":", "-.")[number % 4]
                     histories.plot(
-                        turns[shown],
-                        1e3 * tip[shown],
+                        turns[is_shown],
+                        1e3 * tip[is_shown],
                         line_style,
                         color=colour,
                         lw=1.0,
@@ -397,11 +401,11 @@ def compare_models(
         )
     require_held(case, "compare")
     at = tuple(frequencies) or (case.excitation.top_frequency,)
-    found = []
+    measured_models = []
     for model in variants(case, names, modes):
         _log.info("computing %s", model.name)
-        found.append(measure(model, at, periods, natural))
-    return ModelComparison(case, tuple(found))
+        measured_models.append(measure(model, at, periods, natural))
+    return ModelComparison(case, tuple(measured_models))
 
 
 def difference_until(motion: Motion, first: Motion) -> tuple[float, float]:
@@ -448,13 +452,13 @@ def _column(motion: Motion, first: Motion, case: Case) -> dict[str, str]:
 def _numbers(motion: Motion, first: Motion) -> dict[str, object]:
     """Return the numbers of a motion for models.json."""
     end, apart = difference_until(motion, first)
-    kept = ("tip_min", "tip_max", "tip_contacts_per_period", "periodicity_class", "strobe_scatter",
+    keys = ("tip_min", "tip_max", "tip_contacts_per_period", "periodicity_class", "strobe_scatter",
             "distortion_factor", "minimum_tip_gap")  # fmt: skip
     return {
         "frequency": motion.frequency,
         "first_strike": None if np.isinf(end) else end,
         "difference_until_then": apart,
-        **{key: motion.summary[key] for key in kept},
+        **{key: motion.summary[key] for key in keys},
         "energies": motion.energies,
         "energy_residual": motion.residual,
         "impulse_x": motion.x.tolist(),

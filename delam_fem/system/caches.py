@@ -80,9 +80,9 @@ def temporary_folder() -> Path:
     folder = Path(tempfile.gettempdir()) / name
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
-        is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
-        if not is_own or found.st_mode & 0o077 or not is_writable(folder):
+        status = folder.lstat()
+        is_own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid()
+        if not is_own or status.st_mode & 0o077 or not is_writable(folder):
             raise PermissionError
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix=f"{name}-"))
@@ -369,8 +369,8 @@ class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
 
     def reduce(self, data: Any) -> Any:
         """Return what is stored: not the modules of Numba that object mode alone needs."""
-        *kept, _ = super().reduce(data)
-        return (*kept, ())
+        *parts, _ = super().reduce(data)
+        return (*parts, ())
 
 
 class _SealedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
@@ -384,10 +384,10 @@ class _SealedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
             _log.debug("compiled code is not kept: %s", error)
 
     def _load_index(self) -> dict[Any, str]:
-        found = self._load(Path(self._index_path))
-        if found is None or found[:2] != (self._version, self._source_stamp):
+        content = self._load(Path(self._index_path))
+        if content is None or content[:2] != (self._version, self._source_stamp):
             return {}
-        overloads: dict[Any, str] = found[2]
+        overloads: dict[Any, str] = content[2]
         return overloads
 
     def _save_index(self, overloads: dict[Any, str]) -> None:
@@ -436,7 +436,7 @@ class _SealedCache(caching.FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the machine code for the types of a call; None: Numba compiles it next."""
         rtsys.initialize(target_context)  # all that loading needs of what compiling needs
-        found = self._load_overload(sig, target_context)
-        if found is None and self._what:
+        overload = self._load_overload(sig, target_context)
+        if overload is None and self._what:
             _log.info("compiling %s; this is done once on this machine", self._what)
-        return found
+        return overload

@@ -30,8 +30,8 @@ def summary(described: type) -> str:
 
 def meanings(described: type) -> dict[str, str]:
     """Return the rows of `Attributes` in the docstrings of a class and of those it extends."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for base in reversed(described.__mro__):
         _, _, rows = docstring(base).partition("\nAttributes:\n")
-        found |= {name: " ".join(text.split()) for name, text in _ROW.findall(rows)}
-    return found
+        texts |= {name: " ".join(text.split()) for name, text in _ROW.findall(rows)}
+    return texts

@@ -205,11 +205,11 @@ def read_arrays(path: Path) -> dict[str, Any]:
 
 def _digest(arrays: Mapping[str, Any]) -> str:
     """Return a digest of names, types, shapes and values."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, values in sorted(arrays.items()):
-        found.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
-        found.update(values.tobytes())
-    return found.hexdigest()
+        digest.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()
 
 
 class DiskFile(io.FileIO):
@@ -292,9 +292,9 @@ def remove_kept(folder: Path) -> None:
         return
     names = [] if folder.is_symlink() else sorted(entry.name for entry in folder.iterdir())
     if folder.is_symlink() or (names and IDENTITY not in names):
-        given = "a link" if folder.is_symlink() else f"one with {', '.join(names[:3])}"
+        state = "a link" if folder.is_symlink() else f"one with {', '.join(names[:3])}"
         raise CaseError(
-            f"{folder}: expected no such folder, or one written by delam-fem, given {given}; "
+            f"{folder}: expected no such folder, or one written by delam-fem, given {state}; "
             "move it, or choose another folder with -o DIR"
         )
     for path in sorted(folder.rglob("*"), reverse=True):
@@ -416,15 +416,15 @@ def claimed(
             require_no_links(directory)
             if not (may_hold_results or is_shared):
                 known = {os.path.realpath(path) for path in inputs}
-                found = sorted(
+                entries = sorted(
                     entry.name
                     for entry in directory.iterdir()
                     if not entry.name.startswith(".") and os.path.realpath(entry) not in known
                 )
-                if found:
-                    shown = ", ".join(found[:3]) + (" …" if len(found) > 3 else "")
+                if entries:
+                    listing = ", ".join(entries[:3]) + (" …" if len(entries) > 3 else "")
                     raise CaseError(
-                        f"output folder {directory}: is not empty ({shown}); choose another with "
+                        f"output folder {directory}: is not empty ({listing}); choose another with "
                         "-o DIR, go on with --resume, or replace what is there with --overwrite"
                     )
             yield directory

@@ -43,9 +43,9 @@ def _symbols_stay_local() -> Iterator[None]:
     """Disable the calls that make a library's symbols visible to all other libraries."""
     import llvmlite.binding
 
-    held = [(sys, "setdlopenflags"), (llvmlite.binding, "load_library_permanently")]
-    originals = [getattr(owner, name) for owner, name in held]
-    for owner, name in held:
+    functions = [(sys, "setdlopenflags"), (llvmlite.binding, "load_library_permanently")]
+    originals = [getattr(owner, name) for owner, name in functions]
+    for owner, name in functions:
         setattr(owner, name, lambda *_: None)
     arguments = sys.argv  # dolfinx gives them to its log, which takes UTF-8 alone
     sys.argv = [text.encode("utf-8", "replace").decode() for text in arguments]
@@ -53,7 +53,7 @@ def _symbols_stay_local() -> Iterator[None]:
         yield
     finally:
         sys.argv = arguments
-        for (owner, name), original in zip(held, originals, strict=True):
+        for (owner, name), original in zip(functions, originals, strict=True):
             setattr(owner, name, original)
 
 
@@ -109,7 +109,8 @@ class Within:
 
     def __init__(self, package: str, context: Callable[[], AbstractContextManager[None]]) -> None:
         """Store the name of the package, and what makes the context."""
-        self.package, self.context = package, context
+        self.package = package
+        self.context = context
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None

@@ -56,7 +56,7 @@ def __getattr__(name: str) -> Any:
     """Start MPI when it is first asked for."""
     if name != "MPI":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    with added({} if any(own in os.environ for own in LAUNCHED) else ALONE):
+    with added({} if any(variable in os.environ for variable in LAUNCHED) else ALONE):
         try:
             from mpi4py import MPI  # an mpirun that this process may start does not inherit them
         except ModuleNotFoundError:
@@ -102,7 +102,7 @@ def hold(comm: MPI.Intracomm) -> None:
     PETSc frees its copy with the last object on it, and makes a new one, collectively, when it
     cleans up at the end. If one rank still has an object then, the others wait forever.
     """
-    if comm.size > 1 and comm not in [own for own, _ in _held]:
+    if comm.size > 1 and comm not in [other for other, _ in _held]:
         from petsc4py import PETSc
 
         _held.append((comm, PETSc.Comm(comm).duplicate()))

@@ -68,7 +68,8 @@ def cantilever(history: xr.Dataset) -> tuple[float, ...]:
 
 def wall(history: xr.Dataset) -> tuple[float, ...]:
     """Return force, duration, time of the second largest force and impulse of SDND101."""
-    force, time = history["sensor_wall"].to_numpy(), history["time"].to_numpy()
+    force = history["sensor_wall"].to_numpy()
+    time = history["time"].to_numpy()
     ends = np.flatnonzero(np.diff((force > 0.0).astype(int)) < 0)
     second = time > 2.0 * time[ends[0]]
     return (
@@ -120,13 +121,15 @@ def few_modes(case: Case) -> xr.Dataset:
         probes=csr_matrix(o.sensors @ shapes),
     )
     law = df.Law("penalty", penalty_stiffness=case.contact.penalty_stiffness)
-    found = df.run(
+    history = df.run(
         operators, "compiled", law=law, scheme="central-difference", drive=drive(case.excitation),
         time_step=2e-4, until=1.0,
     ).history  # fmt: skip
-    moved = found["probe_displacement"].to_numpy(), found["probe_velocity"].to_numpy()
+    moved = history["probe_displacement"].to_numpy(), history["probe_velocity"].to_numpy()
     rows = {
-        f"sensor_{q}{k + 1}": own[k] for q, own in zip("uv", moved, strict=True) for k in range(3)
+        f"sensor_{q}{k + 1}": values[k]
+        for q, values in zip("uv", moved, strict=True)
+        for k in range(3)
     }
     return xr.Dataset({name: ("time", row) for name, row in rows.items()})
 
@@ -142,8 +145,10 @@ def timoshenko(modulus: float, poisson: float, density: float, radius: float, wa
     Source: J. S. Przemieniecki, Theory of Matrix Structural Analysis, 1968, for the shapes; G. R.
     Cowper, J. Appl. Mech. 33 (1966), for the coefficient of shear.
     """
-    inner, h = radius - wall, SPAN / ELEMENTS
-    area, m = np.pi * (radius**2 - inner**2), (inner / radius) ** 2
+    inner = radius - wall
+    h = SPAN / ELEMENTS
+    area = np.pi * (radius**2 - inner**2)
+    m = (inner / radius) ** 2
     inertia = 0.25 * np.pi * (radius**4 - inner**4)
     ring = (1.0 + m) ** 2
     shear = 6 * (1 + poisson) * ring / ((7 + 6 * poisson) * ring + (20 + 12 * poisson) * m)
@@ -153,7 +158,8 @@ def timoshenko(modulus: float, poisson: float, density: float, radius: float, wa
          [-12, -6 * h, 12, -6 * h], [6 * h, (2 - phi) * h**2, -6 * h, (4 + phi) * h**2]]
     ) * modulus * inertia / (h**3 * (1.0 + phi))  # fmt: skip
     x, w = np.polynomial.legendre.leggauss(6)
-    s, w = 0.5 * (x + 1.0), 0.5 * h * w
+    s = 0.5 * (x + 1.0)
+    w = 0.5 * h * w
     across = np.array(
         [1 - 3 * s**2 + 2 * s**3 + phi * (1 - s), h * (s - 2 * s**2 + s**3 + phi * (s - s**2) / 2),
          3 * s**2 - 2 * s**3 + phi * s, h * (s**3 - s**2 - phi * (s - s**2) / 2)]
@@ -165,16 +171,17 @@ def timoshenko(modulus: float, poisson: float, density: float, radius: float, wa
     mass = density * (area * (across * w) @ across.T + inertia * (turned * w) @ turned.T)
     K, M = np.zeros((2, 2 * ELEMENTS + 2, 2 * ELEMENTS + 2))
     for e in range(ELEMENTS):
-        own = slice(2 * e, 2 * e + 4)
-        K[own, own] += k
-        M[own, own] += mass
+        dofs = slice(2 * e, 2 * e + 4)
+        K[dofs, dofs] += k
+        M[dofs, dofs] += mass
     return K[2:, 2:], M[2:, 2:]
 
 
 def force_of_tip(_: Case | None = None, modes: int = 26) -> xr.Dataset:
     """Return the force of the stop at the tip of the exchanger tube."""
     squares, shapes = eigh(*timoshenko(**TUBE), subset_by_index=[0, modes - 1])
-    load, stops = np.zeros(2 * ELEMENTS), np.zeros((8, 2 * ELEMENTS))
+    load = np.zeros(2 * ELEMENTS)
+    stops = np.zeros((8, 2 * ELEMENTS))
     for sign, nodes in (
         (1, (*range(1, 12), *range(25, 36))),
         (-1, (*range(13, 24), *range(37, 48))),
@@ -198,7 +205,8 @@ def force_of_tip(_: Case | None = None, modes: int = 26) -> xr.Dataset:
         until=0.25,
     ).history  # fmt: skip
     u, v = (history[f"probe_{name}"][0].to_numpy() for name in ("displacement", "velocity"))
-    into, speed = np.abs(u) - GAP, np.sign(u) * v
+    into = np.abs(u) - GAP
+    speed = np.sign(u) * v
     force = np.where(into > 0.0, np.maximum(SPRING * into + DAMPER * speed, 0.0), 0.0)
     return xr.Dataset({"force": ("time", force)}, {"time": history["time"]})
 
@@ -214,11 +222,9 @@ INSTANTS = (2e-4, 4e-4, 6e-4, 8e-4, 1e-3)
 
 def of_free_bar(history: xr.Dataset) -> tuple[float, ...]:
     """Return the displacements of the free bar's end [1e-4 m]."""
-    time, end = (
-        history["time"].to_numpy(),
-        history["tip_displacement"].sel(lamina="free").to_numpy(),
-    )
-    return tuple(float(end[np.abs(time - own).argmin()]) / 1e-4 for own in INSTANTS)
+    time = history["time"].to_numpy()
+    end = history["tip_displacement"].sel(lamina="free").to_numpy()
+    return tuple(float(end[np.abs(time - instant).argmin()]) / 1e-4 for instant in INSTANTS)
 
 
 NONLINEAR_MODE = 0.25790528513
@@ -245,7 +251,8 @@ def smoothed_mode(_: Case | None = None) -> xr.Dataset:
         return [*speeds, second - 2.0 * first - smoothed_stop(first), first - second]
 
     def quarter(start: FloatArray) -> FloatArray:
-        span, begin = (0.0, 0.25 / NONLINEAR_MODE), [*start, 0.0, 0.0]
+        span = (0.0, 0.25 / NONLINEAR_MODE)
+        begin = [*start, 0.0, 0.0]
         return np.asarray(solve_ivp(rates, span, begin, rtol=1e-10, atol=1e-12).y[:, -1])
 
     start = root(lambda start: quarter(start)[:2], [0.81, -0.50], tol=1e-10).x
@@ -260,9 +267,10 @@ def energy(history: xr.Dataset) -> tuple[float, ...]:
 
 def of_string(history: xr.Dataset) -> tuple[float, ...]:
     """Return the middle of a string at 0.7, 1.2 and 1.4 s, and the energy at 2 s."""
-    time, middle = history["time"].to_numpy(), history["sensor_middle"].to_numpy()
+    time = history["time"].to_numpy()
+    middle = history["sensor_middle"].to_numpy()
     stored = sum(float(history[f"energy_{name}"][-1]) for name in ("kinetic", "strain", "spring"))
-    return *(float(middle[np.abs(time - own).argmin()]) for own in (0.7, 1.2, 1.4)), stored
+    return *(float(middle[np.abs(time - instant).argmin()]) for instant in (0.7, 1.2, 1.4)), stored
 
 
 STRING = {0.0: (-0.1, 0.3, 1.0), 0.5: (0.15, 0.55, 1.25), 1.0: (0.4, 0.8, 2.0)}
@@ -291,7 +299,8 @@ class Test:
 
     def rows(self) -> Iterator[Row]:
         """Compute the case and yield its rows."""
-        case, command = None, ITSELF
+        case = None
+        command = ITSELF
         if self.file:
             case = df.load_case(ROOT / CASES / self.file).with_overrides(self.changes)
         if self.run is not None:
@@ -491,15 +500,15 @@ def folds() -> Iterator[Row]:
     start, stop = BRANCH
     case = df.load_case(ROOT / CASES / "rod.toml").with_overrides({"time.steps_per_period": 400})
     with TemporaryDirectory() as folder:
-        found = df.follow(
+        branch = df.follow(
             case, "excitation.frequency", start=start, stop=stop, directory=folder, doublings=0
         )
     command = f"delam-fem orbit follow {CASES / 'rod.toml'} --from {start:g} --to {stop:g}"
-    ours = sorted(2.0 * np.pi * found["event_parameter"].to_numpy())
-    ours.append(1e3 * np.abs(np.stack([found["low"], found["high"]])).max())
-    for (name, number), own in zip(FOLDS.items(), ours, strict=True):
+    ours = sorted(2.0 * np.pi * branch["event_parameter"].to_numpy())
+    ours.append(1e3 * np.abs(np.stack([branch["low"], branch["high"]])).max())
+    for (name, number), value in zip(FOLDS.items(), ours, strict=True):
         what = f"{name} [{'mm' if name == 'peak' else 'rad/s'}]"
-        yield Row(what, number, float(own), f"{command} --doublings 0 --set {STEPS}")
+        yield Row(what, number, float(value), f"{command} --doublings 0 --set {STEPS}")
 
 
 HEAD = f"""# Beside what others computed
@@ -536,16 +545,16 @@ def page(found: Mapping[str, list[Row]], notes: Mapping[str, tuple[str, str]], k
 def main() -> None:
     """Write the page."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
-    kept = PAGE.read_text("utf-8").partition(KEPT)[2]
-    found: dict[str, list[Row]] = {}
+    written_part = PAGE.read_text("utf-8").partition(KEPT)[2]
+    all_rows: dict[str, list[Row]] = {}
     for test in TESTS:
-        found.setdefault(test.title, []).extend(test.rows())
+        all_rows.setdefault(test.title, []).extend(test.rows())
     notes = {test.title: (test.note, test.reason) for test in TESTS}
     title = "The folds of the rod on a stop of 0.4 EA/L"
-    found[title] = list(folds())
+    all_rows[title] = list(folds())
     notes[title] = ("theirs by harmonic balance; three minutes", FOURFOLD)
     with atomic(path) as temporary:
-        temporary.write_text(page(found, notes, kept), "utf-8")
+        temporary.write_text(page(all_rows, notes, written_part), "utf-8")
 
 
 if __name__ == "__main__":

@@ -101,7 +101,8 @@ def bare_operations(case: df.Case, repeats: int) -> float:
     dt = case.time_step
     rows = o.mass + dt / 2 * o.damping + dt**2 / 4 * o.stiffness
     A = linear_algebra.Factor(matrix(rows, COMM), "benchmark_")
-    C, K = matrix(o.damping, COMM), matrix(o.stiffness, COMM)
+    C = matrix(o.damping, COMM)
+    K = matrix(o.stiffness, COMM)
     x, y = K.createVecs()
     x.set(1.0)
 
@@ -141,7 +142,8 @@ def slope(
     shortest = max(20, 20_000 // elements) if engine == "compiled" else max(5, 400 // elements)
     lengths = [shortest * factor for factor in (1, 3)]
     keys = {"mesh.elements": elements, "output.fields_per_period": 0, **settings}
-    seconds, steps = [], []
+    seconds = []
+    steps = []
     for periods in lengths:
         case = df.preset(preset, keys | {"time.periods": periods})
         operators = closed_form.assemble(case).operators
@@ -243,8 +245,8 @@ def near_contact(repeats: int, periods: int) -> list[dict[str, Any]]:
             {**keys, "time.refine_velocity": velocity, "damping.rayleigh": "stiffness",
              "time.periods": periods, "output.window_periods": 1, "output.fields_per_period": 0},
         )  # fmt: skip
-        found = step(case, repeats, "compiled")
-        rows.append({"name": name, "ms": 1e-3 * found * steps})
+        microseconds = step(case, repeats, "compiled")
+        rows.append({"name": name, "ms": 1e-3 * microseconds * steps})
     return rows
 
 
@@ -309,8 +311,8 @@ with tempfile.TemporaryDirectory() as folder:
 def plane_seconds(workers: int, periods: int) -> float:
     """Return the time of the sweep for the paper's Fig. 15 with 20 × 20 points [s]."""
     command = [sys.executable, "-c", PLANE_RUN, str(PLANE), str(workers), str(periods)]
-    found = subprocess.run(command, check=True, capture_output=True, text=True)
-    seconds, outcome = found.stdout.split()
+    process = subprocess.run(command, check=True, capture_output=True, text=True)
+    seconds, outcome = process.stdout.split()
     if outcome != "completed":
         raise RuntimeError(f"sweep of {PLANE}: {outcome}")
     return float(seconds)
@@ -371,7 +373,8 @@ def memory_growth(periods: tuple[int, int]) -> float:
 
 def measure(short: bool, limit: Path | None = None) -> dict[str, Any]:
     """Measure everything and return the numbers; for `limit` see `beside_limit`."""
-    repeats, load = 2 if short else 4, os.getloadavg()[0]
+    repeats = 2 if short else 4
+    load = os.getloadavg()[0]
     rows = []
     for n in (5, 20, 50) if short else SIZES:
         periods = 2 if short else max(1, min(40, 2000 // n))
@@ -595,10 +598,10 @@ def figure(figures: dict[str, Any]) -> Figure:
     plain = [row for row in rows if "plain" in row]
     axes.plot([r["dofs"] for r in plain], [r["plain"] for r in plain], "ks-", label="plain loop")
     for name, colour in zip(SCHEMES, ("#0072B2", "#D55E00", "#E69F00", "#CC79A7"), strict=True):
-        own = [row for row in rows if name in row]
-        x = [row["dofs"] for row in own]
+        engine_rows = [row for row in rows if name in row]
+        x = [row["dofs"] for row in engine_rows]
         for engine, line in (("petsc", "o-"), ("compiled", "^--")):
-            y = [row[name][engine] for row in own]
+            y = [row[name][engine] for row in engine_rows]
             axes.plot(x, y, line, color=colour, label=f"{engine}: {name}")
     axes.grid(alpha=0.3)
     result.legend(loc="outside right center", fontsize=8)
@@ -619,8 +622,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--short", action="store_true", help="small meshes, few repeats")
     parser.add_argument("-o", "--output", type=Path, help="folder for numbers, page and figure")
     parser.add_argument("--limit", type=Path, help="compiled bare loop to measure beside")
-    given = parser.parse_args(arguments)
-    figures = measure(given.short, given.limit)
+    options = parser.parse_args(arguments)
+    figures = measure(options.short, options.limit)
     console = Console(width=120)
     for name, rows in tables(figures).items():
         table = Table(*HEADINGS, title=f"{name}: µs per step")
@@ -628,8 +631,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
             table.add_row(*row)
         console.print(table)
     console.print("\n".join(closing_lines(figures)))
-    if given.output is not None:
-        write(figures, given.output)
+    if options.output is not None:
+        write(figures, options.output)
     return figures
 
 

@@ -210,7 +210,8 @@ def main() -> None:
             if options.list:
                 sys.stdout.write(f"{words}\n")
                 continue
-            place, tests = tree / change.path, tests_of(change.path)
+            place = tree / change.path
+            tests = tests_of(change.path)
             before = place.read_text(encoding="utf-8")
             place.write_text(change.text, encoding="utf-8")
             result = outcome(tree, tests)

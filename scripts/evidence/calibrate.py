@@ -105,18 +105,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--redraw", action="store_true", help="write the page; compute nothing")
     parser.add_argument("--folder", type=Path, help="keeps simulations, from which a part goes on")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "evidence")
-    given = parser.parse_args(arguments)
-    given.output.mkdir(parents=True, exist_ok=True)
-    path = given.output / "calibration.json"
-    found = json.loads(path.read_text("utf-8")) if path.exists() else {}
-    for name in () if given.redraw else given.part or PARTS:
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / "calibration.json"
+    results = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    for name in () if options.redraw else options.part or PARTS:
         start = time.process_time()
-        rows = measured(name, is_long=not given.short, kept=given.folder)
-        spent = None if given.folder else round(time.process_time() - start)
-        found[name] = {"cpu_s": spent, "rows": rows}
-        path.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", "utf-8")
+        rows = measured(name, is_long=not options.short, kept=options.folder)
+        spent = None if options.folder else round(time.process_time() - start)
+        results[name] = {"cpu_s": spent, "rows": rows}
+        path.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n", "utf-8")
         sys.stdout.write(table(rows) + "\n")
-    (given.output / "calibration.md").write_text(page(found), "utf-8")
+    (options.output / "calibration.md").write_text(page(results), "utf-8")
     return 0
 
 
@@ -165,7 +165,7 @@ def rigs(found: dict[str, Any]) -> str:
 def lacking(rows: list[dict[str, Any]]) -> list[str]:
     """Return in what none of the rigs of rows differs from the model."""
     names = [row["rig"] for row in rows]
-    return [kind for kind, word in DIFFERENT.items() if not any(word in own for own in names)]
+    return [kind for kind, word in DIFFERENT.items() if not any(word in name for name in names)]
 
 
 def title_of(name: str) -> str:

@@ -38,17 +38,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--redraw", action="store_true", help="draw the figure from the table; compute nothing"
     )
-    given = parser.parse_args(arguments)
-    if given.redraw:
+    options = parser.parse_args(arguments)
+    if options.redraw:
         with style.styled():
             figure(errors_in(DOCUMENT.read_text("utf-8"))).savefig(FIGURE)
         return 0
-    found, limit = measure(STEPS, LIMIT_STEPS, given.periods, given.workers)
-    shown = table(found, limit)
-    sys.stdout.write(shown.markdown() + "\n")
+    trials, limit = measure(STEPS, LIMIT_STEPS, options.periods, options.workers)
+    trial_table = table(trials, limit)
+    sys.stdout.write(trial_table.markdown() + "\n")
     with style.styled():
-        figure(errors_of(found, limit)).savefig(FIGURE)
-    DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), {"trials": shown}), "utf-8")
+        figure(errors_of(trials, limit)).savefig(FIGURE)
+    DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), {"trials": trial_table}), "utf-8")
     return 0
 
 

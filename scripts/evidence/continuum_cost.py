@@ -48,19 +48,19 @@ def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     keys |= {"contact.law": "newton@moreau-jean", "contact.impulse": "consistent"}
     case = preset("paper", keys | {"time.steps_per_period": STEPS_PER_PERIOD})
     clock = Clock()
-    given = discretise.assemble(case, comm=comm).operators
+    operators = discretise.assemble(case, comm=comm).operators
     assembly, _ = clock.turn()
-    o = spread(given, comm) if isinstance(given, Operators) else given
+    o = spread(operators, comm) if isinstance(operators, Operators) else operators
     dt = case.time_step
     matrices = [linear_algebra.block(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)]
-    whole = matrices[0].copy()
-    whole.axpy(dt / 2, matrices[1])
-    whole.axpy(dt**2 / 4, matrices[2])
+    total = matrices[0].copy()
+    total.axpy(dt / 2, matrices[1])
+    total.axpy(dt**2 / 4, matrices[2])
     clock.turn()
-    factor = linear_algebra.Factor(whole, "moreau_")
+    factor = linear_algebra.Factor(total, "moreau_")
     factorisation, _ = clock.turn()
     factor.destroy()
-    stepper = MoreauJean(given, dt, comm=comm)
+    stepper = MoreauJean(operators, dt, comm=comm)
     stepper.begin(motion_of(case)(0)[: MOST_STEPS + 1])
     steps, (step, wall) = repeated(clock, comm, lambda: (stepper.advance(), stepper.observe()))
     solving = stepper._now.A.solve
@@ -96,7 +96,8 @@ class Clock:
     def turn(self) -> tuple[float, float]:
         """Return the times of the processor and of the wall since the last call [s]."""
         now = time.process_time(), time.perf_counter()
-        processor, wall = now[0] - self._start[0], now[1] - self._start[1]
+        processor = now[0] - self._start[0]
+        wall = now[1] - self._start[1]
         self._start = now
         return processor, wall
 
@@ -170,14 +171,14 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
         xscale="log", yscale="log", xlabel="degrees of freedom [–]", ylabel="time [ms]"
     )
     for kind, colour in (("plane-stress", "#0072B2"), ("solid", "#D55E00")):
-        own = [row for row in rows if row["kind"] == kind and row["ranks"] == 1]
-        dofs = [row["dofs"] for row in own]
+        kind_rows = [row for row in rows if row["kind"] == kind and row["ranks"] == 1]
+        dofs = [row["dofs"] for row in kind_rows]
         for name, factor, line, words in (
             ("factorisation_s", 1e3, "^:", "factorisation"),
             ("step_ms", 1.0, "o-", "step"),
             ("solve_ms", 1.0, "s--", "its solve"),
         ):
-            values = [factor * row[name] for row in own]
+            values = [factor * row[name] for row in kind_rows]
             axes.plot(dofs, values, line, color=colour, ms=5, label=f"{kind}: {words}")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
@@ -190,16 +191,16 @@ def main(arguments: list[str] | None = None) -> list[dict[str, Any]]:
     parser.add_argument("--short", action="store_true", help="small meshes only")
     parser.add_argument("--one", nargs=3, metavar=("KIND", "ELEMENTS", "STRIPS"))
     parser.add_argument("-o", "--output", type=Path, help="folder for numbers and figure")
-    given = parser.parse_args(arguments)
-    if given.one:
+    options = parser.parse_args(arguments)
+    if options.one:
         from delam_fem.api import MPI
 
-        row = measured(given.one[0], int(given.one[1]), int(given.one[2]))
+        row = measured(options.one[0], int(options.one[1]), int(options.one[2]))
         if MPI.COMM_WORLD.rank == 0:
             print(json.dumps(row))
         return [row]
-    plane, solid, shared = ((4,), ((2, 1),), (2, 1)) if given.short else (PLANE, SOLID, SHARED)
-    ranks = RANKS[1 : 2 if given.short else None]
+    plane, solid, shared = ((4,), ((2, 1),), (2, 1)) if options.short else (PLANE, SOLID, SHARED)
+    ranks = RANKS[1 : 2 if options.short else None]
     todo: list[tuple[str, int, int, int]] = [("plane-stress", elements, 1, 1) for elements in plane]
     todo += [("solid", *mesh, 1) for mesh in solid] + [("solid", *shared, n) for n in ranks]
     rows = []
@@ -209,11 +210,11 @@ def main(arguments: list[str] | None = None) -> list[dict[str, Any]]:
         except RuntimeError as error:  # the machine has too little memory
             print(error, flush=True)
     print(table(rows))
-    if given.output is not None:
-        (given.output / "figures").mkdir(parents=True, exist_ok=True)
+    if options.output is not None:
+        (options.output / "figures").mkdir(parents=True, exist_ok=True)
         numbers = json.dumps(rows, indent=2) + "\n"
-        (given.output / "continuum_cost.json").write_text(numbers, encoding="utf-8")
-        figure(rows).savefig(given.output / "figures" / "continuum_cost.png", dpi=110)
+        (options.output / "continuum_cost.json").write_text(numbers, encoding="utf-8")
+        figure(rows).savefig(options.output / "figures" / "continuum_cost.png", dpi=110)
     return rows
 
 

@@ -32,27 +32,28 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--folder", type=Path, default=ROOT / "runs" / "convergence")
     parser.add_argument("--workers", type=int, default=None)
     parser.add_argument("--only", nargs="*", default=[""], help="ladders whose names begin so")
-    given = parser.parse_args(arguments)
-    console, found = Console(stderr=True), {}
+    options = parser.parse_args(arguments)
+    console = Console(stderr=True)
+    convergences = {}
     chosen = {
-        name: ladder for name, ladder in ladders().items() if name.startswith(tuple(given.only))
+        name: ladder for name, ladder in ladders().items() if name.startswith(tuple(options.only))
     }
     for name, ladder in chosen.items():
         console.print(f"ladder {name}: {len(ladder.rungs())} rungs")
         with progress(console) as report:
-            found[name] = run_ladder(
-                ladder, given.folder / name, workers=given.workers, resume=True, progress=report
+            convergences[name] = run_ladder(
+                ladder, options.folder / name, workers=options.workers, resume=True, progress=report
             )
-        if not found[name].is_complete:
+        if not convergences[name].is_complete:
             return 130
     if len(chosen) < len(ladders()):
         return 0
-    shown = document(found)
+    content = document(convergences)
     FIGURES.mkdir(parents=True, exist_ok=True)
     with style.styled():
-        for name, draw in shown.figures.items():
+        for name, draw in content.figures.items():
             draw().savefig(FIGURES / f"convergence_{name}.png")
-    DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), shown.tables), "utf-8")
+    DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), content.tables), "utf-8")
     return 0
 
 

@@ -35,9 +35,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--settle", type=int, default=100)
     parser.add_argument("--periods", type=int, default=20)
     parser.add_argument("-o", "--output", type=Path, default=DOCS)
-    given = parser.parse_args(arguments)
-    points, refine = ([int(n) for n in text.split(",")] for text in (given.points, given.refine))
-    page, span = given.output / "massless.md", (given.settle, given.periods)
+    options = parser.parse_args(arguments)
+    points, refine = (
+        [int(n) for n in text.split(",")] for text in (options.points, options.refine)
+    )
+    page = options.output / "massless.md"
+    span = (options.settle, options.periods)
     tables = {
         "massless frequencies": frequencies(points),
         "massless steps": steps(points[0], refine, *span),
@@ -50,34 +53,35 @@ def main(arguments: list[str] | None = None) -> int:
 
 def frequencies(points: list[int]) -> Table:
     """Return the relative errors of three frequencies of the thick lamina, and their orders."""
-    rows, before = [], np.full(3, np.nan)
+    rows = []
+    before = np.full(3, np.nan)
     for n in points:
         case = df.preset("default", {"mesh.elements": n} | BEAMS)
-        own = np.arange(2 * n)
+        dofs = np.arange(2 * n)
         o = closed_form.assemble(case).operators
-        found, _ = lowest(o.stiffness[own][:, own], o.mass[own][:, own], 3)
+        numerical, _ = lowest(o.stiffness[dofs][:, dofs], o.mass[dofs][:, dofs], 3)
         exact = case.lamina[0].angular_frequencies(3) / (2.0 * np.pi)
-        errors = np.abs(found / exact - 1.0)
+        errors = np.abs(numerical / exact - 1.0)
         orders = np.log2(before / errors) / np.log2(n / rows[-1][0]) if rows else before
         before = errors
         rows.append((n, *errors, *orders))
     heading = ("elements", "f1", "f2", "f3", "order", "order", "order")
-    shown = [
+    text_rows = [
         (str(n), *(f"{x:.1e}" for x in r[:3]), *("" if np.isnan(x) else f"{x:.1f}" for x in r[3:]))
         for n, *r in rows
     ]
-    return Table("frequencies", heading, tuple(shown))
+    return Table("frequencies", heading, tuple(text_rows))
 
 
 def steps(n: int, refine: list[int], settle: int, periods: int) -> Table:
     """Return what finer steps do on one mesh, stiffness damping."""
     case = df.preset("default", {"mesh.elements": n, "damping.rayleigh": "stiffness"})
-    found = [limit_of(case, None, r, settle, periods) for r in (1, *refine)]
+    results = [limit_of(case, None, r, settle, periods) for r in (1, *refine)]
     orders = [""] + [
         f"{np.log(a.closing / b.closing) / np.log(b.refine / a.refine):.2f}"
-        for a, b in pairwise(found)
+        for a, b in pairwise(results)
     ]
-    rows = [(*_limit(own), order) for own, order in zip(found, orders, strict=True)]
+    rows = [(*_limit(limit), order) for limit, order in zip(results, orders, strict=True)]
     return Table("steps", (*HEADING, "order of the closing loss"), tuple(rows))
 
 
@@ -88,9 +92,9 @@ def limits(points: list[int], refine: list[int], settle: int, periods: int) -> T
         for n in points:
             case = df.preset("default", {"mesh.elements": n, "damping.rayleigh": damping})
             for r in refine:
-                own = limit_of(case, None, r, settle, periods)
-                sys.stdout.write(f"{damping}: {own}\n")
-                rows.append((damping, str(n), *_limit(own), f"{elements.get(n, np.nan):.2f}"))
+                limit = limit_of(case, None, r, settle, periods)
+                sys.stdout.write(f"{damping}: {limit}\n")
+                rows.append((damping, str(n), *_limit(limit), f"{elements.get(n, np.nan):.2f}"))
     return Table("limits", ("damping", "points", *HEADING, "finite elements"), tuple(rows))
 
 

@@ -117,7 +117,8 @@ def mutants_of(module: str, operators: Iterable[str]) -> list[Mutant]:
 
     pattern = re.compile("|".join(f"core/{name}$" for name in operators))
     text = (ROOT / module).read_text(encoding="utf-8")
-    nodes, idle = list(ast_nodes(get_ast(text))), annotations(text)
+    nodes = list(ast_nodes(get_ast(text)))
+    idle = annotations(text)
     lines = text.splitlines()
     mutants = []
     for name in filter(pattern.match, operator_names()):
@@ -247,14 +248,15 @@ class Lines:
 
         def order(tests: set[str]) -> list[str]:
             """Return the tests of the mirror, then those of all files in turn, quickest first."""
-            ranks, seen = {}, Counter[str]()
+            ranks = {}
+            counts = Counter[str]()
             for test in sorted(tests, key=lambda test: (self.seconds[test], test)):
                 file = test.partition("::")[0]
                 is_mirror = file.startswith(mirror) and file.endswith(stem)
-                turn = seen[file] // (1 + round(SHARE * weights[file]))
+                turn = counts[file] // (1 + round(SHARE * weights[file]))
                 is_near = file.startswith(mirror)
                 ranks[test] = not is_mirror, turn, not is_near, self.seconds[test], test
-                seen[file] += 1
+                counts[file] += 1
             return sorted(tests, key=ranks.__getitem__)
 
         taken: list[str] = []
@@ -357,7 +359,8 @@ def judged(mutant: Mutant, tests: list[str], broken: set[str]) -> str:
     from cosmic_ray.mutating import use_mutation
     from cosmic_ray.plugins import get_operator
 
-    operator, path = get_operator(mutant.operator)(), Path(mutant.module)
+    operator = get_operator(mutant.operator)()
+    path = Path(mutant.module)
     sys.dont_write_bytecode = True
     times = path.stat()
     while True:
@@ -381,9 +384,10 @@ def judged(mutant: Mutant, tests: list[str], broken: set[str]) -> str:
 def sample(drawn: list[Mutant], directory: Path) -> list[str]:
     """Judge mutants one after the other; return the results, which are kept as they come."""
     file = directory / "results.jsonl"
-    kept = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    known = {(row["module"], row["key"]): row["result"] for row in map(json.loads, kept)}
-    tests_of, broken = Lines.read(directory), set[str]()
+    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    known = {(row["module"], row["key"]): row["result"] for row in map(json.loads, lines)}
+    tests_of = Lines.read(directory)
+    broken = set[str]()
     with tempfile.TemporaryDirectory() as place:
         copy_of_checkout(Path(place))
         os.chdir(place)
@@ -398,7 +402,8 @@ def sample(drawn: list[Mutant], directory: Path) -> list[str]:
         for n, mutant in enumerate(drawn, 1):
             if (mutant.module, mutant.key) in known:
                 continue
-            begin, tests = time.monotonic(), tests_of.of(mutant)
+            begin = time.monotonic()
+            tests = tests_of.of(mutant)
             result = known[mutant.module, mutant.key] = judged(mutant, tests, broken)
             row = {"module": mutant.module, "key": mutant.key, "result": result}
             row |= {"line": mutant.line, "tests": len(tests)}
@@ -423,7 +428,8 @@ def wilson(killed: int, n: int) -> tuple[float, float]:
 
     Source: E. B. Wilson (1927).
     """
-    share, z = killed / n, 1.96
+    share = killed / n
+    z = 1.96
     middle = (share + z**2 / (2.0 * n)) / (1.0 + z**2 / n)
     half = z / (1.0 + z**2 / n) * math.sqrt(share * (1.0 - share) / n + (z / n / 2.0) ** 2)
     return max(0.0, middle - half), min(1.0, middle + half)
@@ -453,7 +459,8 @@ def page(
         folders.setdefault(inner.partition("/")[0], []).append(is_killed(result))
         if not is_killed(result):
             left.append((inner, result, told.get(result, "**open: no test notices it**")))
-    n, killed = len(results), len(results) - len(left)
+    n = len(results)
+    killed = len(results) - len(left)
     same = sum(result in reasons for _, result, _ in left)
     low, high = wilson(killed, n)
     head = PAGE_HEAD.format(
@@ -477,7 +484,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     os.environ |= ENVIRONMENT
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    settings, directory = config(), options.directory.resolve()
+    settings = config()
+    directory = options.directory.resolve()
     record(directory)
     mutants = all_mutants(options.modules, settings["operators"])
     drawn = random.Random(options.seed).sample(mutants, min(options.sample, len(mutants)))

@@ -35,27 +35,27 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--strobes", type=int, default=40, help="the last of them")
     parser.add_argument("--folder", type=Path, help="keeps both, and goes on with what is there")
     parser.add_argument("-o", "--output", type=Path, default=DOCS)
-    given = parser.parse_args(arguments)
-    low, high = given.range
+    options = parser.parse_args(arguments)
+    low, high = options.range
     with tempfile.TemporaryDirectory() as temporary:
-        folder = (given.folder or Path(temporary)) / given.preset
+        folder = (options.folder or Path(temporary)) / options.preset
         began = time.process_time()
         branches = df.follow(
-            df.preset(given.preset), FREQUENCY, low, high, folder / "branches", resume=True
+            df.preset(options.preset), FREQUENCY, low, high, folder / "branches", resume=True
         )
         spent = time.process_time() - began
         swept = run_sweep(
             sweep_of({
-                "name": "brute-force", "base": given.preset, "order": "both",
-                "set": {"time.periods": given.periods}, "record": {"strobes": given.strobes},
-                "axis": [{"key": FREQUENCY, "start": low, "stop": high, "count": given.count}],
+                "name": "brute-force", "base": options.preset, "order": "both",
+                "set": {"time.periods": options.periods}, "record": {"strobes": options.strobes},
+                "axis": [{"key": FREQUENCY, "start": low, "stop": high, "count": options.count}],
             }),
             folder / "sweep", "serial", resume=True, is_confirmed=True,
         )  # fmt: skip
         with swept, style.styled():
-            (given.output / "figures").mkdir(parents=True, exist_ok=True)
+            (options.output / "figures").mkdir(parents=True, exist_ok=True)
             figure = branch_diagram(branches, swept)
-            figure.savefig(given.output / "figures" / f"orbits_{given.preset}.png")
+            figure.savefig(options.output / "figures" / f"orbits_{options.preset}.png")
     sys.stdout.write(f"{branches.sizes['point']} points, {spent:.0f} s of processor time\n")
     for k in range(branches.sizes["event"]):
         at, first, last = (

@@ -38,14 +38,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("directory", type=Path, help="folder that `delam-fem paper` has written")
     parser.add_argument("--root", type=Path, default=ROOT, help="folder of README.md and docs")
-    given = parser.parse_args(arguments)
-    figures = entries(given.directory, [file_stem(name) for name in FIGURES])
+    options = parser.parse_args(arguments)
+    figures = entries(options.directory, [file_stem(name) for name in FIGURES])
     missing = [name for name in FIGURES if name not in {figure["name"] for figure in figures}]
     if missing:
         parser.error(
-            f"{given.directory}: no figure {', '.join(missing)}; run delam-fem paper first"
+            f"{options.directory}: no figure {', '.join(missing)}; run delam-fem paper first"
         )
-    for path in write_docs(given.directory, given.root, figures):
+    for path in write_docs(options.directory, options.root, figures):
         print(path)
 
 
@@ -70,12 +70,12 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         "", tally(claims), "", markdown_table(claims),
     ]  # fmt: skip
     paths = []
-    kept = root / "docs" / "figures"
-    kept.mkdir(parents=True, exist_ok=True)
+    figures_folder = root / "docs" / "figures"
+    figures_folder.mkdir(parents=True, exist_ok=True)
     for figure in figures:
         lines += [f"## {heading(figure)}", "", figure["caption"], ""]
         for name in pictures(figure):
-            paths.append(kept / f"paper_{name}")
+            paths.append(figures_folder / f"paper_{name}")
             with atomic(paths[-1]) as temporary:
                 shutil.copyfile(directory / name, temporary)
             lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
@@ -95,8 +95,8 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
     begin, end = marks
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise ValueError(f"README.md: expected {begin} and then {end}, once each; add these marks")
-    head, rest = text.split(begin)
-    return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
+    head, tail = text.split(begin)
+    return f"{head}{begin}\n{content}\n{end}{tail.split(end)[1]}"
 
 
 def markdown_table(claims: Iterable[Claim]) -> str:

@@ -44,15 +44,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--periods", type=int, default=40)
     parser.add_argument("-o", "--output", type=Path, default=DOCS)
     parser.add_argument("--redraw", action="store_true", help="compute nothing")
-    given = parser.parse_args(arguments)
-    path = given.output / "reduced.json"
-    if not given.redraw:
-        path.write_text(json.dumps(measured(given), indent=1) + "\n", "utf-8")
-    found = json.loads(path.read_text("utf-8"))
-    (given.output / "figures").mkdir(exist_ok=True)
+    options = parser.parse_args(arguments)
+    path = options.output / "reduced.json"
+    if not options.redraw:
+        path.write_text(json.dumps(measured(options), indent=1) + "\n", "utf-8")
+    results = json.loads(path.read_text("utf-8"))
+    (options.output / "figures").mkdir(exist_ok=True)
     with style.styled():
-        drawn = figure(found["limits"], ELEMENTS, found["growth"], SIZES)
-        drawn.savefig(given.output / "figures" / "reduced.png")
+        drawn = figure(results["limits"], ELEMENTS, results["growth"], SIZES)
+        drawn.savefig(options.output / "figures" / "reduced.png")
     return 0
 
 
@@ -138,7 +138,10 @@ def limit_of(
     state = np.zeros(problem.periods.reduced.n_state)
     for _ in range(1 + settle):
         state = problem.periods.advance(state, problem.drive)
-    extremes, exchanged, steps, begin = [], np.zeros(4), 0, time.thread_time()
+    extremes = []
+    exchanged = np.zeros(4)
+    steps = 0
+    begin = time.thread_time()
     computed = [problem.periods.record(state, problem.drive)]
     while len(computed) < periods:
         computed.append(problem.periods.record(computed[-1].end, problem.drive))
@@ -173,7 +176,8 @@ def kick_growth(
         sizes: sizes of kicks, relative to the slow coordinates of the state.
     """
     slow = strobe.slow
-    scale, growth = float(np.linalg.norm(slow.of(state))), []
+    scale = float(np.linalg.norm(slow.of(state)))
+    growth = []
     for size in sizes:
         kick = size * scale * slow.basis[:, 0]
         ends = slow.of(strobe.after(np.stack([state + kick, state - kick]), parameter))
@@ -215,10 +219,10 @@ def _draw_limits(axes: Axes, rows: Limits, elements: Mapping[int, float]) -> Non
     """Draw y1 over the number of contact points, a line for each number of modes."""
     counts = sorted({int(row["modes"]) for row in rows})
     for colour, modes in zip(style.LAMINA_COLOURS, counts, strict=False):
-        own = sorted((r for r in rows if r["modes"] == modes), key=lambda row: row["points"])
+        mode_rows = sorted((r for r in rows if r["modes"] == modes), key=lambda row: row["points"])
         axes.semilogx(
-            [row["points"] for row in own],
-            [row["y1_min"] for row in own],
+            [row["points"] for row in mode_rows],
+            [row["y1_min"] for row in mode_rows],
             "o-",
             ms=4,
             color=colour,

@@ -36,9 +36,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--preset", default="paper", choices=df.PRESETS)
     parser.add_argument("--periods", type=int, default=300)
     parser.add_argument("--engine", default="petsc", choices=("petsc", "compiled"))
-    given = parser.parse_args(arguments)
-    rows, all_hold = motion_rows(given.preset, given.periods, given.engine)
-    table = Table(*HEADINGS, title=f"preset {given.preset}, {given.periods} periods")
+    options = parser.parse_args(arguments)
+    rows, all_hold = motion_rows(options.preset, options.periods, options.engine)
+    table = Table(*HEADINGS, title=f"preset {options.preset}, {options.periods} periods")
     for cells in rows:
         table.add_row(*cells)
     Console(width=200).print(table)

@@ -155,9 +155,9 @@ def a_forged_summary(rng: random.Random, folder: Path) -> None:
 
 def a_solid(rng: random.Random, folder: Path) -> None:
     """Read the damaged fields of a solid."""
-    whole = (run_of("plane-stress") / "fields" / "solid.vtkhdf").read_bytes()
+    content = (run_of("plane-stress") / "fields" / "solid.vtkhdf").read_bytes()
     path = folder / "solid.vtkhdf"
-    path.write_bytes(damaged(rng, whole))
+    path.write_bytes(damaged(rng, content))
     series = Series.read(path)
     for name in series.names:
         series.field(name, rng.randrange(series.times.size))

@@ -317,11 +317,11 @@ def a_result(rng: random.Random, folder: Path) -> None:
         _WHOLE["result"] = (folder / "result.nc").read_bytes()
         _WHOLE["summary"] = (folder / "summary.json").read_bytes()
         _WHOLE["case"] = (folder / "case.toml").read_bytes()
-    whole = {name: _WHOLE[name] for name in ("result", "summary", "case")}
+    contents = {name: _WHOLE[name] for name in ("result", "summary", "case")}
     name = rng.choice(("result", "result", "result", "summary"))
-    whole[name] = damaged(rng, whole[name])
+    contents[name] = damaged(rng, contents[name])
     for key, file in (("result", "result.nc"), ("summary", "summary.json"), ("case", "case.toml")):
-        (folder / file).write_bytes(whole[key])
+        (folder / file).write_bytes(contents[key])
     is_complete(folder, case)
     load_numbers(folder)
 
@@ -408,16 +408,16 @@ def attempt(kind: str, number: int, folder: Path) -> str:
 def attack(kind: str, count: int) -> dict[str, object]:
     """Attempt the first inputs of a kind; return counts and defects."""
     signal.signal(signal.SIGALRM, _stop)
-    found: Counter[str] = Counter()
+    outcomes: Counter[str] = Counter()
     defects = []
     for number in range(count):
         with tempfile.TemporaryDirectory() as folder:
             outcome = attempt(kind, number, Path(folder))
         if outcome in ("accepted", "refused"):
-            found[outcome] += 1
+            outcomes[outcome] += 1
         else:
             defects.append(f"{kind} {number}: {outcome}")
-    return {"accepted": found["accepted"], "refused": found["refused"], "defects": defects}
+    return {"accepted": outcomes["accepted"], "refused": outcomes["refused"], "defects": defects}
 
 
 if __name__ == "__main__":

@@ -74,9 +74,9 @@ def environment(**more: str) -> dict[str, str]:
 
 def start(line: list[str], **options: object) -> subprocess.Popen[str]:
     """Start a process in a session of its own."""
-    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
     return subprocess.Popen(  # type: ignore[call-overload, no-any-return]
-        line, text=True, env=environment(), start_new_session=True, **given
+        line, text=True, env=environment(), start_new_session=True, **settings
     )
 
 
@@ -106,15 +106,15 @@ def wait_for(path: Path, process: subprocess.Popen[str]) -> None:
 
 def left_processes(session: int) -> list[int]:
     """Return the processes that are left in a session."""
-    found = []
+    pids = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = path.read_text().rpartition(")")[2].split()
         except OSError:
             continue
         if int(fields[3]) == session and fields[0] != "Z":
-            found.append(int(path.parent.name))
-    return found
+            pids.append(int(path.parent.name))
+    return pids
 
 
 def require_none_left(session: int, seconds: float = 20.0) -> None:

@@ -162,8 +162,8 @@ OF_THE_OCCASION = ("created", "identity", "command", "evaluations")
 
 def files_of(rig: str) -> list[str]:
     """Return the names of the files of a rig."""
-    given = [str(value) for key, value in RIGS[rig][1].items() if key.endswith("file")]
-    return [*given, "reduced.npz"] if rig == "reduced" else given
+    names = [str(value) for key, value in RIGS[rig][1].items() if key.endswith("file")]
+    return [*names, "reduced.npz"] if rig == "reduced" else names
 
 
 def write_file(path: Path, name: str, rig: str, *, is_other: bool = False) -> None:
@@ -179,7 +179,7 @@ def write_file(path: Path, name: str, rig: str, *, is_other: bool = False) -> No
         path.write_text(f"time [s],acceleration [m/s2]\n{rows}")
     elif name == "reduced.npz":
         reduction = df.reduced_case(df.preset(*RIGS["reduced"]), 5 if is_other else 6)
-        saved = next(own for own in reduction.save(path.parent / "new") if own.suffix == ".npz")
+        saved = next(file for file in reduction.save(path.parent / "new") if file.suffix == ".npz")
         saved.rename(path)
         shutil.rmtree(path.parent / "new")
     elif rig == "bonded":
@@ -289,10 +289,10 @@ def changed(rig: Path, kind: str, difference: str) -> None:
     if difference == "case":
         case = rig / "case.toml"
         text = case.read_text()
-        line = next(own for own in text.splitlines() if own.startswith("damping_ratio = "))
+        line = next(row for row in text.splitlines() if row.startswith("damping_ratio = "))
         case.write_text(text.replace(line, "damping_ratio = 0.0123"))
         return
-    (name,) = (own for own in files_of(kind) if FILES[own] == difference)
+    (name,) = (file for file in files_of(kind) if FILES[file] == difference)
     (rig / name).unlink()
     write_file(rig / name, name, kind, is_other=True)
 
@@ -300,7 +300,7 @@ def changed(rig: Path, kind: str, difference: str) -> None:
 PAIRS = [
     pytest.param(name, difference, id=f"{name}-{difference}", marks=command.marks)
     for name, command in COMMANDS.items()
-    for difference in ("case", "options", *(FILES[own] for own in files_of(command.rig)))
+    for difference in ("case", "options", *(FILES[file] for file in files_of(command.rig)))
     if name != "run reduced" or difference == "model"  # a reduced model refuses other cases itself
 ]
 
@@ -356,22 +356,22 @@ def test_what_is_moved_and_renamed_goes_on(
 
 def results(folder: Path) -> dict[str, object]:
     """Return the numbers of a result that are the same in each computation."""
-    found: dict[str, object] = {}
+    by_path: dict[str, object] = {}
     for path in sorted(folder.rglob("*")):
         if path.name in ("result.nc", "sweep.nc", "branch.nc"):
             data = xr.load_dataset(path, engine="h5netcdf").drop_attrs()
-            found[path.name] = {
+            by_path[path.name] = {
                 name: np.asarray(data[name]).tobytes()
                 for name in data.variables
                 if data[name].dtype.kind in "fiub"
             }
         elif path.suffix == ".json" and path.name not in ("summary.json", "sweep.json"):
             numbers = json.loads(path.read_text())
-            for own in numbers.get("rungs", []):
-                for name in [n for n in own if "second" in n or "cost" in n or n == "checksum"]:
-                    del own[name]
-            found[path.name] = {
+            for rung in numbers.get("rungs", []):
+                for name in [n for n in rung if "second" in n or "cost" in n or n == "checksum"]:
+                    del rung[name]
+            by_path[path.name] = {
                 name: value for name, value in numbers.items()
                 if "second" not in name and name not in OF_THE_OCCASION
             }  # fmt: skip
-    return found
+    return by_path

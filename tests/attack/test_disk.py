@@ -81,14 +81,14 @@ def test_a_run_on_a_full_disk_is_finished_later(
     assert status == 1, errors
     require_few_lines(errors, most=40 if size < ROOM_FOR_THE_CHECKPOINT else 3)
     require_whole_files(folder)
-    kept = periods_kept(folder / "run")
-    assert kept == CASE["time.periods"] or size < ROOM_FOR_THE_CHECKPOINT
+    n_kept = periods_kept(folder / "run")
+    assert n_kept == CASE["time.periods"] or size < ROOM_FOR_THE_CHECKPOINT
     resize(ENOUGH)
     case = df.preset("paper", CASE)
     if size == ROOM_FOR_THE_CHECKPOINT:
         df.run(case, directory=folder / "run", resume=True).save_numbers(folder / "run")
     else:
-        status, errors = ended([*line, "--resume" if kept else "--overwrite"])
+        status, errors = ended([*line, "--resume" if n_kept else "--overwrite"])
         assert (status, errors) == (0, "")
         assert not (folder / "run" / "checkpoint.npz").exists()
     xr.testing.assert_equal(history(folder / "run"), df.run(case).history)

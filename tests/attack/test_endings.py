@@ -66,8 +66,8 @@ def require_resumable(directory: Path, tmp_path: Path, keys: dict[str, object]) 
     result = df.run(case, directory=directory, resume=True, progress=_stop_at_once)
     assert result.history.sizes["period"] > k
     other = df.run(df.preset("paper", keys | {"time.periods": k}))
-    kept = result.history.strobe_displacement[:, :k]
-    assert kept.equals(other.history.strobe_displacement)
+    strobes = result.history.strobe_displacement[:, :k]
+    assert strobes.equals(other.history.strobe_displacement)
 
 
 def _stop_at_once(done: int, total: int) -> None:
@@ -170,11 +170,11 @@ def listening(process: int) -> list[str]:
         except OSError as error:
             if error.errno != errno.ENOENT:
                 raise
-    found = []
+    addresses = []
     for name in ("tcp", "tcp6", "udp", "udp6"):
         rows = Path(f"/proc/net/{name}").read_text().splitlines()[1:]
-        found += [row.split()[1] for row in rows if f"socket:[{row.split()[9]}]" in owned]
-    return found
+        addresses += [row.split()[1] for row in rows if f"socket:[{row.split()[9]}]" in owned]
+    return addresses
 
 
 @pytest.mark.slow

@@ -34,18 +34,18 @@ def attacked(*kinds: str, share: int = 1) -> list[dict[str, object]]:
 
 @pytest.mark.slow
 def test_some_forged_files() -> None:
-    found = attacked(*KINDS, share=SHARE)
-    assert [one["defects"] for one in found] == [[]] * len(KINDS)
-    assert all(int(str(one["memory"])) < MOST_BYTES for one in found)
+    reports = attacked(*KINDS, share=SHARE)
+    assert [one["defects"] for one in reports] == [[]] * len(KINDS)
+    assert all(int(str(one["memory"])) < MOST_BYTES for one in reports)
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 def test_all_forged_files(kind: str) -> None:
-    (found,) = attacked(kind)
-    print(f"\n{kind}: {found['accepted']} accepted, {found['refused']} refused")
-    assert found["defects"] == []
-    assert int(str(found["memory"])) < MOST_BYTES
+    (report,) = attacked(kind)
+    print(f"\n{kind}: {report['accepted']} accepted, {report['refused']} refused")
+    assert report["defects"] == []
+    assert int(str(report["memory"])) < MOST_BYTES
 
 
 def test_the_long_form_is_long() -> None:

@@ -82,17 +82,17 @@ def attacked(*kinds: str, share: int = 1) -> list[dict[str, object]]:
 @pytest.mark.slow
 def test_some_hostile_inputs() -> None:
     kinds = [kind for kind in KINDS if kind not in COMPUTING]
-    found = attacked(*kinds, share=SHARE)
-    assert [one["defects"] for one in found] == [[]] * len(kinds)
-    assert sum(one["refused"] for one in found) > 50  # type: ignore[misc]
+    reports = attacked(*kinds, share=SHARE)
+    assert [one["defects"] for one in reports] == [[]] * len(kinds)
+    assert sum(one["refused"] for one in reports) > 50  # type: ignore[misc]
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", KINDS)
 def test_all_hostile_inputs(kind: str) -> None:
-    (found,) = attacked(kind)
-    print(f"\n{kind}: {found['accepted']} accepted, {found['refused']} refused")
-    assert found["defects"] == []
+    (report,) = attacked(kind)
+    print(f"\n{kind}: {report['accepted']} accepted, {report['refused']} refused")
+    assert report["defects"] == []
 
 
 def test_the_long_form_is_long() -> None:

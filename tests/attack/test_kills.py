@@ -192,7 +192,7 @@ class Attack:
         Returns:
             The time that it takes now, on a machine whose load changes [s].
         """
-        kept = 0
+        n_before = 0
         for _ in range(most):
             begin = time.monotonic()
             process = start([*self.line, *self.victim.go_on(self.folder)])
@@ -208,8 +208,8 @@ class Attack:
                 return min(duration, time.monotonic() - begin)
             self._note()
             now = self.victim.progress(self.folder)
-            assert now >= kept, f"{kept} on the disk before, {now} now"
-            kept = now
+            assert now >= n_before, f"{n_before} on the disk before, {now} now"
+            n_before = now
         status, errors = ended([*self.line, *self.victim.go_on(self.folder)])
         assert status == 0, errors
         return duration
@@ -217,11 +217,11 @@ class Attack:
     def _note(self) -> None:
         """Count the stage that a kill has hit."""
         names = {path.name for path in self.folder.rglob("*")} if self.folder.exists() else set()
-        kept = {
+        progress_names = {
             "checkpoint.npz", "sweep.journal", "convergence.json", "points", "simulations",
             "checkpoints",
         }  # fmt: skip
-        stage = "while computing" if kept & names else "before anything was kept"
+        stage = "while computing" if progress_names & names else "before anything was kept"
         if {"unfinished.txt", ".delam_fem-sweep.nc"} & names:
             stage = "while the results were written"
         self.stages[stage] = self.stages.get(stage, 0) + 1
@@ -229,8 +229,8 @@ class Attack:
 
 def run_progress(folder: Path) -> int:
     """Return the number of periods on the disk; a complete result has all."""
-    kept = periods_kept(folder)
-    return CASE["time.periods"] if not kept and (folder / "result.nc").exists() else kept
+    n_stored = periods_kept(folder)
+    return CASE["time.periods"] if not n_stored and (folder / "result.nc").exists() else n_stored
 
 
 def sweep_progress(folder: Path) -> int:
@@ -246,21 +246,21 @@ def ladder_progress(folder: Path) -> int:
 
 def results(folder: Path) -> dict[str, str]:
     """Return what must be equal bit by bit, as texts by the names of files."""
-    found = {}
+    contents = {}
     for path in sorted(folder.rglob("*")):
         if path.name in ("result.nc", "sweep.nc", "branch.nc"):
             data = xr.load_dataset(path, engine="h5netcdf").drop_attrs()
             columns = {str(name): data[name].to_numpy() for name in data.variables}
-            found[str(path.relative_to(folder))] = str(
-                {name: own.tolist() if own.dtype.kind == "O" else own.tobytes()
-                 for name, own in columns.items()}
+            contents[str(path.relative_to(folder))] = str(
+                {name: column.tolist() if column.dtype.kind == "O" else column.tobytes()
+                 for name, column in columns.items()}
             )  # fmt: skip
         elif path.suffix == ".json" and path.name not in ("summary.json", "sweep.json"):
             content = json.loads(path.read_text())
             if "rungs" in content:  # in the order in which they were finished
                 content["rungs"].sort(key=lambda rung: str(rung["key"]))
-            found[str(path.relative_to(folder))] = json.dumps(lasting(content), sort_keys=True)
-    return found
+            contents[str(path.relative_to(folder))] = json.dumps(lasting(content), sort_keys=True)
+    return contents
 
 
 def lasting(value: Any) -> Any:
@@ -296,9 +296,9 @@ def attack(kind: str, most: int, tmp_path: Path) -> dict[str, int]:
             status, errors = ended(line(words, folder, victim.keys))
             assert status == 0, errors
 
-    whole = victims()["longer"] if kind == "extend" else victim
+    reference = victims()["longer"] if kind == "extend" else victim
     begin = time.monotonic()
-    status, errors = ended(line(whole.words, tmp_path / "whole", whole.keys))
+    status, errors = ended(line(reference.words, tmp_path / "whole", reference.keys))
     assert status == 0, errors
     duration = time.monotonic() - begin
     finish(tmp_path / "whole")
@@ -334,9 +334,9 @@ def test_a_kill_while_computing_and_one_while_writing(tmp_path: Path) -> None:
         require_whole_files(folder)
         assert periods_kept(folder) > 0
     resumed = df.run(case, directory=folder, resume=True)
-    whole = df.run(case)
-    assert resumed.summary["steps"] == whole.summary["steps"]
-    xr.testing.assert_equal(resumed.history, whole.history)
+    complete_run = df.run(case)
+    assert resumed.summary["steps"] == complete_run.summary["steps"]
+    xr.testing.assert_equal(resumed.history, complete_run.history)
 
 
 @pytest.mark.nightly

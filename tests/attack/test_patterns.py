@@ -76,12 +76,12 @@ FOUND = list(patterns())
 
 def call(pattern: re.Pattern[str] | re.Pattern[bytes], method: str, text: str) -> object:
     """Call a method of a pattern as the package does."""
-    given = text.encode() if isinstance(pattern.pattern, bytes) else text
+    argument = text.encode() if isinstance(pattern.pattern, bytes) else text
     function = getattr(pattern, method)
     if method == "sub":
-        return function("", given)
-    found = function(given)
-    return list(found) if method == "finditer" else found
+        return function("", argument)
+    matches = function(argument)
+    return list(matches) if method == "finditer" else matches
 
 
 def require_fast(function: Callable[[str], object], every: Callable[[int], Iterator[str]]) -> float:

@@ -184,10 +184,10 @@ def test_without_any_folder_machine_code_goes_to_a_temporary_one(kernel: Path) -
     (folder / "cache").write_text("no folder")
     (folder / "__pycache__").write_text("no folder")
     (folder / "tmp").mkdir()
-    found = [python(kernel, cwd=folder, TMPDIR=str(folder / "tmp")) for _ in range(2)]
-    assert [done.stdout for done in found] == ["0\n", "1\n"]
-    assert found[0].stderr.count("no folder for compiled code can be written") == 1
-    assert len(found[0].stderr.splitlines()) == 1
+    processes = [python(kernel, cwd=folder, TMPDIR=str(folder / "tmp")) for _ in range(2)]
+    assert [done.stdout for done in processes] == ["0\n", "1\n"]
+    assert processes[0].stderr.count("no folder for compiled code can be written") == 1
+    assert len(processes[0].stderr.splitlines()) == 1
 
 
 @pytest.mark.slow
@@ -266,16 +266,16 @@ def test_without_home_forms_are_compiled_in_a_temporary_folder(tmp_path: Path) -
 def test_a_second_process_compiles_no_form(tmp_path: Path) -> None:
     """Neither does a third one that has forms of the user first, and then ours backwards."""
     program = tmp_path / "forms.py"
-    found = []
+    listings = []
     for text in (STRUCTURES, STRUCTURES, BACKWARDS):
         program.write_text(text)
         done = python(program, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        found.append(libraries(tmp_path))
+        listings.append(libraries(tmp_path))
         if text is STRUCTURES:
             assert not list((tmp_path / "cache" / "fenics").glob("*.c"))
-    assert len(found[0]) >= 2 and found[1] == found[0]  # 8 with elements, 6 without
-    assert found[2] == found[0]
+    assert len(listings[0]) >= 2 and listings[1] == listings[0]  # 8 with elements, 6 without
+    assert listings[2] == listings[0]
     assert len(list((tmp_path / "cache" / "fenics").glob("libffcx_forms_*.c.cached"))) == 2
 
 
@@ -319,12 +319,12 @@ def test_a_temporary_folder_of_others_is_not_used(
     caches.temporary_folder.cache_clear()
     try:
         logging.getLogger("delam_fem").setLevel(logging.ERROR)
-        found = caches.temporary_folder()
+        folder = caches.temporary_folder()
     finally:
         caches.temporary_folder.cache_clear()
         logging.getLogger("delam_fem").setLevel(logging.NOTSET)
-    assert found != taken and found.parent == tmp_path
-    assert found.stat().st_mode & 0o077 == 0
+    assert folder != taken and folder.parent == tmp_path
+    assert folder.stat().st_mode & 0o077 == 0
 
 
 def test_only_the_outermost_function_becomes_machine_code(

@@ -27,10 +27,10 @@ def test_file_appears_when_the_block_ends(tmp_path: Path) -> None:
 
 
 def test_a_file_of_the_user_is_no_temporary_one(tmp_path: Path) -> None:
-    own = tmp_path / "part-table.csv"
-    own.write_text("mine")
+    user_file = tmp_path / "part-table.csv"
+    user_file.write_text("mine")
     write_text(tmp_path / "table.csv", "new")
-    assert own.read_text() == "mine"
+    assert user_file.read_text() == "mine"
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])

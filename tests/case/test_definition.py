@@ -113,7 +113,7 @@ def test_a_case_is_read_back_from_its_file(name: str) -> None:
 BLOW = HAMMER["excitation"]
 SAME = {"start": 0.1, "end": 0.2, "between": ["lower", "upper"]}
 REFUSED: list[tuple[str, Overrides]] = [
-    ("paper", own) for own in (
+    ("paper", keys) for keys in (
         {"stop": [STOPS[0], {**STOPS[0], "side": "both"}]},
         {"stop": [STOPS[1], {**STOPS[1], "start": 0.2, "end": 0.3}]},
         {"stop": [STOPS[1], {"lamina": "thick", "side": "below", "gap": 0.0, "position": 0.1}]},
@@ -184,7 +184,7 @@ REFUSED: list[tuple[str, Overrides]] = [
         {"lamina": [preset("paper").lamina[0].model_dump(exclude_none=True)]},
     )
 ] + [
-    ("embedded", own) for own in (
+    ("embedded", keys) for keys in (
         {"delamination": [{**SAME, "start": 0.2}]}, {"delamination": [{**SAME, "end": 0.4001}]},
         {"delamination": [SAME, {**SAME, "start": 0.2, "end": 0.3}]},
         {"delamination": [{**SAME, "start": 0.3, "end": 0.35}, {**SAME, "end": 0.3}]},

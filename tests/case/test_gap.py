@@ -85,10 +85,10 @@ def test_table_is_a_smooth_curve_between_the_rows(tmp_path: Path) -> None:
     and in the first quarter 27/32 f0 + 5/32 f1 + 9/64 d0 - 3/64 d1. A polygon has 0.5 and 2.5.
     """
     gap = table(tmp_path, "x,gap\n0,0\n1,1\n2,4\n")
-    found = initial_gap(gap, [0.25, 0.5, 1.0, 1.5], 2.0)
+    values = initial_gap(gap, [0.25, 0.5, 1.0, 1.5], 2.0)
     quarter = 5.0 / 32.0 - 3.0 / 64.0 * 1.5
     expected = [quarter, 0.5 + (0.0 - 1.5) / 8.0, 1.0, 2.5 + (1.5 - 4.0) / 8.0]
-    assert found == pytest.approx(expected, rel=ROUND_OFF)
+    assert values == pytest.approx(expected, rel=ROUND_OFF)
 
 
 @pytest.mark.parametrize("end", [L * (1.0 - 0.9e-9), L * (1.0 + 1e-3)])
@@ -182,8 +182,8 @@ ROWS = [(0.0, 0.0), (0.1, 0.001), (0.3, 0.004), (0.5, 0.003), (L, 0.012)]
 
 def rows(*changed: tuple[int, tuple[float, float]], begin: int = 0, end: int = 5) -> str:
     """Return rows of a table, some of them changed, below two lines that are none."""
-    own = dict(enumerate(ROWS)) | dict(changed)
-    return "# gap\n\n" + "".join(f"{own[k][0]!r},{own[k][1]!r}\n" for k in range(begin, end))
+    lines = dict(enumerate(ROWS)) | dict(changed)
+    return "# gap\n\n" + "".join(f"{lines[k][0]!r},{lines[k][1]!r}\n" for k in range(begin, end))
 
 
 MARGIN = 1e-9 * L
@@ -218,19 +218,19 @@ def test_messages_of_tables_are_exact(tmp_path: Path, text: str, message: str) -
 
 def test_tables_just_within_their_margins(tmp_path: Path) -> None:
     path, near = tmp_path / "gap.csv", 0.9 * MARGIN
-    for clamp, kept in ((0.0, 0.0), (-near, 0.0), (near, 0.0), (1.1 * MARGIN, 1.1 * MARGIN)):
+    for clamp, clamp_gap in ((0.0, 0.0), (-near, 0.0), (near, 0.0), (1.1 * MARGIN, 1.1 * MARGIN)):
         path.write_text(rows((0, (-near, clamp)), (4, (L - near, 0.012))))
         x, gap = read_gap_table(path, L)
         assert x.tolist() == [0.0, 0.1, 0.3, 0.5, L - near]
-        assert gap.tolist() == [kept, 0.001, 0.004, 0.003, 0.012]
+        assert gap.tolist() == [clamp_gap, 0.001, 0.004, 0.003, 0.012]
         path.write_text(rows((0, (near, 0.0))))
         assert read_gap_table(path, L)[0][0] == 0.0
     path.write_text(rows((4, (L * 1.0019, 0.012))))
     x = np.array([0.0, 0.2, 0.4, L])
-    found = initial_gap(Gap(file=path), np.r_[x, 2.0 * L], L)
+    values = initial_gap(Gap(file=path), np.r_[x, 2.0 * L], L)
     wanted = PchipInterpolator(*np.array([*ROWS[:4], (L * 1.0019, 0.012)]).T)
-    np.testing.assert_allclose(found[:4], wanted(x), rtol=1e-12, atol=1e-18)
-    assert found[4] == 0.012
+    np.testing.assert_allclose(values[:4], wanted(x), rtol=1e-12, atol=1e-18)
+    assert values[4] == 0.012
 
 
 def test_a_gap_that_is_closed_somewhere_is_refused() -> None:
@@ -256,9 +256,9 @@ def test_openings_of_delaminations_and_stops(tmp_path: Path) -> None:
     arch = opening_at_rest(opening(), x, L)
     np.testing.assert_allclose(arch, 0.004 * np.sin(np.pi * s), atol=1e-17)
     for exponent, power in ((None, 2.0), (1.5, 1.5)):
-        own = opening(shape="power", exponent=exponent)
-        np.testing.assert_allclose(opening_at_rest(own, x, L), 0.004 * s**power)
-        turned = opening_at_rest(own, x, L, opens_at_start=True)
+        delamination = opening(shape="power", exponent=exponent)
+        np.testing.assert_allclose(opening_at_rest(delamination, x, L), 0.004 * s**power)
+        turned = opening_at_rest(delamination, x, L, opens_at_start=True)
         np.testing.assert_allclose(turned, 0.004 * (1.0 - s) ** power)
     stop = {"lamina": "a", "side": "above", "gap": 0.01}
     point = Stop(**stop, position=0.2)  # type: ignore[arg-type]
@@ -267,9 +267,9 @@ def test_openings_of_delaminations_and_stops(tmp_path: Path) -> None:
     path.write_text(rows((3, (0.52, 0.0)), begin=1, end=4))
     stretch = Stop(**stop, start=0.1, end=0.5, file=path)  # type: ignore[arg-type]
     wanted = PchipInterpolator([0.1, 0.3, 0.52], [0.001, 0.004, 0.0])
-    found = opening_at_rest(stretch, np.r_[x, 0.51, 0.55], L)
+    values = opening_at_rest(stretch, np.r_[x, 0.51, 0.55], L)
     inside = np.clip(np.r_[x, 0.51, 0.55], 0.1, 0.52)
-    np.testing.assert_allclose(found, wanted(inside), rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(values, wanted(inside), rtol=1e-12, atol=1e-18)
 
 
 def test_tables_of_openings_cover_them(tmp_path: Path) -> None:

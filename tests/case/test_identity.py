@@ -75,9 +75,9 @@ def test_numbers_of_xdmf_belong_to_its_mesh(tmp_path: Path) -> None:
 )
 def test_another_value_is_told_by_its_key(keys: dict[str, object], told: str) -> None:
     case = preset("paper")
-    found = differences(identity(case), identity(case.with_overrides(keys)))
-    assert any(text.startswith(told) for text in found)
-    assert {text.partition(":")[0] for text in found} <= {*keys, "gap.exponent"}
+    texts = differences(identity(case), identity(case.with_overrides(keys)))
+    assert any(text.startswith(told) for text in texts)
+    assert {text.partition(":")[0] for text in texts} <= {*keys, "gap.exponent"}
 
 
 def test_a_question_is_a_part_of_it(tmp_path: Path) -> None:
@@ -105,8 +105,8 @@ def test_a_key_that_is_lacking_has_its_default(key: str, is_same: bool) -> None:
     asked = identity(preset("default"))
     content = json.loads(asked)
     assert key in content["case"]
-    kept = json.dumps(content | {"case": content["case"].replace(key, "")})
-    assert (differences(kept, asked) == []) == is_same
+    stored = json.dumps(content | {"case": content["case"].replace(key, "")})
+    assert (differences(stored, asked) == []) == is_same
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"case": "", "question": {}}', "\x00", '"a"'])
@@ -132,13 +132,13 @@ def test_a_folder_says_of_what_it_is(tmp_path: Path) -> None:
 
 def test_files_are_found_by_content(tmp_path: Path) -> None:
     case = with_table(tmp_path / "a")
-    kept, near = identity(case), with_table(tmp_path / "b")
-    assert located(kept, near, case).files == near.files
+    stored, near = identity(case), with_table(tmp_path / "b")
+    assert located(stored, near, case).files == near.files
     (tmp_path / "b" / "gap.csv").write_text(TABLE.replace("0.012", "0.002"))
-    assert located(kept, near, case) == case
+    assert located(stored, near, case) == case
     (tmp_path / "a" / "gap.csv").unlink()
     with pytest.raises(CaseError, match=r"gap\.file: .*put it back"):
-        located(kept, near, case)
+        located(stored, near, case)
 
 
 def test_a_case_with_the_length_of_its_table_is_read_back(tmp_path: Path) -> None:

@@ -210,8 +210,8 @@ def both(**numbers: object) -> Case:
 def test_a_number_unlike_that_of_the_material_is_refused(
     key: str, value: object, said: str
 ) -> None:
-    given = "7800" if key == "density" else r"2e\+11"
-    with pytest.raises(CaseError, match=rf"lamina\.upper\.{key}: .*{said}.*steel.*{given}"):
+    number_text = "7800" if key == "density" else r"2e\+11"
+    with pytest.raises(CaseError, match=rf"lamina\.upper\.{key}: .*{said}.*steel.*{number_text}"):
         both(**{key: value})
 
 

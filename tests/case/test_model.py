@@ -41,8 +41,8 @@ def test_bad_models_are_refused(given: dict[str, object], words: str) -> None:
 
 def test_the_file_goes_with_the_case(tmp_path) -> None:
     (tmp_path / "modes.h5").write_bytes(b"modes")
-    given = {"model.kind": "modes", "model.file": str(tmp_path / "modes.h5")}
+    overrides = {"model.kind": "modes", "model.file": str(tmp_path / "modes.h5")}
     folder = tmp_path / "copy"
-    path = save_case(preset("default", given), folder)
+    path = save_case(preset("default", overrides), folder)
     assert (folder / "modes.h5").read_bytes() == b"modes"
     assert load_case(path).model.file == folder / "modes.h5"

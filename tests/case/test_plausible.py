@@ -45,8 +45,8 @@ def test_a_mass_per_length_unlike_that_of_the_material_is_told() -> None:
 def test_lengths_in_mm_are_named_instead_of_the_frequency() -> None:
     sizes = {"length": 400.0, "width": 20.0, "thickness": 2.0, "bending_stiffness": None}
     keys = {f"lamina.{name}.{key}": v for name in ("thick", "thin") for key, v in sizes.items()}
-    found = warnings(preset("paper", keys | {"excitation.frequency": 10.0, "gap.tip": 4.0}))
-    assert found == [
+    texts = warnings(preset("paper", keys | {"excitation.frequency": 10.0, "gap.tip": 4.0}))
+    assert texts == [
         f"lamina.{name}: length = 400 m, width = 20 m and thickness = 2 m look unusual; did you "
         'mean "400 mm", "20 mm" and "2 mm"?'
         for name in ("thick", "thin")
@@ -75,10 +75,10 @@ def test_no_preset_warns(name: str) -> None:
     ],
 )
 def test_one_number_gives_one_warning(key: str, value: object, expected: str) -> None:
-    found = warnings(preset("paper", {key: value}))
-    assert len(found) == 1
+    texts = warnings(preset("paper", {key: value}))
+    assert len(texts) == 1
 
-    assert re.search(expected, found[0]), found[0]
+    assert re.search(expected, texts[0]), texts[0]
 
 
 @pytest.mark.parametrize(("frequency", "lamina"), [(0.00325, 0), (3250.0, 1)])
@@ -86,15 +86,15 @@ def test_the_frequency_of_a_lamina_stands_beside_that_of_the_drive(
     frequency: float, lamina: int
 ) -> None:
     case = preset("paper", {"excitation.frequency": frequency})
-    firsts = sorted(own.angular_frequencies(1)[0] / (2.0 * np.pi) for own in case.lamina)
+    firsts = sorted(lamina.angular_frequencies(1)[0] / (2.0 * np.pi) for lamina in case.lamina)
     assert f"first frequency {firsts[lamina]:.3g} Hz" in warnings(case)[0]
 
 
 def test_lengths_in_mm_are_told() -> None:
     keys = {f"lamina.{name}.length": 685.0 for name in ("thick", "thin")}
-    found = warnings(preset("paper", keys))
-    assert [text.partition(" = ")[0] for text in found[:2]] == [*keys]
-    assert all('did you mean "685 mm"' in text for text in found[:2])
+    texts = warnings(preset("paper", keys))
+    assert [text.partition(" = ")[0] for text in texts[:2]] == [*keys]
+    assert all('did you mean "685 mm"' in text for text in texts[:2])
 
 
 def test_a_warning_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
@@ -144,7 +144,7 @@ def test_each_bound_is_met_on_both_sides(
 
 def test_frequencies_are_judged_beside_the_first_ones() -> None:
     case = preset("paper", ONE)
-    low, high = sorted(own.angular_frequencies(1)[0] / (2.0 * np.pi) for own in case.lamina)
+    low, high = sorted(lamina.angular_frequencies(1)[0] / (2.0 * np.pi) for lamina in case.lamina)
     for value, first, end in ((0.01 * low, low, 0.99), (250.0 * high, high, 1.01)):
         assert told_of(excitation__frequency=value * (1.0 + (1.0 - end) * 1e-3)) == []
         [text] = told_of(excitation__frequency=value * end)
@@ -156,8 +156,8 @@ def test_frequencies_are_judged_beside_the_first_ones() -> None:
         )
     sweep = {"kind": "sweep", "start_frequency": 1e-3 * low, "end_frequency": 400.0 * high,
              "duration": 1.0, "amplitude": 0.06}  # fmt: skip
-    found = told_of(excitation=sweep, output={})
-    assert [text.split(" = ")[0] for text in found] == [
+    texts = told_of(excitation=sweep, output={})
+    assert [text.split(" = ")[0] for text in texts] == [
         "excitation.amplitude", "excitation.start_frequency", "excitation.end_frequency",
     ]  # fmt: skip
     force = {"kind": "force", "lamina": "thin", "position": 0.1, "amplitude": 9.0, "frequency":
@@ -166,13 +166,13 @@ def test_frequencies_are_judged_beside_the_first_ones() -> None:
 
 
 def test_masses_and_blows_are_judged() -> None:
-    whole = 1000.0 * 0.05 * 0.01 * 0.5
+    full_mass = 1000.0 * 0.05 * 0.01 * 0.5
     mass = {"lamina": "thick", "position": 0.1}
-    assert told_of(point_mass=[{**mass, "mass": 20.0 * whole}]) == []
-    [text] = told_of(point_mass=[{**mass, "mass": 0.1}, {**mass, "mass": 20.1 * whole}])
+    assert told_of(point_mass=[{**mass, "mass": 20.0 * full_mass}]) == []
+    [text] = told_of(point_mass=[{**mass, "mass": 0.1}, {**mass, "mass": 20.1 * full_mass}])
     assert text == (
-        f"point_mass.2.mass = {20.1 * whole:g} kg looks unusual: its ratio to the mass of the "
-        f'lamina is 20.1, above 20; did you mean "{20.1 * whole:g} g"?'
+        f"point_mass.2.mass = {20.1 * full_mass:g} kg looks unusual: its ratio to the mass of the "
+        f'lamina is 20.1, above 20; did you mean "{20.1 * full_mass:g} g"?'
     )
     blow = {"kind": "hammer", "lamina": "thin", "position": 0.1, "amplitude": 9.0, "duration": 2e-3}
     time = {"time.step": 1e-4, "time.duration": 0.1, "output": {}}
@@ -192,7 +192,7 @@ def test_masses_and_blows_are_judged() -> None:
     ],
 )  # fmt: skip
 def test_units_that_would_be_plausible_are_named(key: str, value: float, hint: str) -> None:
-    [text] = [own for own in told_of(**{key: value}) if own.startswith(key)]
+    [text] = [line for line in told_of(**{key: value}) if line.startswith(key)]
     number = f"{value:g}"
     assert text.partition("; ")[2] == (f'did you mean "{number} {hint}"?' if hint else "")
 

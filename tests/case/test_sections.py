@@ -28,11 +28,13 @@ from delam_fem.case.sections import (
 def without_words(schema: Any) -> Any:
     """Return a schema without what its keys mean."""
     if isinstance(schema, list):
-        return [without_words(own) for own in schema]
+        return [without_words(entry) for entry in schema]
     if not isinstance(schema, dict):
         return schema
     words = isinstance(schema.get("description"), str)
-    return {k: without_words(own) for k, own in schema.items() if not (words and k[:5] == "descr")}
+    return {
+        k: without_words(entry) for k, entry in schema.items() if not (words and k[:5] == "descr")
+    }
 
 
 def test_bounds_and_defaults_of_all_keys_are_the_stored_ones(stored: Callable[..., None]) -> None:
@@ -40,8 +42,8 @@ def test_bounds_and_defaults_of_all_keys_are_the_stored_ones(stored: Callable[..
 
 
 def lamina(**given: Any) -> Lamina:
-    own = {"name": "a", "length": 0.5, "width": 0.03, "thickness": 0.002, "damping_ratio": 0.01}
-    return Lamina(**own | given)
+    values = {"name": "a", "length": 0.5, "width": 0.03, "thickness": 0.002, "damping_ratio": 0.01}
+    return Lamina(**values | given)
 
 
 LAMINAE: dict[str, dict[str, Any]] = {
@@ -74,26 +76,26 @@ def test_an_edge_is_at_an_end_within_its_tolerance(end: float) -> None:
     for share, is_there in ((0.9, True), (1.1, False)):
         shift = share * 1e-9 * 0.4
         start, stop = (shift, 0.4) if end == 0.0 else (0.0, 0.4 - shift)
-        own = Delamination(between=("a", "b"), start=start, end=stop)
-        assert own.reaches(end, 0.4) == is_there
-        assert own.reaches(0.4 - end, 0.4)
-        assert own.spans(0.4) == is_there
+        delamination = Delamination(between=("a", "b"), start=start, end=stop)
+        assert delamination.reaches(end, 0.4) == is_there
+        assert delamination.reaches(0.4 - end, 0.4)
+        assert delamination.spans(0.4) == is_there
         for support, ends in (
             (Support(start="free", end="free"), {0.0: "start", 0.4: "end"}),
             (Support(start="pinned"), {0.4: "end"}), (Support(start="free", end="pinned"),
             {0.0: "start"}), (Support(end="clamped"), {}),
         ):  # fmt: skip
-            kept = tuple(name for x, name in ends.items() if x != end or is_there)
-            assert open_ends(own, 0.4, support) == kept
+            open_names = tuple(name for x, name in ends.items() if x != end or is_there)
+            assert open_ends(delamination, 0.4, support) == open_names
 
 
 def test_words_of_sensors() -> None:
     told = []
     for quantity, unit in SENSOR_UNITS.items():
         if quantity != "contact force":
-            own = Sensor(name="s", quantity=quantity, lamina="a", position=0.125)  # type: ignore[arg-type]
-            told.append(own.words)
-            assert own.unit == unit
+            sensor = Sensor(name="s", quantity=quantity, lamina="a", position=0.125)  # type: ignore[arg-type]
+            told.append(sensor.words)
+            assert sensor.unit == unit
     told.append(
         Sensor(name="s", quantity="strain", lamina="a", position=0.1, surface="bottom").words
     )
@@ -113,7 +115,7 @@ def test_reaches_and_elastic_keys() -> None:
     stretch = Stop(lamina="a", side="both", gap=0.0, start=0.0, end=0.2, stiffness=3.0)
     assert stretch.reach(0.7) == (0.0, 0.2) and stretch.elastic_by == "stiffness"
     blow = {"lamina": "a", "mass": 1.0, "velocity": 1.0}
-    assert [Impactor(**blow | own).elastic_by for own in (  # type: ignore[arg-type]
+    assert [Impactor(**blow | keys).elastic_by for keys in (  # type: ignore[arg-type]
         {}, {"stiffness": 1.0}, {"radius": 1.0})] == [None, "stiffness", "radius"]  # fmt: skip
     pin, spring = (
         InnerSupport(position=0.1, kind="pinned"),

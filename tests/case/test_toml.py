@@ -169,11 +169,11 @@ def test_overrides_change_just_this(overrides: dict[str, Any], changed: dict[str
 
 
 def test_tables_that_override_stay_as_they_are() -> None:
-    given = {"excitation": {"kind": "harmonic", "frequency": 2.0}, "excitation.frequency": 3.0}
+    overrides = {"excitation": {"kind": "harmonic", "frequency": 2.0}, "excitation.frequency": 3.0}
     data: dict[str, Any] = {}
-    apply_overrides(data, given)
+    apply_overrides(data, overrides)
     assert data["excitation"]["frequency"] == 3.0
-    assert given["excitation"] == {"kind": "harmonic", "frequency": 2.0}
+    assert overrides["excitation"] == {"kind": "harmonic", "frequency": 2.0}
 
 
 def test_the_ends_of_several_supports_are_added() -> None:

@@ -116,7 +116,7 @@ def test_the_unit_of_noise_is_that_of_the_sensor() -> None:
 
 def test_units_are_those_of_the_documents() -> None:
     """The unit in a docstring, which documents show, is the one that texts are converted to."""
-    seen = 0
+    n_units = 0
     for table in tables():
         for key in table.keys:
             field = table.model.model_fields.get(key.name)
@@ -126,10 +126,10 @@ def test_units_are_those_of_the_documents() -> None:
             units = [note.name for note in notes if isinstance(note, Unit)]
             if units:
                 assert key.unit.split(" per node")[0].replace("-", "1") == units[0], key.name
-                seen += 1
+                n_units += 1
             elif field is not None and key.unit not in ("", "-"):
                 pytest.fail(f"{table.heading} {key.name} [{key.unit}] takes no units")
-    assert seen > 40
+    assert n_units > 40
     assert SENSOR_UNITS["contact force"] == "N"
 
 

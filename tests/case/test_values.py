@@ -67,9 +67,9 @@ BOUNDS: list[tuple[Any, list[object], dict[object, str]]] = [
 @pytest.mark.parametrize("number", range(len(BOUNDS)))
 def test_bounds_are_met_on_both_sides(number: int) -> None:
     kind, taken, refused = BOUNDS[number]
-    assert {str(value): said(kind, value) for value in taken} == {str(own): "" for own in taken}
+    assert {str(value): said(kind, value) for value in taken} == {str(value): "" for value in taken}
     assert {str(value): said(kind, value) for value in refused} == {
-        str(own): words for own, words in refused.items()
+        str(value): words for value, words in refused.items()
     }
 
 
@@ -143,10 +143,10 @@ def test_numbers_with_units(text: str, unit: str, number: float) -> None:
 
 def test_a_quantity_of_any_registry_is_taken() -> None:
     pint = pytest.importorskip("pint")
-    own = pint.UnitRegistry()
-    assert in_si(2.5 * own.mm, "m") == 0.0025
+    registry = pint.UnitRegistry()
+    assert in_si(2.5 * registry.mm, "m") == 0.0025
     with pytest.raises(PydanticCustomError, match="expected a length such as"):
-        in_si(2.5 * own.s, "m")
+        in_si(2.5 * registry.s, "m")
 
 
 class Table(values.Section):

@@ -310,8 +310,8 @@ def test_comparison_is_shown_and_written(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_presets_are_listed_and_shown() -> None:
     assert invoke("new", "--list").stdout.split() == ["paper", "default", "embedded", "edge"]
-    shown = invoke("new", "--from", "paper")
-    assert Case.from_toml(shown.stdout) == preset("paper")
+    result = invoke("new", "--from", "paper")
+    assert Case.from_toml(result.stdout) == preset("paper")
     unknown = invoke("new", "--from", "x")
     assert (unknown.exit_code, unknown.stderr.count("preset 'x': unknown")) == (2, 1)
 
@@ -337,9 +337,9 @@ def test_a_preset_or_the_schema_is_written_to_a_file(
 def test_help_shows_the_groups() -> None:
     text = invoke("--help").stdout
     assert all(f"─ {group} ─" in text for group in commands())
-    shown = {line.split()[1] for line in text.splitlines() if line.startswith("│ ")}
+    command_names = {line.split()[1] for line in text.splitlines() if line.startswith("│ ")}
     today = {name.split()[0] for group in commands().values() for name in group}
-    assert today <= shown
+    assert today <= command_names
     for first in ("orbit", "measure", "identify", "detect", "show"):
         told = invoke(first, "--help").stdout
         seconds = {
@@ -422,9 +422,13 @@ def test_the_command_gives_blas_one_thread(given: dict[str, str], number: str) -
         "import os, delam_fem.cli, numpy as np; np.ones((500, 500)) @ np.ones((500, 500))\n"
         "print(os.environ['OPENBLAS_NUM_THREADS'], len(os.listdir('/proc/self/task')))"
     )
-    own = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     process = subprocess.run(
-        [sys.executable, "-c", program], env=own | given, capture_output=True, text=True, check=True
+        [sys.executable, "-c", program],
+        env=environment | given,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     told, threads = process.stdout.split()
     assert told == number

@@ -79,22 +79,22 @@ law = "none"
 
 def rows(output: str) -> dict[str, str]:
     """Return the rows of the table by their headings; lines that go on are joined."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     heading = ""
     for line in output.splitlines():
         cells = [cell.strip() for cell in line.split("│")[1:-1]]
         if len(cells) == 2:
             heading = cells[0] or heading
-            found[heading] = f"{found.get(heading, '')} {cells[1]}".strip()
-    return found
+            texts[heading] = f"{texts.get(heading, '')} {cells[1]}".strip()
+    return texts
 
 
 def test_all_that_acts_on_laminae_is_shown(tmp_path: Path) -> None:
     file = tmp_path / "full.toml"
     file.write_text(CASE, encoding="utf-8")
-    shown = invoke("check", file)
-    assert shown.exit_code == 0, shown.stderr
-    table = rows(shown.stdout)
+    result = invoke("check", file)
+    assert result.exit_code == 0, result.stderr
+    table = rows(result.stdout)
     expected = {
         "lamina beam": ["steel"], "support 1": ["0.11", "1234"], "point mass 1": ["0.019", "0.15"],
         "stop 1": ["0.21", "1.7 mm", "100000 N/m"],
@@ -121,9 +121,9 @@ def test_the_numbers_that_a_law_reads_are_shown(
     keys = ("contact.penalty_stiffness=321", "contact.penalty_damping=0.7",
             "contact.restitution=0.23", "contact.threshold_velocity=0.004",
             "mesh.elements=4", f"contact.law={law}")  # fmt: skip
-    shown = invoke("check", "default", *(word for key in keys for word in ("--set", key)))
-    assert shown.exit_code == 0, shown.stderr
-    numbers = rows(shown.stdout).get("numbers of the law", "")
+    result = invoke("check", "default", *(word for key in keys for word in ("--set", key)))
+    assert result.exit_code == 0, result.stderr
+    numbers = rows(result.stdout).get("numbers of the law", "")
     assert all(text in numbers for text in expected), numbers
     assert not any(text in numbers for text in others), numbers
 

@@ -24,10 +24,10 @@ pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 def refused(*arguments: str) -> str:
-    found = invoke(*arguments)
-    assert found.exit_code == 2, found.output
+    result = invoke(*arguments)
+    assert result.exit_code == 2, result.output
     assert not list(Path("runs").glob("*")) if Path("runs").exists() else True
-    return " ".join(found.stderr.split())
+    return " ".join(result.stderr.split())
 
 
 def test_a_file_for_another_command_names_it() -> None:
@@ -47,9 +47,9 @@ def test_a_typo_in_the_key_of_an_axis_is_named_before_its_value() -> None:
         "values = [3.0, 3.5]", 'start = "9.5 Hz"\nstop = "12 Hz"\ncount = 3'
     )
     Path("s.toml").write_text(text, encoding="utf-8")
-    found = refused("check", "s.toml")
-    assert "axis.1.key" in found and "'excitation.frequncy'; did you mean frequency?" in found
-    assert "axis.1.start" not in found
+    message = refused("check", "s.toml")
+    assert "axis.1.key" in message and "'excitation.frequncy'; did you mean frequency?" in message
+    assert "axis.1.start" not in message
 
 
 @pytest.mark.parametrize(
@@ -104,11 +104,11 @@ def test_units_of_branches_are_read_and_told(monkeypatch: pytest.MonkeyPatch) ->
     )
     small = ("--set", "mesh.elements=1", "--set", "time.steps_per_period=50")
     keys = ("--set", "contact.law=none", *small, "--step", "0.5", "--doublings", "0")
-    found = invoke(
+    result = invoke(
         "orbit", "follow", "paper", "--from", "2500 mHz", "--to", "2.6 Hz", *keys, "-o", "b"
     )
-    assert found.exit_code == 0, found.output
-    assert "excitation.frequency = 2.5 Hz" in found.stderr
+    assert result.exit_code == 0, result.output
+    assert "excitation.frequency = 2.5 Hz" in result.stderr
     with h5py.File("b/branch.nc") as file:
         assert file["parameter"].attrs["units"] in ("Hz", b"Hz")
         assert float(file["parameter"][0]) == 2.5
@@ -116,8 +116,8 @@ def test_units_of_branches_are_read_and_told(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_compiled_run_is_extended_by_its_engine() -> None:
     for more in (("--engine", "compiled"), ("--extend", "2")):
-        found = invoke("run", "paper", *SMALL, "-o", "r", "--no-figures", *more)
-        assert found.exit_code == 0, found.stderr
+        result = invoke("run", "paper", *SMALL, "-o", "r", "--no-figures", *more)
+        assert result.exit_code == 0, result.stderr
     summary = json.loads(Path("r/summary.json").read_text(encoding="utf-8"))
     assert (summary["engine"], summary["periods"]) == ("compiled", 5)
 
@@ -128,9 +128,9 @@ def test_the_page_of_a_sweep_is_written_again() -> None:
     page = next(path for path in Path("s").glob("*.html"))
     before = page.read_bytes()
     page.unlink()
-    found = invoke("show", "page", "s")
-    assert (found.exit_code, page.read_bytes()) == (0, before)
-    assert page.name in found.stdout
+    result = invoke("show", "page", "s")
+    assert (result.exit_code, page.read_bytes()) == (0, before)
+    assert page.name in result.stdout
 
 
 def test_laminae_that_are_apart_are_not_searched_for_delaminations() -> None:

@@ -47,10 +47,10 @@ def test_a_model_that_a_study_does_not_follow_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    given = CliRunner().invoke(app, [*arguments, *COARSE, "--set", f"model.kind={kind}"])
-    assert given.exit_code == 2
-    assert f'model.kind: {study}: expected "beam"' in given.stderr
-    assert f'given "{kind}": ' in given.stderr
+    result = CliRunner().invoke(app, [*arguments, *COARSE, "--set", f"model.kind={kind}"])
+    assert result.exit_code == 2
+    assert f'model.kind: {study}: expected "beam"' in result.stderr
+    assert f'given "{kind}": ' in result.stderr
     assert not list(tmp_path.glob("runs/*")) and not (tmp_path / "a.npz").exists()
 
 
@@ -60,12 +60,12 @@ def test_a_reduced_model_gives_its_own_operators_and_modes(tmp_path: Path) -> No
     case = str(tmp_path / "case.toml")
     status = CliRunner().invoke(app, ["show", "operators", case, "-o", str(tmp_path / "o.npz")])
     assert status.exit_code == 0, status.stderr
-    with np.load(tmp_path / "o.npz") as found:
-        assert np.all(found["M"] == np.eye(len(found["M"]))) and np.all(found["lamina"] == -1)
-        lowest = np.sqrt(np.linalg.eigvalsh(found["K"])[0])
+    with np.load(tmp_path / "o.npz") as arrays:
+        assert np.all(arrays["M"] == np.eye(len(arrays["M"]))) and np.all(arrays["lamina"] == -1)
+        lowest = np.sqrt(np.linalg.eigvalsh(arrays["K"])[0])
     assert lowest == pytest.approx(min(first_frequencies(small)), rel=1e-4)
-    own, full = df.load_case(case), df.modes(small, 3, delaminations="closed")
-    reduced = df.modes(own, 3, delaminations="closed")
+    loaded_case, full = df.load_case(case), df.modes(small, 3, delaminations="closed")
+    reduced = df.modes(loaded_case, 3, delaminations="closed")
     assert reduced.structure is not None and full.structure is not None
     # the reduced one ties gaps alone, not slopes
     assert reduced.structure.frequencies[0] == pytest.approx(full.structure.frequencies[0], rel=0.1)
@@ -85,12 +85,12 @@ def test_the_motion_without_contact_is_that_of_the_model() -> None:
 
 def test_the_intact_structure_of_a_reduced_model_is_refused(tmp_path: Path) -> None:
     reduced_case(df.preset("embedded", {"mesh.elements": 20}), 6).save(tmp_path)
-    given = CliRunner().invoke(
+    result = CliRunner().invoke(
         app, ["detect", "scan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "d")]
     )
-    assert given.exit_code == 2
-    assert 'model.kind: detect: expected "beam"' in given.stderr
+    assert result.exit_code == 2
+    assert 'model.kind: detect: expected "beam"' in result.stderr
     case = str(tmp_path / "case.toml")
-    given = CliRunner().invoke(app, ["converge", case, "--in", "elements"])
-    assert given.exit_code == 2
-    assert 'given "modes": ' in given.stderr
+    result = CliRunner().invoke(app, ["converge", case, "--in", "elements"])
+    assert result.exit_code == 2
+    assert 'given "modes": ' in result.stderr

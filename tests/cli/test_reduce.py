@@ -40,8 +40,10 @@ def test_a_reduced_case_is_computed_by_both_engines(folder: Path, tmp_path: Path
         assert (run / "reduced.npz").is_file()  # the run can be repeated from its folder
         for name in ("figures/envelope.png", "fields"):
             assert (run / name).exists() == (engine == "petsc")
-    found = [json.loads((tmp_path / e / "summary.json").read_text()) for e in ("petsc", "compiled")]
-    assert found[0]["tip_max"] == pytest.approx(found[1]["tip_max"], rel=1e-9)
+    summaries = [
+        json.loads((tmp_path / e / "summary.json").read_text()) for e in ("petsc", "compiled")
+    ]
+    assert summaries[0]["tip_max"] == pytest.approx(summaries[1]["tip_max"], rel=1e-9)
     assert call("run", tmp_path / "petsc" / "case.toml", "--dry-run")[0] == 0
 
 

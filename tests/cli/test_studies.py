@@ -48,14 +48,14 @@ class Found(Finding):
 @pytest.fixture
 def places(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, RunContext]]:
     """Put a study in place of `excite` that computes nothing, and return what it is given."""
-    given: list[tuple[Any, RunContext]] = []
+    calls: list[tuple[Any, RunContext]] = []
 
     def compute(case: df.Case, options: Excite, place: RunContext) -> Found:
-        given.append((options, place))
+        calls.append((options, place))
         return Found()
 
     monkeypatch.setattr(excitation, "compute", compute)
-    return given
+    return calls
 
 
 def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
@@ -112,9 +112,9 @@ def test_every_study_says_that_no_delamination_opens(places: list[tuple[Any, Run
 @pytest.mark.parametrize("name", studies())
 def test_help_is_the_docstring_of_the_options_with_units(name: str) -> None:
     text = " ".join(re.sub("[│╭╮╰╯─]", " ", invoke(*name.split(), "--help").stdout).split())
-    own = studies()[name].options
-    assert summary(own) in text
-    for meaning in meanings(own).values():
+    options = studies()[name].options
+    assert summary(options) in text
+    for meaning in meanings(options).values():
         words = meaning[1:].split("[")
         assert all(f"[{word[:4]}" in text for word in words[1:]), meaning
 

@@ -132,13 +132,13 @@ BLOW = {
 def test_the_whole_run_of_a_blow_is_recorded_by_both_engines() -> None:
     case = df.preset("embedded", FORCE | BLOW)
     structure = closed_form.assemble(case)
-    found = [run(case, engine, structure=structure).history for engine in ENGINES]
-    for history in found:
+    histories = [run(case, engine, structure=structure).history for engine in ENGINES]
+    for history in histories:
         t, F = history.time.to_numpy(), history.force.to_numpy()
         assert t == pytest.approx(2e-5 * np.arange(1, 1001))
         assert 2e-5 * F.sum() == pytest.approx(2.0 / np.pi * 0.01 * 1e-3, rel=1e-3)
         assert not F[t < 2e-3].any() and not F[t > 3e-3].any()
-    tips = [history.tip_displacement.to_numpy() for history in found]
+    tips = [history.tip_displacement.to_numpy() for history in histories]
     assert np.abs(tips[0] - tips[1]).max() < 1e-7 * np.abs(tips[0]).max()
     assert np.abs(tips[0]).max() > 0.0
 

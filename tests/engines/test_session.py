@@ -42,7 +42,7 @@ def test_linear_motion_is_the_exact_one(engine: EngineName, scheme: Scheme) -> N
     dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
     U = np.linalg.solve(dynamic.toarray(), -o.base.stiffness * 0.01)
     start = np.array([U.imag, omega * U.real, -(omega**2) * U.imag])
-    found = solve(
+    solution = solve(
         o,
         df.Law("none"),
         scheme,
@@ -52,13 +52,13 @@ def test_linear_motion_is_the_exact_one(engine: EngineName, scheme: Scheme) -> N
         initial=df.State(start, np.zeros(1, dtype=bool)),
         engine=engine,
     )
-    expected = (np.outer(np.exp(1j * omega * found.time), o.probes @ U)).imag
-    assert found.outcome == "completed"
-    assert found.displacement == pytest.approx(expected, abs=2e-5 * np.abs(expected).max())
-    assert found.velocity[:, 1] == pytest.approx(
-        np.gradient(found.displacement[:, 1], found.time), abs=1e-4
+    expected = (np.outer(np.exp(1j * omega * solution.time), o.probes @ U)).imag
+    assert solution.outcome == "completed"
+    assert solution.displacement == pytest.approx(expected, abs=2e-5 * np.abs(expected).max())
+    assert solution.velocity[:, 1] == pytest.approx(
+        np.gradient(solution.displacement[:, 1], solution.time), abs=1e-4
     )
-    assert np.abs(found.energy["residual"]).max() < 1e-12
+    assert np.abs(solution.energy["residual"]).max() < 1e-12
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -74,7 +74,7 @@ def test_an_impact_leaves_with_its_restitution(engine: EngineName) -> None:
         probes=sp.csr_matrix([[1.0]]),
     )
     start = df.State(np.array([[0.0], [1.0], [0.0]]), np.zeros(1, dtype=bool))
-    found = solve(
+    solution = solve(
         o,
         df.Law("newton", restitution=0.4),
         NEWMARK,
@@ -84,11 +84,11 @@ def test_an_impact_leaves_with_its_restitution(engine: EngineName) -> None:
         initial=start,
         engine=engine,
     )
-    assert found.impacts.time == pytest.approx([0.5], abs=1.1e-3)
-    assert found.impacts.rate_pre == pytest.approx([-1.0])
-    assert found.impacts.impulse == pytest.approx([2.0 * 1.4])
-    assert found.velocity[-1] == pytest.approx([-0.4])
-    assert found.energy["impact_loss"] == pytest.approx([0.5 * 2.0 * (1.0 - 0.4**2)])
+    assert solution.impacts.time == pytest.approx([0.5], abs=1.1e-3)
+    assert solution.impacts.rate_pre == pytest.approx([-1.0])
+    assert solution.impacts.impulse == pytest.approx([2.0 * 1.4])
+    assert solution.velocity[-1] == pytest.approx([-0.4])
+    assert solution.energy["impact_loss"] == pytest.approx([0.5 * 2.0 * (1.0 - 0.4**2)])
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Sticky:
 
 
 def test_a_law_of_ones_own() -> None:
-    found = solve(
+    solution = solve(
         two_masses(gap=0.01),
         Sticky(),
         NEWMARK,
@@ -119,10 +119,10 @@ def test_a_law_of_ones_own() -> None:
         steps_per_period=STEPS,
         periods=2,
     )
-    assert found.impacts.time.size > 0
-    assert found.displacement[:, 0].max() < 0.0101
-    assert found.energy["impact_loss"].sum() > 0.0
-    assert np.abs(found.energy["residual"]).max() < 1e-12
+    assert solution.impacts.time.size > 0
+    assert solution.displacement[:, 0].max() < 0.0101
+    assert solution.energy["impact_loss"].sum() > 0.0
+    assert np.abs(solution.energy["residual"]).max() < 1e-12
 
 
 def problems() -> Iterator[pytest.ParameterSet]:
@@ -147,22 +147,22 @@ def problems() -> Iterator[pytest.ParameterSet]:
 def test_what_cannot_be_solved_is_refused(
     law: df.Law, scheme: Scheme, engine: EngineName, more: dict[str, float | None], text: str
 ) -> None:
-    given: dict[str, float | None] = {"time_step": 1e-3} | more
+    settings: dict[str, float | None] = {"time_step": 1e-3} | more
     with pytest.raises(df.CaseError, match=text):
-        solve(two_masses(), law, scheme, steps_per_period=10, periods=1, engine=engine, **given)
+        solve(two_masses(), law, scheme, steps_per_period=10, periods=1, engine=engine, **settings)
 
 
 def test_a_run_stops_when_it_is_asked_to_and_goes_on_from_its_state() -> None:
     o, law, motion = two_masses(gap=0.01), df.Law("newton", restitution=0.5), None
     start = df.State(np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), np.zeros(1, dtype=bool))
-    given = {"time_step": 1e-3, "steps_per_period": 100, "engine": "compiled"}
-    whole = solve(o, law, NEWMARK, motion, periods=4, initial=start, **given)
+    settings = {"time_step": 1e-3, "steps_per_period": 100, "engine": "compiled"}
+    complete_run = solve(o, law, NEWMARK, motion, periods=4, initial=start, **settings)
     first = solve(
-        o, law, NEWMARK, motion, periods=4, initial=start, stop=lambda done: done == 2, **given
+        o, law, NEWMARK, motion, periods=4, initial=start, stop=lambda done: done == 2, **settings
     )
     assert first.outcome == "interrupted"
-    rest = solve(o, law, NEWMARK, motion, periods=2, initial=first.state, **given)
-    assert rest.displacement[1:] == pytest.approx(whole.displacement[201:], abs=1e-12)
+    resumed = solve(o, law, NEWMARK, motion, periods=2, initial=first.state, **settings)
+    assert resumed.displacement[1:] == pytest.approx(complete_run.displacement[201:], abs=1e-12)
 
 
 def test_a_motion_that_repeats_has_one_table_for_all_periods() -> None:

@@ -27,11 +27,11 @@ SHAKER = {"kind": "harmonic", "amplitude": 1e-4, "frequency": 100.0}
 
 
 def case_of(**sections: Any) -> Case:
-    given = {
+    data = {
         "name": "bar", "lamina": [BAR], "mesh": {"elements": 8}, "excitation": FORCE,
         "contact": {"law": "penalty"}, "damping": {"rayleigh": "every mode"},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def test_frequencies_are_those_of_linear_elements() -> None:
@@ -43,8 +43,8 @@ def test_frequencies_are_those_of_linear_elements() -> None:
         ("lumped", 2.0 * (1.0 - np.cos(angle))),
     ):
         o = closed_form.assemble(case_of(time={"mass": mass})).operators
-        found = scipy.linalg.eigh(o.stiffness.toarray(), o.mass.toarray(), eigvals_only=True)
-        np.testing.assert_allclose(found, expected * E / RHO * n**2 / L**2, rtol=1e-9)
+        eigenvalues = scipy.linalg.eigh(o.stiffness.toarray(), o.mass.toarray(), eigvals_only=True)
+        np.testing.assert_allclose(eigenvalues, expected * E / RHO * n**2 / L**2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("ends", [("clamped", "free"), ("free", "clamped"), ("free", "free")])

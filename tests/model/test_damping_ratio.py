@@ -69,10 +69,10 @@ def test_the_modes_that_are_named_have_the_ratio(
     name: str, rayleigh: str, masses: list[dict[str, Any]]
 ) -> None:
     lamina, support = STRUCTURES[name]
-    given = ratios(case_of(lamina, rayleigh, support=support, point_mass=masses))
-    n = {"two-mode": 2, "every mode": given.size}.get(rayleigh, 1)
+    damping_ratios = ratios(case_of(lamina, rayleigh, support=support, point_mass=masses))
+    n = {"two-mode": 2, "every mode": damping_ratios.size}.get(rayleigh, 1)
     # linear elements of a bar are too stiff by (π/n)²/24 in mode 1, four times that in mode 2
-    np.testing.assert_allclose(given[:n], D, rtol=2e-3)
+    np.testing.assert_allclose(damping_ratios[:n], D, rtol=2e-3)
 
 
 def test_a_point_with_a_mass_has_the_ratio_at_its_own_frequency() -> None:
@@ -93,9 +93,9 @@ def test_laminae_that_are_apart_have_the_modes_of_each_alone() -> None:
         np.testing.assert_allclose(
             0.5 * alpha / omega + 0.5 * beta * omega, case.lamina[i].damping_ratio, rtol=1e-12
         )
-        own = part.own_dofs
-        C = alpha * o.mass[own][:, own] + beta * o.stiffness[own][:, own]
-        assert abs(o.damping[own][:, own] - C).max() <= 1e-12 * abs(C).max()
+        dofs = part.own_dofs
+        C = alpha * o.mass[dofs][:, dofs] + beta * o.stiffness[dofs][:, dofs]
+        assert abs(o.damping[dofs][:, dofs] - C).max() <= 1e-12 * abs(C).max()
 
 
 @pytest.mark.parametrize("needs_dolfinx", [True, False])

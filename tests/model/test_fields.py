@@ -44,8 +44,11 @@ def test_the_moment_of_a_cubic_is_exact_and_the_mean_of_both_cells_at_a_point(
     cubic = np.polynomial.Polynomial(coefficients)
     u, phi, curvature = (cubic.deriv(k)(X) if k else cubic(X) for k in range(3))
     states = np.stack([u, 2.0 * u]), np.stack([phi, 2.0 * phi])
-    found = layout.bending_moment(LAYOUT, *(np.stack([s, -s]) for s in states))
-    for sign, rigidity, moments in ((1.0, LOWER, found[0]), (-1.0, UPPER, found[1])):
+    bending_moments = layout.bending_moment(LAYOUT, *(np.stack([s, -s]) for s in states))
+    for sign, rigidity, moments in (
+        (1.0, LOWER, bending_moments[0]),
+        (-1.0, UPPER, bending_moments[1]),
+    ):
         at_point = np.empty(X.size)
         at_point[0], at_point[-1] = rigidity[0], rigidity[-1]
         at_point[1:-1] = 0.5 * (rigidity[1:] + rigidity[:-1])
@@ -60,5 +63,9 @@ def test_the_moment_of_a_kink_is_the_mean_of_what_both_cells_have() -> None:
     joint = X[2]
     u = np.where(X < joint, 1.0, 4.0) * (X - joint) ** 2
     phi = np.where(X < joint, 2.0, 8.0) * (X - joint)
-    found = layout.bending_moment(LAYOUT, np.stack([u, u])[:, None], np.stack([phi, phi])[:, None])
-    assert found[0, 0] == pytest.approx([4.0, 4.0, 0.5 * (2.0 * 2.0 + 5.0 * 8.0), 22.0, 4.0])
+    bending_moments = layout.bending_moment(
+        LAYOUT, np.stack([u, u])[:, None], np.stack([phi, phi])[:, None]
+    )
+    assert bending_moments[0, 0] == pytest.approx(
+        [4.0, 4.0, 0.5 * (2.0 * 2.0 + 5.0 * 8.0), 22.0, 4.0]
+    )

@@ -23,15 +23,15 @@ def bar() -> tuple[object, object, list[object]]:
     mesh = dolfinx.mesh.create_interval(MPI.COMM_SELF, N, [0.0, 1.0])
     V = getattr(dolfinx.fem, "functionspace", dolfinx.fem.FunctionSpace)(mesh, ("Lagrange", 1))
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-    held = dolfinx.fem.locate_dofs_geometrical(V, lambda x: x[0] < 1e-9)
-    clamp = dolfinx.fem.dirichletbc(np.float64(1.0), held, V)
+    clamped_dofs = dolfinx.fem.locate_dofs_geometrical(V, lambda x: x[0] < 1e-9)
+    clamp = dolfinx.fem.dirichletbc(np.float64(1.0), clamped_dofs, V)
     return 6.0 * u * v * ufl.dx, u.dx(0) * v.dx(0) * ufl.dx, [clamp]
 
 
 def of(bar: tuple[object, object, list[object]], **changed: object) -> df.Operators:
     mass, stiffness, base = bar
-    given = {"base": base, "gap": df.Gap([[0.875], [1.0]], (-2.0,), [0.1, 0.2]), "probes": TIP}
-    made = df.Operators.from_forms(mass, stiffness, (0.5, 0.25), **(given | changed))
+    settings = {"base": base, "gap": df.Gap([[0.875], [1.0]], (-2.0,), [0.1, 0.2]), "probes": TIP}
+    made = df.Operators.from_forms(mass, stiffness, (0.5, 0.25), **(settings | changed))
     assert isinstance(made, df.Operators)
     return made
 
@@ -97,10 +97,10 @@ def test_matrices_of_petsc_keep_what_is_known_of_them(
 ) -> None:
     o = of(bar)
     shapes = np.column_stack([np.ones(N), np.arange(N)])
-    whole = spread(o.__class__(o.mass, o.damping, o.stiffness, o.base, o.gap_matrix, o.gap0,
+    distributed = spread(o.__class__(o.mass, o.damping, o.stiffness, o.base, o.gap_matrix, o.gap0,
                                near_null=shapes), MPI.COMM_SELF)  # fmt: skip
     again = df.Operators.from_petsc(
-        whole.mass, whole.damping, whole.stiffness, gap=(o.gap_matrix, o.gap0)
+        distributed.mass, distributed.damping, distributed.stiffness, gap=(o.gap_matrix, o.gap0)
     )
     assert isinstance(again, df.Operators)
     assert abs(again.mass - o.mass).max() == 0.0 and abs(again.damping - o.damping).max() == 0.0
@@ -108,7 +108,11 @@ def test_matrices_of_petsc_keep_what_is_known_of_them(
     assert np.linalg.matrix_rank(np.column_stack([again.near_null, shapes])) == 2
     with pytest.raises(df.CaseError, match="base: expected one number for each own dof"):
         df.Operators.from_petsc(
-            whole.mass, whole.damping, whole.stiffness, gap=(o.gap_matrix, o.gap0), base=np.zeros(1)
+            distributed.mass,
+            distributed.damping,
+            distributed.stiffness,
+            gap=(o.gap_matrix, o.gap0),
+            base=np.zeros(1),
         )
 
 

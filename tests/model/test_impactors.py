@@ -37,23 +37,23 @@ BALL = {"radius": 0.01, "velocity": V}
 
 
 def case_of(impactor: dict[str, Any], **sections: Any) -> Case:
-    given = {
+    data = {
         "name": "tap", "lamina": [LAMINA], "mesh": {"elements": 4}, "excitation": SHAKER,
         "contact": {"law": "penalty"},
         "impactor": [{"lamina": "one", "mass": M, "gap": GAP} | impactor],
         "sensor": [{"name": "blow", "quantity": "contact force", "impactor": 1}],
         "time": {"steps_per_period": 1000, "periods": 3}, "output": {"window_periods": 3},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def on_wall(impactor: dict[str, Any], seconds: float, steps: int = 4000, **sections: Any) -> Case:
-    given = {
+    data = {
         "lamina": [WALL], "mesh": {"elements": 1},
         "excitation": NO_FORCE | {"frequency": 1.0 / seconds},
         "time": {"steps_per_period": steps, "periods": 1}, "output": {"window_periods": 1},
     }  # fmt: skip
-    return case_of({"velocity": V} | impactor, **(given | sections))
+    return case_of({"velocity": V} | impactor, **(data | sections))
 
 
 def pulse(result: Result) -> tuple[float, float, float]:
@@ -87,10 +87,10 @@ def test_a_ball_follows_hertz() -> None:
     depth = (1.25 * M * V**2 / k) ** 0.4
     length = 2.9432752 * depth / V
     result = run(on_wall(BALL | {"gap": 0.0}, 1.5 * length), engine="compiled")
-    found = pulse(result)
-    assert found[0] == pytest.approx(k * depth**1.5, rel=1e-3)
-    assert found[1] == pytest.approx(length, rel=2e-3)
-    assert found[2] == pytest.approx(2.0 * M * V, rel=1e-3)
+    measured_pulse = pulse(result)
+    assert measured_pulse[0] == pytest.approx(k * depth**1.5, rel=1e-3)
+    assert measured_pulse[1] == pytest.approx(length, rel=2e-3)
+    assert measured_pulse[2] == pytest.approx(2.0 * M * V, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_spring_carries_it_with_the_base_or_the_ground(on: str, stop: str | No
 def test_errors_vanish_with_the_step(contact: dict[str, Any], order: float) -> None:
     """As between laminae: order 2 of springs, 1 of impacts."""
     sections: dict[str, Any] = {} if contact else {"contact": RIGID}
-    found = []
+    motions = []
     for steps in (500, 1000, 2000, 16000):
         case = case_of(
             {"mass": 0.02, "velocity": 0.5, "gap": 3.1e-4, "spring": 50.0} | contact,
@@ -155,8 +155,8 @@ def test_errors_vanish_with_the_step(contact: dict[str, Any], order: float) -> N
             excitation=SHAKER | {"frequency": 60.0}, **sections,
         )  # fmt: skip
         history = run(case, engine="compiled").history
-        found.append(history["impactor_displacement"][0, steps // 4 - 1 :: steps // 4].to_numpy())
-    errors = [np.abs(one - found[-1]).max() for one in found[:-1]]
+        motions.append(history["impactor_displacement"][0, steps // 4 - 1 :: steps // 4].to_numpy())
+    errors = [np.abs(one - motions[-1]).max() for one in motions[:-1]]
     assert abs(0.5 * math.log2(errors[0] / errors[2]) - order) < 0.5, errors
 
 
@@ -177,13 +177,15 @@ ARRAY = make(
 @pytest.mark.parametrize("row", ARRAY, ids=lambda row: "-".join(map(str, row.values())))
 def test_engines_agree(row: dict[str, Any]) -> None:
     """To 1e-9 m before the tenth impact, on every pair of settings."""
-    own: dict[str, Any] = {
+    impactor: dict[str, Any] = {
         "mass": 0.02, "velocity": 0.4, "gap": 2e-4, "side": row["side"],
         "position": {"node": L, "inside": 0.8 * L}[row["place"]],
     }  # fmt: skip
-    own |= {"linear": {"stiffness": 2e4}, "hertz": {"radius": 1e-5}, "rigid": {}}[row["contact"]]
+    impactor |= {"linear": {"stiffness": 2e4}, "hertz": {"radius": 1e-5}, "rigid": {}}[
+        row["contact"]
+    ]
     if row["spring"] != "none":
-        own |= {"spring": 100.0, "spring_damping": 0.05, "on": row["spring"]}
+        impactor |= {"spring": 100.0, "spring_damping": 0.05, "on": row["spring"]}
     names = ["one"] if row["laminae"] == "one" else ["one", "two"]
     force = {"kind": "force", "lamina": "one", "position": 0.3, "amplitude": 0.2, "frequency": 20.0}
     sections: dict[str, Any] = {
@@ -205,17 +207,19 @@ def test_engines_agree(row: dict[str, Any]) -> None:
         sections["mesh"] = {"elements": 8}
     if row["stop"]:
         sections["stop"] = [{"lamina": "one", "position": 0.375, "side": "below", "gap": 2e-3}]
-    case = case_of(own, **sections)
+    case = case_of(impactor, **sections)
     structure = closed_form.assemble(case)
     results = [run(case, engine=engine, structure=structure) for engine in ENGINES]
     one, other = (result.history for result in results)
     blows = one["time"][1:][np.diff(one["sensor_blow"] > 0.0)].to_numpy()
     blows = np.sort(np.concatenate([blows, one["event_time"].to_numpy()]))
-    kept = one["time"].to_numpy() < (blows[9] if blows.size > 9 else math.inf)
+    is_before = one["time"].to_numpy() < (blows[9] if blows.size > 9 else math.inf)
     for name in ("tip_displacement", "impactor_displacement"):
-        both = [history[name].to_numpy()[:, kept] for history in (one, other)]
+        both = [history[name].to_numpy()[:, is_before] for history in (one, other)]
         np.testing.assert_allclose(*both, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(one["sensor_gauge"][kept], other["sensor_gauge"][kept], atol=1e-7)
+    np.testing.assert_allclose(
+        one["sensor_gauge"][is_before], other["sensor_gauge"][is_before], atol=1e-7
+    )
     assert blows.size
     for result in results:
         assert result.summary["energy_residual"] < 1e-6
@@ -223,25 +227,25 @@ def test_engines_agree(row: dict[str, Any]) -> None:
 
 def test_dolfinx_assembles_the_same_impactor() -> None:
     case = case_of({"position": 0.8 * L, "spring": 10.0, "on": "base"} | BALL)
-    found, expected = discretise.assemble(case).operators, closed_form.assemble(case).operators
+    operators, expected = discretise.assemble(case).operators, closed_form.assemble(case).operators
     for name in ("mass", "stiffness", "gap_matrix", "sensors"):
-        both = [getattr(o, name).toarray() for o in (found, expected)]
+        both = [getattr(o, name).toarray() for o in (operators, expected)]
         np.testing.assert_allclose(*both, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(found.pair_weights, expected.pair_weights)
+    np.testing.assert_array_equal(operators.pair_weights, expected.pair_weights)
 
 
 def test_the_film_shows_it_where_it_is_and_modes_leave_it_out() -> None:
     """One mark, though a ball has many springs, its face at gap and displacement."""
     case = case_of({"gap": 2e-3, "mass": 0.01} | BALL)
     history = run(case, engine="compiled").history
-    found = film(history, case)
-    assert found is not None
-    (mark,) = found.data["stops"]
+    scene = film(history, case)
+    assert scene is not None
+    (mark,) = scene.data["stops"]
     flight = history["impactor_displacement"][0].to_numpy()
     moved = np.interp(history["frame"], history["time"], flight)
-    expected = found.data["factor"] * (2e-3 + moved)
-    kept = moved < 1e-3
-    np.testing.assert_allclose(np.array(mark["y"])[kept], 1e3 * expected[kept], atol=1e-5)
+    expected = scene.data["factor"] * (2e-3 + moved)
+    is_small = moved < 1e-3
+    np.testing.assert_allclose(np.array(mark["y"])[is_small], 1e3 * expected[is_small], atol=1e-5)
     alone = case.without_impactors
     np.testing.assert_array_equal(modes(case).frequencies, modes(alone).frequencies)
 
@@ -298,9 +302,9 @@ def test_what_does_not_go_together_is_told() -> None:
 def test_a_ladder_names_the_impactor_before_its_law(tmp_path: Path) -> None:
     path = tmp_path / "tap.toml"
     path.write_text(case_of({"stiffness": 1e5}).to_toml())
-    found = CliRunner().invoke(app, ["converge", str(path), "-o", str(tmp_path / "out")])
-    assert found.exit_code == 2
-    assert "impactor: converge: expected none, given 1" in found.output
+    result = CliRunner().invoke(app, ["converge", str(path), "-o", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert "impactor: converge: expected none, given 1" in result.output
 
 
 def takes_impactors(study: Study[Any, Any]) -> bool:

@@ -22,13 +22,13 @@ BEAM = {
 
 
 def case_of(lamina: dict[str, Any], *initial: dict[str, Any], **sections: Any) -> Case:
-    given = {
+    data = {
         "name": "start", "lamina": [lamina], "mesh": {"elements": 1 if "mass" in lamina else 8},
         "excitation": {"kind": "harmonic", "amplitude": 0.0, "frequency": 5.0},
         "contact": {"law": "none"}, "initial": initial,
         "time": {"steps_per_period": 2000, "periods": 3}, "output": {"window_periods": 3},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def motion(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -41,9 +41,11 @@ def test_a_point_swings_as_it_must(engine: EngineName) -> None:
     case = case_of(POINT, {"displacement": 2e-3}, {"velocity": -0.03})
     t, (u,), _ = motion(run(case, engine=engine))
     omega = np.sqrt(K / M)
-    own = omega * np.sqrt(1.0 - D**2)
-    b = (-0.03 + D * omega * 2e-3) / own
-    exact = np.exp(-D * omega * t) * (2e-3 * np.cos(own * t) + b * np.sin(own * t))
+    damped_omega = omega * np.sqrt(1.0 - D**2)
+    b = (-0.03 + D * omega * 2e-3) / damped_omega
+    exact = np.exp(-D * omega * t) * (
+        2e-3 * np.cos(damped_omega * t) + b * np.sin(damped_omega * t)
+    )
     np.testing.assert_allclose(u, exact, atol=1e-8)
 
 
@@ -143,8 +145,8 @@ def test_every_structure_begins_in_each_of_its_modes(
 ) -> None:
     """The shape fulfils K u = ω² M u with the exact ω, rigid motions first."""
     for number, root in enumerate(ROOTS[kind, start, end], start=1):
-        given = {"shape": "mode", "mode": number, "displacement": 1e-3}
-        o = started(kind, start, end, n, given).operators
+        initial = {"shape": "mode", "mode": number, "displacement": 1e-3}
+        o = started(kind, start, end, n, initial).operators
         assert o.start is not None
         u = o.start[0]
         square = float(u @ o.stiffness @ u / (u @ o.mass @ u))
@@ -159,8 +161,8 @@ def test_every_structure_begins_in_each_of_its_modes(
 @pytest.mark.parametrize("n", [4, 9, 20])
 def test_rigid_motions_are_a_translation_and_then_a_turn(n: int) -> None:
     for mode, expected in ((1, np.ones(n + 1)), (2, np.linspace(1.0, -1.0, n + 1))):
-        given = {"shape": "mode", "mode": mode, "displacement": 1e-3}
-        structure = started("beam", "free", "free", n, given)
+        initial = {"shape": "mode", "mode": mode, "displacement": 1e-3}
+        structure = started("beam", "free", "free", n, initial)
         place = structure.layout.parts[0].dofs[:, 0]
         assert structure.operators.start is not None
         deflection = structure.operators.start[0][place]

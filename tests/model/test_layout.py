@@ -22,12 +22,12 @@ def structure() -> Structure:
 
 def part(name: str = "a", x: np.ndarray = X, **changed: np.ndarray) -> Part:
     n = x.size
-    given: dict[str, np.ndarray] = {
+    arrays: dict[str, np.ndarray] = {
         "dofs": np.arange(2 * n).reshape(n, 2),
         "flexural_rigidity": np.ones(n - 1),
         "mass_per_length": np.ones(n - 1),
     }
-    return Part(name, x, **(given | changed))
+    return Part(name, x, **(arrays | changed))
 
 
 @pytest.mark.parametrize(

@@ -46,8 +46,8 @@ def test_a_pair_with_one_held_point_feels_the_other() -> None:
     parts = stack(2)
     dofs = parts[0].dofs.copy()
     dofs[2] = FIXED
-    held = [Part("held", X, dofs, np.ones(3), np.ones(3)), parts[1]]
-    H = gap_matrix(held, (opposite(held, 0, 1),), 12).toarray()
+    other_parts = [Part("held", X, dofs, np.ones(3), np.ones(3)), parts[1]]
+    H = gap_matrix(other_parts, (opposite(other_parts, 0, 1),), 12).toarray()
     assert H[1].tolist() == [0.0] * 8 + [1.0, 0.0, 0.0, 0.0]
 
 

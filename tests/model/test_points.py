@@ -88,10 +88,10 @@ def test_a_held_point_is_no_pair_but_its_cell_has_pairs() -> None:
 @pytest.mark.parametrize("p", [1, 3, 4])
 def test_both_discretisations_have_the_same_pairs(p: int) -> None:
     case = case_of(p, 5)
-    given, expected = (module.assemble(case).operators for module in (forms, closed_form))
-    assert given.n_pairs == 5 * p
-    assert abs(given.gap_matrix - expected.gap_matrix).max() == 0.0
-    np.testing.assert_array_equal(given.gap0, expected.gap0)
+    operators, expected = (module.assemble(case).operators for module in (forms, closed_form))
+    assert operators.n_pairs == 5 * p
+    assert abs(operators.gap_matrix - expected.gap_matrix).max() == 0.0
+    np.testing.assert_array_equal(operators.gap0, expected.gap0)
 
 
 def test_one_point_per_element_is_the_node_bit_for_bit() -> None:
@@ -133,8 +133,8 @@ def test_fields_are_given_at_nodes_and_points() -> None:
     x, L = layout.parts[0].x, layout.parts[0].x[-1]
     u, phi = (np.stack([f, f])[:, None] for f in (x**3, 3.0 * x**2))
     everywhere = np.linspace(0.0, L, 5)
-    shown, slope = at_stations(layout, u, phi)
-    assert shown[1, 0] == pytest.approx(everywhere**3)
+    deflection, slope = at_stations(layout, u, phi)
+    assert deflection[1, 0] == pytest.approx(everywhere**3)
     assert slope[0, 0] == pytest.approx(3.0 * everywhere**2)
     EI = layout.parts[0].flexural_rigidity[0]
     moment = bending_moment(layout, u, phi)

@@ -19,11 +19,11 @@ def turned(structure: Structure) -> tuple[Structure, np.ndarray]:
     n = o.n_dofs
     rng = np.random.default_rng(3)
     Q = np.zeros((n, n))
-    own = [layout.own_dofs(i) for i in range(2)]
-    for dofs in own:
+    lamina_dofs = [layout.own_dofs(i) for i in range(2)]
+    for dofs in lamina_dofs:
         Q[np.ix_(dofs, dofs)] = rng.normal(size=(dofs.size, dofs.size))
     part = np.zeros(n, np.int64)
-    part[own[1]] = 1
+    part[lamina_dofs[1]] = 1
 
     def both(A: sp.csr_matrix) -> sp.csr_matrix:
         return sp.csr_matrix(Q.T @ A @ Q)
@@ -38,8 +38,8 @@ def turned(structure: Structure) -> tuple[Structure, np.ndarray]:
         pair_weights=o.pair_weights,
         probes=sp.csr_matrix(o.probes @ Q),
     )
-    held = np.zeros(n)
-    reading = Reading(sp.csr_matrix(Q), held, part)
+    base = np.zeros(n)
+    reading = Reading(sp.csr_matrix(Q), base, part)
     other = Layout(**{**vars(layout), "reading": reading})
     return Structure(operators, other), Q
 

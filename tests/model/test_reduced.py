@@ -18,23 +18,25 @@ def operators(**overrides: object) -> Operators:
 @pytest.mark.parametrize("modes", [1, 3, 5])
 def test_modes_and_the_rest_make_the_whole_static_flexibility(modes: int) -> None:
     o = operators()
-    found = reduce(o, modes)
+    reduced = reduce(o, modes)
     H, K = o.gap_matrix.toarray(), o.stiffness.toarray()
-    G = found.gap_modes
-    whole = (G / found.squares) @ G.T + found.compliance.sum(axis=0)
-    np.testing.assert_allclose(whole, H @ np.linalg.solve(K, H.T), rtol=1e-9)
+    G = reduced.gap_modes
+    flexibility = (G / reduced.squares) @ G.T + reduced.compliance.sum(axis=0)
+    np.testing.assert_allclose(flexibility, H @ np.linalg.solve(K, H.T), rtol=1e-9)
 
 
 def test_each_lamina_has_its_modes_and_its_creep() -> None:
     case = preset("default", {"mesh.elements": 5, "damping.rayleigh": "stiffness"})
-    found = reduce(closed_form.assemble(case).operators, 3)
+    reduced = reduce(closed_form.assemble(case).operators, 3)
     for i, lamina in enumerate(case.lamina):
         alpha, beta = case.rayleigh(i)
-        own = slice(3 * i, 3 * i + 3)
+        of_lamina = slice(3 * i, 3 * i + 3)
         omega = lamina.angular_frequencies(2)
-        np.testing.assert_allclose(np.sqrt(found.squares[own][:2]), omega, rtol=2e-3)
-        np.testing.assert_allclose(found.damping[own], alpha + beta * found.squares[own])
-        assert found.creep[i] == pytest.approx(beta, rel=1e-6)
+        np.testing.assert_allclose(np.sqrt(reduced.squares[of_lamina][:2]), omega, rtol=2e-3)
+        np.testing.assert_allclose(
+            reduced.damping[of_lamina], alpha + beta * reduced.squares[of_lamina]
+        )
+        assert reduced.creep[i] == pytest.approx(beta, rel=1e-6)
 
 
 def test_mass_damping_does_not_creep() -> None:
@@ -42,21 +44,21 @@ def test_mass_damping_does_not_creep() -> None:
 
 
 def test_a_shift_of_the_base_moves_everything() -> None:
-    found = reduce(operators(), 3)
-    rest = np.zeros((1, 6)), np.zeros((1, 2, 5))
-    moved = found.displacement(*rest, np.array([0.01]))
+    reduced = reduce(operators(), 3)
+    still = np.zeros((1, 6)), np.zeros((1, 2, 5))
+    moved = reduced.displacement(*still, np.array([0.01]))
     np.testing.assert_allclose(moved[0, ::2], 0.01, rtol=1e-9)  # displacements
     np.testing.assert_allclose(moved[0, 1::2], 0.0, atol=1e-9)  # slopes
-    np.testing.assert_allclose(found.gap_drive, 0.0, atol=1e-9)
+    np.testing.assert_allclose(reduced.gap_drive, 0.0, atol=1e-9)
     mass = sum(e.mass_per_length * e.length for e in preset("default").lamina)
-    assert found.base_mass == pytest.approx(mass)
+    assert reduced.base_mass == pytest.approx(mass)
 
 
 def test_a_bonded_structure_is_one_part() -> None:
     case = preset("embedded", {"mesh.elements": 20})
-    found = reduce(closed_form.assemble(case).operators, 6)
-    assert found.n_parts == 1
-    assert found.n_modes == 6
+    reduced = reduce(closed_form.assemble(case).operators, 6)
+    assert reduced.n_parts == 1
+    assert reduced.n_modes == 6
 
 
 def test_too_many_modes_for_the_contact_points_are_refused() -> None:

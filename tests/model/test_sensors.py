@@ -22,15 +22,15 @@ def static(structure: Structure, load: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("x", [0.0, 0.1, 0.3425, 0.685])
 def test_strain_of_a_cantilever_under_a_tip_force(x: float, surface: str, sign: float) -> None:
     """w'' = F (L - x) / EI, and the top of a beam that bends upwards is compressed."""
-    own = {**STRAIN, "lamina": "thin", "position": x, "surface": surface}
-    case = preset("paper", {"sensor": [own]})
+    sensor = {**STRAIN, "lamina": "thin", "position": x, "surface": surface}
+    case = preset("paper", {"sensor": [sensor]})
     structure = closed_form.assemble(case)
     part, thin = structure.layout.parts[1], case.lamina[1]
     load = np.zeros(structure.operators.n_dofs)
     load[part.dofs[-1, 0]] = 0.2
     exact = sign * 0.5 * thin.thickness * 0.2 * (0.685 - x) / thin.flexural_rigidity
-    found = (structure.operators.sensors @ static(structure, load))[0]
-    assert found == pytest.approx(exact, rel=1e-9, abs=1e-12)
+    strain = (structure.operators.sensors @ static(structure, load))[0]
+    assert strain == pytest.approx(exact, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -40,14 +40,14 @@ def test_strain_of_a_bonded_stack_is_that_of_one_thick_beam(
     lamina: str, surface: str, z: float
 ) -> None:
     """1.4 and 0.6 mm of one metal are a beam of 2 mm before the delamination: -z M / EI."""
-    own = {**STRAIN, "lamina": lamina, "position": 0.1, "surface": surface}
-    structure = closed_form.assemble(preset("edge", {"sensor": [own]}))
+    sensor = {**STRAIN, "lamina": lamina, "position": 0.1, "surface": surface}
+    structure = closed_form.assemble(preset("edge", {"sensor": [sensor]}))
     load = np.zeros(structure.operators.n_dofs)
     for part in structure.layout.parts:  # where they are apart, each carries its share
         load[part.dofs[-1, 0]] += 0.1
     EI = 70e9 * 0.02 * 0.002**3 / 12.0
-    found = (structure.operators.sensors @ static(structure, load))[0]
-    assert found == pytest.approx(-z * 0.2 * (0.4 - 0.1) / EI, rel=1e-6)
+    strain = (structure.operators.sensors @ static(structure, load))[0]
+    assert strain == pytest.approx(-z * 0.2 * (0.4 - 0.1) / EI, rel=1e-6)
 
 
 def test_rigid_motion_has_no_strain() -> None:
@@ -57,17 +57,17 @@ def test_rigid_motion_has_no_strain() -> None:
     u = np.zeros(structure.operators.n_dofs)
     u[part.dofs[1:, 0]] = 0.01
     of_base = [sensor.of_base[0] for sensor in structure.layout.sensors]
-    found = structure.operators.sensors @ u + 0.01 * np.array(of_base)
-    assert np.abs(found).max() < 1e-15
+    strains = structure.operators.sensors @ u + 0.01 * np.array(of_base)
+    assert np.abs(strains).max() < 1e-15
 
 
 def test_probes_and_layout_do_not_change() -> None:
-    own = {"name": "d", "quantity": "displacement", **AT}
+    sensor = {"name": "d", "quantity": "displacement", **AT}
     plain = closed_form.assemble(preset("paper"))
-    found = closed_form.assemble(preset("paper", {"sensor": [own]}))
-    assert (found.operators.probes != plain.operators.probes).nnz == 0
-    assert found.layout.probes == plain.layout.probes
-    assert found.operators.observed.shape[0] == 3
+    structure = closed_form.assemble(preset("paper", {"sensor": [sensor]}))
+    assert (structure.operators.probes != plain.operators.probes).nnz == 0
+    assert structure.layout.probes == plain.layout.probes
+    assert structure.operators.observed.shape[0] == 3
 
 
 @pytest.mark.parametrize(
@@ -83,20 +83,20 @@ def test_probes_and_layout_do_not_change() -> None:
     ],
 )
 def test_bad_sensor(keys: dict[str, object], expected: str) -> None:
-    own = {"name": "s", "quantity": "velocity", **AT, **keys}
+    sensor = {"name": "s", "quantity": "velocity", **AT, **keys}
     with pytest.raises(CaseError, match=expected):
-        preset("paper", {"sensor": [{k: v for k, v in own.items() if v is not None}]})
+        preset("paper", {"sensor": [{k: v for k, v in sensor.items() if v is not None}]})
 
 
 def test_contact_force_needs_neighbours() -> None:
-    own = {"name": "f", "quantity": "contact force"}
+    sensor = {"name": "f", "quantity": "contact force"}
     with pytest.raises(CaseError, match=r"sensor\.f\.between: missing"):
-        preset("paper", {"sensor": [own]})
+        preset("paper", {"sensor": [sensor]})
     with pytest.raises(CaseError, match=r"between: expected neighbours .* given \[.thin., .thick"):
-        preset("paper", {"sensor": [{**own, "between": ["thin", "thick"]}]})
+        preset("paper", {"sensor": [{**sensor, "between": ["thin", "thick"]}]})
 
 
 def test_seed_without_noise_is_not_read() -> None:
-    own = {"name": "s", "quantity": "velocity", **AT, "seed": 3}
-    assert preset("paper", {"sensor": [own]}).unread == ("sensor.s.seed",)
-    assert preset("paper", {"sensor": [{**own, "noise": 0.1}]}).unread == ()
+    sensor = {"name": "s", "quantity": "velocity", **AT, "seed": 3}
+    assert preset("paper", {"sensor": [sensor]}).unread == ("sensor.s.seed",)
+    assert preset("paper", {"sensor": [{**sensor, "noise": 0.1}]}).unread == ()

@@ -37,13 +37,13 @@ def case_of(stop: dict[str, Any] | list[dict[str, Any]], **sections: Any) -> Cas
         {"name": f"stop-{k}", "quantity": "contact force", "stop": k}
         for k in range(1, len(stops) + 1)
     ]
-    given = {
+    data = {
         "name": "stop", "lamina": [LAMINA], "mesh": {"elements": 4}, "excitation": SHAKER,
         "contact": {"law": "penalty"}, "sensor": sensors,
-        "stop": [{"lamina": "one", "side": "above", "gap": GAP} | own for own in stops],
+        "stop": [{"lamina": "one", "side": "above", "gap": GAP} | stop for stop in stops],
         "time": {"steps_per_period": 1000, "periods": 3}, "output": {"window_periods": 3},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def forces(result: Result) -> np.ndarray:
@@ -61,8 +61,8 @@ def test_a_slow_base_presses_on_an_elastic_stop_on_the_ground(side: str, place: 
     result = run(case, engine="compiled")
     q = result.history["base_displacement"].to_numpy() * (1.0 if side == "above" else -1.0)
     exact = np.maximum(q - GAP, 0.0) / (x**3 / (3.0 * EI) + 1.0 / K)
-    found = forces(result)[0]
-    assert np.abs(found - exact).max() < 0.01 * exact.max()
+    stop_force = forces(result)[0]
+    assert np.abs(stop_force - exact).max() < 0.01 * exact.max()
     # round-off, whatever the step: u is that of the ground's frame, so almost rigid
     assert result.summary["energy_residual"] < 1e-7
 
@@ -129,7 +129,7 @@ def test_engines_agree(row: dict[str, Any]) -> None:
     place = {"node": {"position": L}, "inside": {"position": 0.8 * L},
              "stretch": {"start": 0.5 * L, "end": L}}[row["place"]]  # fmt: skip
     gap = 2e-5 if row["laminae"] == "supported" else 2e-4
-    own = place | {"side": row["side"], "on": row["on"], "gap": gap}
+    stop = place | {"side": row["side"], "on": row["on"], "gap": gap}
     is_elastic = row["law"] == "elastic"
     sections: dict[str, Any] = {
         "excitation": SHAKER if row["drive"] == "shaker" else FORCE | {"position": 0.6 * L},
@@ -139,20 +139,20 @@ def test_engines_agree(row: dict[str, Any]) -> None:
     }  # fmt: skip
     if row["laminae"] == "supported":
         sections["support"] = {"start": "pinned", "end": "pinned"}
-        own |= {"position": 0.8 * L} if row["place"] == "node" else {}
+        stop |= {"position": 0.8 * L} if row["place"] == "node" else {}
     if row["laminae"] == "two":
         sections |= {
             "lamina": [LAMINA, LAMINA | {"name": "two", "bending_stiffness": 4.0}],
             "gap": {"tip": 5e-4},
         }
-    case = case_of(own | (ELASTIC if is_elastic else {}), **sections)
+    case = case_of(stop | (ELASTIC if is_elastic else {}), **sections)
     results = [run(case, engine=engine, structure=closed_form.assemble(case)) for engine in ENGINES]
     one, other = (result.history for result in results)
     events = one["event_time"].to_numpy()
     end = events[9] if events.size > 9 else math.inf  # before the tenth impact
-    kept = one["time"].to_numpy() < end
+    is_before = one["time"].to_numpy() < end
     for name, atol in (("tip_displacement", 1e-9), ("tip_velocity", 1e-6)):
-        both = [history[name].to_numpy()[:, kept] for history in (one, other)]
+        both = [history[name].to_numpy()[:, is_before] for history in (one, other)]
         np.testing.assert_allclose(*both, rtol=0.0, atol=atol)
     touched = (
         one["stop_state"].to_numpy().any() or (one.get("event_stop", one["event_node"]) >= 0).any()
@@ -166,12 +166,12 @@ def test_dolfinx_assembles_the_same_stops() -> None:
     case = case_of(
         [{"position": 0.4 * L, "side": "both"}, {"start": 0.3, "end": L, "on": "ground"}]
     )
-    found, expected = discretise.assemble(case).operators, closed_form.assemble(case).operators
+    operators, expected = discretise.assemble(case).operators, closed_form.assemble(case).operators
     np.testing.assert_allclose(
-        found.gap_matrix.toarray(), expected.gap_matrix.toarray(), atol=1e-12
+        operators.gap_matrix.toarray(), expected.gap_matrix.toarray(), atol=1e-12
     )
-    np.testing.assert_allclose(found.base.shift, expected.base.shift, atol=1e-9)
-    np.testing.assert_allclose(found.base.mass, expected.base.mass, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(operators.base.shift, expected.base.shift, atol=1e-9)
+    np.testing.assert_allclose(operators.base.mass, expected.base.mass, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("side", ["above", "below"])
@@ -194,8 +194,8 @@ def test_a_stop_along_a_stretch_has_a_shape(
     (tmp_path / "case.toml").write_text(toml_text(data))
     case = load_case(save_case(load_case(tmp_path / "case.toml"), tmp_path / "copy"))
     assembled = closed_form.assemble(case)
-    [own] = assembled.layout.stops
-    np.testing.assert_allclose(assembled.operators.gap0[own.pairs], GAP + np.array(opened))
+    [stop_pairs] = assembled.layout.stops
+    np.testing.assert_allclose(assembled.operators.gap0[stop_pairs.pairs], GAP + np.array(opened))
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_bad_stops_are_told(change: dict[str, Any], expected: str) -> None:
 @pytest.mark.parametrize(("own", "order"), [(ELASTIC, 2.0), ({}, 1.0)], ids=["elastic", "rigid"])
 def test_errors_vanish_with_the_step(own: dict[str, Any], order: float) -> None:
     """As between laminae: order 2 of springs, 1 of impacts."""
-    is_elastic, found = bool(own), []
+    is_elastic, motions = bool(own), []
     for steps in (500, 1000, 2000, 16000):
         case = case_of(
             {"position": L, "gap": 2.3e-4, "on": "ground"} | own,
@@ -234,8 +234,8 @@ def test_errors_vanish_with_the_step(own: dict[str, Any], order: float) -> None:
             time={"steps_per_period": steps, "periods": 1}, output={"window_periods": 1},
         )  # fmt: skip
         history = run(case, engine="compiled").history
-        found.append(history["tip_displacement"][0, steps // 4 - 1 :: steps // 4].to_numpy())
-    errors = [np.abs(one - found[-1]).max() for one in found[:-1]]
+        motions.append(history["tip_displacement"][0, steps // 4 - 1 :: steps // 4].to_numpy())
+    errors = [np.abs(one - motions[-1]).max() for one in motions[:-1]]
     assert abs(0.5 * math.log2(errors[0] / errors[2]) - order) < 0.5, errors
 
 
@@ -274,7 +274,7 @@ def test_elastic_stops_at_one_place_are_springs_one_after_the_other() -> None:
         [stop, stop | {"gap": 1.5 * GAP}], excitation=slow,
         time={"steps_per_period": 4000, "periods": 1},
     )  # fmt: skip
-    first, second = (own.max() for own in forces(run(case, engine="compiled")))
+    first, second = (force.max() for force in forces(run(case, engine="compiled")))
     give = L**3 / (3.0 * EI)
     tip = (A + give * k * 2.5 * GAP) / (1.0 + 2.0 * give * k)
     assert first == pytest.approx(k * (tip - GAP), rel=0.01)

@@ -22,13 +22,13 @@ PINNED = {"start": "pinned", "end": "pinned"}
 
 
 def case_of(*supports: dict[str, Any], **sections: Any) -> Case:
-    given = {
+    data = {
         "name": "support", "lamina": [LAMINA], "mesh": {"elements": 16}, "support": [*supports],
         "excitation": {"kind": "harmonic", "amplitude": 1e-4, "frequency": 20.0},
         "contact": {"law": "newton"}, "time": {"steps_per_period": 500, "periods": 3},
         "output": {"window_periods": 3},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def first(case: Case, n: int = 1) -> float:
@@ -57,7 +57,8 @@ def test_stiff_springs_are_rigid_supports(kind: str) -> None:
     if kind == "clamped":
         stiff["rotational_stiffness"] = 1e6
     rigid, spring = (
-        first(case_of(PINNED, place | own)) for own in ({"kind": kind}, {"kind": "spring"} | stiff)
+        first(case_of(PINNED, place | support))
+        for support in ({"kind": kind}, {"kind": "spring"} | stiff)
     )
     assert spring == pytest.approx(rigid, rel=2e-2)  # no element bends to both sides of a clamp
     soft = first(case_of(PINNED, place | {"kind": "spring", "stiffness": 1e-6}))
@@ -99,7 +100,7 @@ def test_engines_agree_and_the_ledger_closes() -> None:
     """With springs that damp, a pin beside two laminae, and stops."""
     stop = {"lamina": "one", "side": "both", "gap": 5e-5, "position": 0.8 * L}
     spring = {"position": 0.63 * L, "kind": "spring", "stiffness": 300.0, "damping": 0.5}
-    own = [{"position": 0.4 * L, "kind": "pinned", "rotational_stiffness": 5.0}, spring]
+    supports = [{"position": 0.4 * L, "kind": "pinned", "rotational_stiffness": 5.0}, spring]
     two = {
         "lamina": [LAMINA, LAMINA | {"name": "two", "bending_stiffness": 4.0}],
         "delamination": [
@@ -107,7 +108,7 @@ def test_engines_agree_and_the_ledger_closes() -> None:
         ],
     }
     for sections in ({}, two):
-        case = case_of(*own, stop=[stop], **sections)
+        case = case_of(*supports, stop=[stop], **sections)
         case = case.with_overrides({"excitation.amplitude": 5e-4})
         results = [run(case, engine=name, structure=closed_form.assemble(case)) for name in ENGINES]
         both = [result.history["tip_displacement"].to_numpy() for result in results]

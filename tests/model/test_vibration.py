@@ -20,16 +20,16 @@ DISCRETE = 1e-3
 def test_the_slowest_mode_of_two_laminae_is_the_lowest_of_the_thin_one(kind: str) -> None:
     case = df.preset("paper", {"damping.rayleigh": kind, "mesh.elements": 10})
     omega = case.lamina[1].angular_frequencies(1)[0]
-    found = slowest_decay(closed_form.assemble(case).operators)
-    assert found == pytest.approx(0.008 * omega, rel=DISCRETE)
+    decay = slowest_decay(closed_form.assemble(case).operators)
+    assert decay == pytest.approx(0.008 * omega, rel=DISCRETE)
 
 
 def test_the_less_damped_lamina_decides() -> None:
     keys = {"lamina.thick.damping_ratio": 0.001, "mesh.elements": 10}
     case = df.preset("paper", keys)
     omega = case.lamina[0].angular_frequencies(1)[0]
-    found = slowest_decay(closed_form.assemble(case).operators)
-    assert found == pytest.approx(0.001 * omega, rel=DISCRETE)
+    decay = slowest_decay(closed_form.assemble(case).operators)
+    assert decay == pytest.approx(0.001 * omega, rel=DISCRETE)
 
 
 @pytest.mark.parametrize("kind", ["two-mode", "mass"])
@@ -37,8 +37,8 @@ def test_contact_points_without_mass_decide_nothing(kind: str) -> None:
     keys = {"damping.rayleigh": kind, "mesh.elements": 4, "time.mass": "massless"}
     case = df.preset("default", keys | {"contact.law": "newton", "contact.restitution": 0.0})
     omega = case.lamina[1].angular_frequencies(1)[0]
-    found = slowest_decay(discretise.assemble(case, needs_dolfinx=False).operators)
-    assert found == pytest.approx(0.008 * omega, rel=0.02)  # 7 of 16 motions have no mass
+    decay = slowest_decay(discretise.assemble(case, needs_dolfinx=False).operators)
+    assert decay == pytest.approx(0.008 * omega, rel=0.02)  # 7 of 16 motions have no mass
 
 
 def masses(damping: list[float], stiffness: list[float]) -> Operators:
@@ -73,8 +73,8 @@ def test_masses(damping: list[float], stiffness: list[float], expected: float) -
 
 
 def test_a_mass_that_nothing_holds_never_stops() -> None:
-    found = slowest_decay(masses([0.0, 0.5, 0.5], [0.0, 4.0, 9.0]), is_floating=True)
-    assert found == pytest.approx(0.0, abs=1e-7)
+    decay = slowest_decay(masses([0.0, 0.5, 0.5], [0.0, 4.0, 9.0]), is_floating=True)
+    assert decay == pytest.approx(0.0, abs=1e-7)
 
 
 @pytest.mark.parametrize("frequency", [0.1, 0.5])  # below and above the resonance at 0.32 Hz
@@ -98,5 +98,5 @@ def test_the_kept_motions_alone_respond() -> None:
     )
     together = sp.csr_matrix(np.ones((2, 1)))  # as one mass 2 on 4 N/m, 0.2 N s/m
     w = 2.0 * np.pi * 0.4
-    found = response(pushed, 0.4, together)
-    assert found == pytest.approx(2 * [-1.0 / (4.0 + 0.2j * w - 2.0 * w**2)], rel=1e-12)
+    amplitudes = response(pushed, 0.4, together)
+    assert amplitudes == pytest.approx(2 * [-1.0 / (4.0 + 0.2j * w - 2.0 * w**2)], rel=1e-12)

@@ -50,20 +50,20 @@ def test_lines_of_a_motion_that_repeats_and_of_none() -> None:
     ],
 )
 def test_kinds(outcome: str, periodicity: float, strobe: np.ndarray, kind: int) -> None:
-    found = at.kinds_of_motion(
+    kinds = at.kinds_of_motion(
         np.array([outcome], dtype=object), np.array([periodicity]), both(strobe)
     )
-    assert found.tolist() == [kind]
+    assert kinds.tolist() == [kind]
 
 
 def test_an_undecided_motion_has_no_other_kind() -> None:
-    found = at.kinds_of_motion(
+    kinds = at.kinds_of_motion(
         np.array(["completed", "completed", "diverged"], dtype=object),
         np.array([1.0, 2.0, np.nan]),
         np.concatenate([both(np.ones(N))] * 3),
         np.array([True, False, False]),
     )
-    assert found.tolist() == [at.PERIOD_1, at.UNDECIDED, at.DIVERGED]
+    assert kinds.tolist() == [at.PERIOD_1, at.UNDECIDED, at.DIVERGED]
 
 
 def test_too_few_strobes_are_refused() -> None:
@@ -86,16 +86,16 @@ def made(amplitudes: list[float], periods: list[int], phases: list[int]) -> at.A
 
 
 def test_attractors_are_told_by_amplitude_and_counted() -> None:
-    found = made([1.0, 2.0, 1.05, 1.0, 2.1, 0.98], [1] * 6, [0] * 6)
-    assert found.number.tolist() == [0, 1, 0, 0, 1, 0]
-    assert found.share == pytest.approx([4 / 6, 2 / 6])
-    assert found.amplitude[:, 0] == pytest.approx([1.0, 2.05], abs=0.01)
+    attractors = made([1.0, 2.0, 1.05, 1.0, 2.1, 0.98], [1] * 6, [0] * 6)
+    assert attractors.number.tolist() == [0, 1, 0, 0, 1, 0]
+    assert attractors.share == pytest.approx([4 / 6, 2 / 6])
+    assert attractors.amplitude[:, 0] == pytest.approx([1.0, 2.05], abs=0.01)
 
 
 def test_the_phase_of_a_doubled_motion_makes_no_second_attractor() -> None:
-    found = made([1.0, 1.0], [2, 2], [0, 1])
-    assert found.number.tolist() == [0, 0]
-    assert found.periodicity.tolist() == [2.0]
+    attractors = made([1.0, 1.0], [2, 2], [0, 1])
+    assert attractors.number.tolist() == [0, 0]
+    assert attractors.periodicity.tolist() == [2.0]
 
 
 def test_a_doubled_motion_is_not_the_single_one_of_equal_amplitude() -> None:
@@ -105,24 +105,24 @@ def test_a_doubled_motion_is_not_the_single_one_of_equal_amplitude() -> None:
 def test_the_label_is_the_most_frequent_period() -> None:
     strobes = np.stack([both(np.ones(40))[0]] * 3)
     a = np.ones((3, 2))
-    found = at.attractors(np.array([1.0, 2.0, 2.0]), -a, a, strobes)
-    assert found.number.tolist() == [0, 0, 0]
-    assert found.periodicity.tolist() == [2.0]
+    attractors = at.attractors(np.array([1.0, 2.0, 2.0]), -a, a, strobes)
+    assert attractors.number.tolist() == [0, 0, 0]
+    assert attractors.periodicity.tolist() == [2.0]
 
 
 def test_points_without_a_result_have_no_attractor() -> None:
     strobes = np.stack([both(np.ones(40))[0], np.full((2, 40), np.nan)])
     a = np.array([[1.0, 1.0], [np.nan, np.nan]])
-    found = at.attractors(np.array([1.0, np.nan]), -a, a, strobes)
-    assert found.number.tolist() == [0, -1]
-    assert found.share.tolist() == [0.5]
+    attractors = at.attractors(np.array([1.0, np.nan]), -a, a, strobes)
+    assert attractors.number.tolist() == [0, -1]
+    assert attractors.share.tolist() == [0.5]
     none = at.attractors(np.array([np.nan]), -a[1:], a[1:], strobes[1:])
     assert none.number.tolist() == [-1] and none.share.size == 0
 
 
 def test_enough_strobes_are_enough() -> None:
-    found = at.kinds_of_motion(np.array(["completed"]), np.ones(1), both(np.ones(64)))
-    assert found.tolist() == [at.PERIOD_1]
+    kinds = at.kinds_of_motion(np.array(["completed"]), np.ones(1), both(np.ones(64)))
+    assert kinds.tolist() == [at.PERIOD_1]
     with pytest.raises(ValueError, match="given 63"):
         at.kinds_of_motion(np.array(["completed"]), np.ones(1), both(np.ones(63)))
 
@@ -135,8 +135,8 @@ def test_quasi_periodic_means_nine_tenths_of_the_power_in_lines(share: float, ki
     mixtures = line + np.linspace(0.0, 1.0, 1001)[:, None] * noise
     strobe = mixtures[np.argmin(np.abs(at.line_share(mixtures) - share))]
     assert at.line_share(strobe) == pytest.approx(share, abs=1e-3)
-    found = at.kinds_of_motion(np.array(["completed"]), np.array([np.nan]), both(strobe))
-    assert found.tolist() == [kind]
+    kinds = at.kinds_of_motion(np.array(["completed"]), np.array([np.nan]), both(strobe))
+    assert kinds.tolist() == [kind]
 
 
 def test_both_tips_must_have_lines() -> None:
@@ -144,8 +144,8 @@ def test_both_tips_must_have_lines() -> None:
     line = np.sin(2.0 * np.pi * GOLDEN * K)
     for pair in ((noise, line), (line, noise)):
         strobes = np.stack(pair)[None]
-        found = at.kinds_of_motion(np.array(["completed"]), np.array([np.nan]), strobes)
-        assert found.tolist() == [at.IRREGULAR]
+        kinds = at.kinds_of_motion(np.array(["completed"]), np.array([np.nan]), strobes)
+        assert kinds.tolist() == [at.IRREGULAR]
 
 
 def test_four_lines_of_five_bins_hold_the_power_and_no_fifth() -> None:
@@ -185,8 +185,8 @@ def test_twelve_hundredths_of_the_larger_amplitude_part_attractors(
     else:
         strobes[1, 0, ::2] += 2.0 * shift
         strobes[1, 0] -= shift
-    found = at.attractors(np.ones(2), low, high, strobes)
-    assert found.number.tolist() == number
+    attractors = at.attractors(np.ones(2), low, high, strobes)
+    assert attractors.number.tolist() == number
     swapped = at.attractors(np.ones(2), low[::-1], high[::-1], strobes[::-1])
     assert swapped.number.tolist() == number
 
@@ -196,25 +196,25 @@ def test_the_larger_of_both_amplitudes_bounds_the_difference() -> None:
     strobes = np.zeros((2, 1, 40))
     low, high = np.array([[-1.0], [-1.13]]), np.array([[1.0], [1.13]])
     for order in (slice(None), slice(None, None, -1)):
-        found = at.attractors(np.ones(2), low[order], high[order], strobes)
-        assert found.number.tolist() == [0, 0]
-    assert found.amplitude.tolist() == [[1.065]]
+        attractors = at.attractors(np.ones(2), low[order], high[order], strobes)
+        assert attractors.number.tolist() == [0, 0]
+    assert attractors.amplitude.tolist() == [[1.065]]
 
 
 def test_the_most_frequent_attractor_is_the_first_in_every_array() -> None:
-    found = made([3.0, 1.0, 1.0, 9.0, 9.0, 9.0], [3, 1, 1, 2, 2, 2], [0] * 6)
-    assert found.number.tolist() == [2, 1, 1, 0, 0, 0]
-    assert found.share == pytest.approx([3 / 6, 2 / 6, 1 / 6])
-    assert found.amplitude[:, 0] == pytest.approx([9.0, 1.0, 3.0])
-    assert found.periodicity.tolist() == [2.0, 1.0, 3.0]
+    attractors = made([3.0, 1.0, 1.0, 9.0, 9.0, 9.0], [3, 1, 1, 2, 2, 2], [0] * 6)
+    assert attractors.number.tolist() == [2, 1, 1, 0, 0, 0]
+    assert attractors.share == pytest.approx([3 / 6, 2 / 6, 1 / 6])
+    assert attractors.amplitude[:, 0] == pytest.approx([9.0, 1.0, 3.0])
+    assert attractors.periodicity.tolist() == [2.0, 1.0, 3.0]
 
 
 def test_points_on_a_grid_keep_its_shape() -> None:
     strobes = np.zeros((2, 3, 1, 40))
     low, high = np.full((2, 3, 1), -1.0), np.full((2, 3, 1), 1.0)
     low[1, 2] = -2.0
-    found = at.attractors(np.ones((2, 3)), low, high, strobes)
-    assert found.number.tolist() == [[0, 0, 0], [0, 0, 1]]
+    attractors = at.attractors(np.ones((2, 3)), low, high, strobes)
+    assert attractors.number.tolist() == [[0, 0, 0], [0, 0, 1]]
 
 
 def test_cells_whose_attractor_no_neighbours_share_are_isolated() -> None:

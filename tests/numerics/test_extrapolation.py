@@ -17,18 +17,18 @@ EXACT = 1e-8
 @pytest.mark.parametrize("sizes", [SIZES, UNEVEN], ids=["halved", "uneven"])
 def test_order_and_limit_of_a_power(sizes: np.ndarray, order: float) -> None:
     values = 3.0 - 2.0 * (sizes / sizes[0]) ** order
-    found = limit(sizes, values)
-    assert found.orders == pytest.approx(np.full(3, order), abs=1e-5)
-    assert found.reason == "Richardson"
-    assert found.value == pytest.approx(3.0, abs=EXACT)
-    assert found.uncertainty < EXACT
+    extrapolation = limit(sizes, values)
+    assert extrapolation.orders == pytest.approx(np.full(3, order), abs=1e-5)
+    assert extrapolation.reason == "Richardson"
+    assert extrapolation.value == pytest.approx(3.0, abs=EXACT)
+    assert extrapolation.uncertainty < EXACT
 
 
 def test_uncertainty_covers_a_second_term() -> None:
     values = 3.0 - 2.0 * SIZES - 5.0 * SIZES**2
-    found = limit(SIZES, values)
-    assert found.reason == "Richardson"
-    assert abs(found.value - 3.0) < found.uncertainty < 0.01
+    extrapolation = limit(SIZES, values)
+    assert extrapolation.reason == "Richardson"
+    assert abs(extrapolation.value - 3.0) < extrapolation.uncertainty < 0.01
 
 
 def test_alternating_values_have_no_order() -> None:
@@ -41,9 +41,9 @@ def test_diverging_values_have_no_order() -> None:
 
 
 def test_a_drift_as_of_logarithms_is_not_extrapolated() -> None:
-    found = limit(SIZES, 1.0 + 0.1 * np.log(SIZES) + 0.002 * np.log(SIZES) ** 2)
-    assert found.reason == "orders near 0"
-    assert np.isnan(found.value)
+    extrapolation = limit(SIZES, 1.0 + 0.1 * np.log(SIZES) + 0.002 * np.log(SIZES) ** 2)
+    assert extrapolation.reason == "orders near 0"
+    assert np.isnan(extrapolation.value)
 
 
 def test_orders_that_change_are_not_extrapolated() -> None:
@@ -62,15 +62,15 @@ def test_scatter_decides() -> None:
 
 
 def test_three_members_have_an_order_but_no_limit() -> None:
-    found = limit(SIZES[:3], 1.0 + SIZES[:3] ** 2)
-    assert found.orders == pytest.approx([2.0])
-    assert found.reason == "fewer than four members"
+    extrapolation = limit(SIZES[:3], 1.0 + SIZES[:3] ** 2)
+    assert extrapolation.orders == pytest.approx([2.0])
+    assert extrapolation.reason == "fewer than four members"
 
 
 def test_missing_members() -> None:
-    found = limit(SIZES, [1.0, 2.0, 2.5, np.nan, 2.9])
-    assert found.reason == "members are missing"
-    assert np.isnan(found.orders[1:]).all()
+    extrapolation = limit(SIZES, [1.0, 2.0, 2.5, np.nan, 2.9])
+    assert extrapolation.reason == "members are missing"
+    assert np.isnan(extrapolation.orders[1:]).all()
 
 
 def test_orders_of_known_errors() -> None:
@@ -105,9 +105,13 @@ def geometric(*orders: float) -> np.ndarray:
 )
 def test_bounds_of_credible_orders(orders: tuple[float, ...], reason: str) -> None:
     values = geometric(*orders)
-    found = limit(HALVES[: values.size], values)
-    assert found.reason == reason
-    assert np.isnan(found.value) == np.isnan(found.uncertainty) == (reason != "Richardson")
+    extrapolation = limit(HALVES[: values.size], values)
+    assert extrapolation.reason == reason
+    assert (
+        np.isnan(extrapolation.value)
+        == np.isnan(extrapolation.uncertainty)
+        == (reason != "Richardson")
+    )
 
 
 def test_the_limit_and_its_uncertainty_by_hand() -> None:
@@ -116,9 +120,9 @@ def test_the_limit_and_its_uncertainty_by_hand() -> None:
     f_3 - (f_2 - f_3)/(2^p - 1) with 2^p the ratio of the differences.
     """
     values = np.cumsum([0.0, 1.0, 0.5, 0.2])
-    found = limit(HALVES[:4], values)
-    assert found.value == pytest.approx(1.7 + 0.2 / 1.5, abs=EXACT)
-    assert found.uncertainty == pytest.approx(2.0 - (1.7 + 0.2 / 1.5), abs=EXACT)
+    extrapolation = limit(HALVES[:4], values)
+    assert extrapolation.value == pytest.approx(1.7 + 0.2 / 1.5, abs=EXACT)
+    assert extrapolation.uncertainty == pytest.approx(2.0 - (1.7 + 0.2 / 1.5), abs=EXACT)
     noisy = limit(HALVES[:4], values, np.array([0.0, 0.0, 0.06, 0.05]))
     assert noisy.reason == "Richardson"
     assert noisy.uncertainty == pytest.approx(2.0 - (1.7 + 0.2 / 1.5), abs=EXACT)
@@ -128,9 +132,9 @@ def test_the_scatter_of_the_last_two_members_bounds_the_uncertainty() -> None:
     values = geometric(2.0, 2.0)
     spread = 2.0 * np.hypot(0.01, 0.02)
     assert limit(HALVES[:4], values, [0.5, 0.2, 0.01, 0.02]).reason != "Richardson"
-    found = limit(HALVES[:4], values, [0.01, 0.01, 0.01, 0.02])
-    assert found.reason == "Richardson"
-    assert found.uncertainty == pytest.approx(spread, rel=1e-12)
+    extrapolation = limit(HALVES[:4], values, [0.01, 0.01, 0.01, 0.02])
+    assert extrapolation.reason == "Richardson"
+    assert extrapolation.uncertainty == pytest.approx(spread, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -146,18 +150,22 @@ def test_a_difference_stands_out_beyond_two_standard_errors(error: float, reason
 def test_within_scatter_needs_all_of_the_last_differences() -> None:
     """Differences 1, 1/2, 1/4; the error of the first member decides about the first of them."""
     values = geometric(1.0, 1.0)
-    found = limit(HALVES[:4], values, [0.51, 0.0, 1.0, 0.0])
-    assert found.reason == "within scatter"
-    assert found.value == 1.75
-    assert found.uncertainty == 2.0  # the error of the last difference exceeds the range
+    extrapolation = limit(HALVES[:4], values, [0.51, 0.0, 1.0, 0.0])
+    assert extrapolation.reason == "within scatter"
+    assert extrapolation.value == 1.75
+    assert extrapolation.uncertainty == 2.0  # the error of the last difference exceeds the range
     assert limit(HALVES[:4], values, [0.51, 0.0, 0.3, 0.0]).uncertainty == 1.75  # the range
     beyond = limit(HALVES[:4], values, [0.49, 0.0, 1.0, 0.0])
     assert beyond.reason == "differences of the size of the scatter"
 
 
 def test_equal_values_are_their_limit() -> None:
-    found = limit(HALVES[:4], [3.0] * 4)
-    assert (found.value, found.uncertainty, found.reason) == (3.0, 0.0, "within scatter")
+    extrapolation = limit(HALVES[:4], [3.0] * 4)
+    assert (extrapolation.value, extrapolation.uncertainty, extrapolation.reason) == (
+        3.0,
+        0.0,
+        "within scatter",
+    )
 
 
 def test_orders_on_uneven_sizes_by_definition() -> None:

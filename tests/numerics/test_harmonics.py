@@ -29,32 +29,32 @@ def samples(n: int, n_periods: int) -> np.ndarray:
 def test_known_amplitudes_stand_in_their_bins(n: int) -> None:
     expected = np.zeros(n // 2 + 1)
     expected[[0, 2, 4, 8, 20]] = [0.5, 2.0, 3.0, 0.4, 0.01]
-    found = amplitude_spectrum(samples(n, 4))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUND_OFF)
+    spectrum = amplitude_spectrum(samples(n, 4))
+    np.testing.assert_allclose(spectrum, expected, rtol=0, atol=ROUND_OFF)
 
 
 def test_amplitude_at_half_the_sampling_rate_is_not_doubled() -> None:
-    found = amplitude_spectrum(np.array([1.0, -1.0] * 3))
-    np.testing.assert_allclose(found, [0.0, 0.0, 0.0, 1.0], atol=ROUND_OFF)
+    spectrum = amplitude_spectrum(np.array([1.0, -1.0] * 3))
+    np.testing.assert_allclose(spectrum, [0.0, 0.0, 0.0, 1.0], atol=ROUND_OFF)
 
 
 def test_odd_number_of_samples() -> None:
-    found = amplitude_spectrum(2.0 * np.cos(2.0 * np.pi * 3 * np.arange(7) / 7))
-    np.testing.assert_allclose(found, [0.0, 0.0, 0.0, 2.0], atol=ROUND_OFF)
+    spectrum = amplitude_spectrum(2.0 * np.cos(2.0 * np.pi * 3 * np.arange(7) / 7))
+    np.testing.assert_allclose(spectrum, [0.0, 0.0, 0.0, 2.0], atol=ROUND_OFF)
 
 
 def test_harmonics_leave_the_subharmonic_out() -> None:
-    found = harmonic_amplitudes(np.stack([samples(400, 4), samples(400, 4) / 2]), 4)
-    assert found.shape == (2, 49)  # 50 would be Nyquist's
-    np.testing.assert_allclose(found[0, :6], [3.0, 0.4, 0, 0, 0.01, 0], atol=ROUND_OFF)
-    np.testing.assert_allclose(found[1], found[0] / 2, atol=ROUND_OFF)
+    amplitudes = harmonic_amplitudes(np.stack([samples(400, 4), samples(400, 4) / 2]), 4)
+    assert amplitudes.shape == (2, 49)  # 50 would be Nyquist's
+    np.testing.assert_allclose(amplitudes[0, :6], [3.0, 0.4, 0, 0, 0.01, 0], atol=ROUND_OFF)
+    np.testing.assert_allclose(amplitudes[1], amplitudes[0] / 2, atol=ROUND_OFF)
 
 
 def test_phases_belong_to_sines_of_a_base_that_starts_one_step_earlier() -> None:
     t = 2.0 * np.pi * np.arange(1, 401) / 100
     values = 0.5 + 3.0 * np.sin(t + 1.0) + 0.4 * np.sin(2.0 * t - 2.0) + np.cos(3.0 * t)
-    found = harmonic_phases(values, 4)
-    np.testing.assert_allclose(found[:3], [1.0, -2.0, np.pi / 2], atol=ROUND_OFF)
+    phases = harmonic_phases(values, 4)
+    np.testing.assert_allclose(phases[:3], [1.0, -2.0, np.pi / 2], atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("n_periods", [0, 3])
@@ -83,8 +83,8 @@ def test_every_bin_has_the_amplitude_that_was_put_in(n: int) -> None:
     samples = (put_in[:, None] * np.cos(2.0 * np.pi * bins[:, None] * np.arange(n) / n)).sum(axis=0)
     np.testing.assert_allclose(amplitude_spectrum(samples), put_in, rtol=ROUND_OFF)
     # harmonics of one period: all bins but the mean and Nyquist's
-    found = harmonic_amplitudes(samples, 1)
-    np.testing.assert_allclose(found, put_in[1 : (n + 1) // 2], rtol=ROUND_OFF)
+    amplitudes = harmonic_amplitudes(samples, 1)
+    np.testing.assert_allclose(amplitudes, put_in[1 : (n + 1) // 2], rtol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (3, 2)])

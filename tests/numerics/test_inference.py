@@ -45,8 +45,8 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     bent = Table(
         parameters, exact + NOISE * rng.standard_normal(exact.shape), np.array([[0.0, 1.0]] * 2)
     )
-    found = bent.coverage(np.arange(200))
-    assert np.all((found > 0.84) & (found < 0.96))  # 0.90 ± 2.8 standard errors
+    coverage = bent.coverage(np.arange(200))
+    assert np.all((coverage > 0.84) & (coverage < 0.96))  # 0.90 ± 2.8 standard errors
     assert np.all(bent.coverage(np.arange(200), level=0.5) < 0.65)
 
 
@@ -54,8 +54,8 @@ def test_many_useless_statistics_of_few_simulations_leave_the_intervals_honest()
     few = table(300)
     rng = np.random.default_rng(5)
     crowd = np.concatenate([few.statistics, rng.standard_normal((300, 17))], axis=1)
-    found = Table(few.parameters, crowd, BOX).coverage(np.arange(200))
-    assert np.all(found > 0.84)
+    coverage = Table(few.parameters, crowd, BOX).coverage(np.arange(200))
+    assert np.all(coverage > 0.84)
 
 
 def test_samples_stay_within_the_prior() -> None:

@@ -74,9 +74,9 @@ def test_coefficient_is_recovered_from_a_noisy_signal() -> None:
     rng = np.random.default_rng(1)
     t, v = signals(0.08)
     measured = v + NOISE * rng.standard_normal(v.shape)
-    found = identify(t, measured, fit_samples=20, apart=0.05)
+    jumps = identify(t, measured, fit_samples=20, apart=0.05)
     # two lines through 20 samples: NOISE times about 1 at their ends, over 2.5 m/s of approach
-    assert found.restitution == pytest.approx([0.08] * 2, abs=5.0 * NOISE)
+    assert jumps.restitution == pytest.approx([0.08] * 2, abs=5.0 * NOISE)
 
 
 def test_of_two_jumps_close_together_the_larger_one_counts() -> None:
@@ -105,9 +105,9 @@ def steady(n: int, *jumps: tuple[int, float]) -> tuple[np.ndarray, np.ndarray]:
 )
 def test_a_strike_needs_its_samples_on_both_sides(after: int, is_found: bool) -> None:
     """Ten samples, three of them on each side of the jump."""
-    found = identify(*steady(10, (after, 1.5)), fit_samples=3)
-    assert found.time.tolist() == ([0.25 * (after + 0.5)] if is_found else [])
-    assert found.restitution == pytest.approx([0.5] if is_found else [])
+    jumps = identify(*steady(10, (after, 1.5)), fit_samples=3)
+    assert jumps.time.tolist() == ([0.25 * (after + 0.5)] if is_found else [])
+    assert jumps.restitution == pytest.approx([0.5] if is_found else [])
 
 
 def test_bodies_that_part_by_the_time_of_the_jump_do_not_strike() -> None:

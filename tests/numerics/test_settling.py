@@ -39,21 +39,21 @@ def scattered(n: int, size: float) -> np.ndarray:
 @pytest.mark.parametrize("left", [0.002, 0.02, 0.5])
 @pytest.mark.parametrize("is_linear", [True, False])
 def test_a_creeping_transient_is_measured(left: float, is_linear: bool) -> None:
-    found = judge(steady(160) + fading(160, left), 1, DECAY, is_linear=is_linear)
-    assert found.transient == pytest.approx(left, rel=1e-6, abs=EXACT)
-    assert found.observed_decay == pytest.approx(DECAY, rel=1e-6)
-    assert found.word == ("settled" if left < TOLERANCE else "not settled")
+    verdict = judge(steady(160) + fading(160, left), 1, DECAY, is_linear=is_linear)
+    assert verdict.transient == pytest.approx(left, rel=1e-6, abs=EXACT)
+    assert verdict.observed_decay == pytest.approx(DECAY, rel=1e-6)
+    assert verdict.word == ("settled" if left < TOLERANCE else "not settled")
     expected = 0 if left < TOLERANCE else math.ceil(math.log(left / TOLERANCE) / DECAY)
-    assert found.periods_needed == expected
-    assert found.periods_judged == 80
+    assert verdict.periods_needed == expected
+    assert verdict.periods_judged == 80
 
 
 @pytest.mark.parametrize("left", [0.003, 0.03])
 def test_a_beat_of_a_linear_motion_is_measured(left: float) -> None:
     strobes = steady(200) + fading(200, left, turn=2.0)
-    found = judge(strobes, 3, DECAY, is_linear=True)
-    assert found.transient == pytest.approx(left, rel=0.1)
-    assert (found.word, found.periodicity) == (
+    verdict = judge(strobes, 3, DECAY, is_linear=True)
+    assert verdict.transient == pytest.approx(left, rel=0.1)
+    assert (verdict.word, verdict.periodicity) == (
         ("settled", 1) if left < TOLERANCE else ("not settled", None)
     )
 
@@ -77,22 +77,22 @@ def test_no_linear_motion_is_called_subharmonic(
     turns = 2.0 * np.pi * np.array(ratios)
     decays = damping * turns
     parts = np.exp(-decays[:, None] * k + 1j * (turns[:, None] * k + phase)) / len(ratios)
-    rest = parts.sum(axis=0)
-    found = judge(
-        np.stack([0.3 + rest.real, 0.5 + rest.imag])[:, None], P, decays.min(), is_linear=True
+    motion = parts.sum(axis=0)
+    verdict = judge(
+        np.stack([0.3 + motion.real, 0.5 + motion.imag])[:, None], P, decays.min(), is_linear=True
     )
-    assert found.periodicity in (None, 1)
-    assert found.word in ("settled", "not settled")
-    if found.word == "settled":
-        assert abs(rest[-1]) < MARGIN * TOLERANCE
+    assert verdict.periodicity in (None, 1)
+    assert verdict.word in ("settled", "not settled")
+    if verdict.word == "settled":
+        assert abs(motion[-1]) < MARGIN * TOLERANCE
 
 
 @pytest.mark.parametrize("P", [1, 2, 3, 8])
 def test_a_steady_motion_with_contact_has_its_period(P: int) -> None:
-    found = judge(steady(200, P) + scattered(200, 0.04), P, DECAY, is_linear=False)
-    assert (found.word, found.periodicity) == ("settled", P)
-    assert found.scatter == pytest.approx(0.04, rel=0.2)
-    assert found.periods_needed == 0
+    verdict = judge(steady(200, P) + scattered(200, 0.04), P, DECAY, is_linear=False)
+    assert (verdict.word, verdict.periodicity) == ("settled", P)
+    assert verdict.scatter == pytest.approx(0.04, rel=0.2)
+    assert verdict.periods_needed == 0
 
 
 @pytest.mark.parametrize(("P", "times", "said"), [(1, 2, 2), (3, 2, 6), (5, 2, None)])
@@ -101,8 +101,8 @@ def test_a_multiple_that_repeats_better_is_the_period(P: int, times: int, said: 
     apart = np.repeat(0.025 * (-1.0) ** np.arange(times), P) * np.ones((2, 1, 1))
     cycles = np.tile(steady(P, P), times) + apart
     strobes = np.tile(cycles, 400 // (P * times) + 1)[..., :400]
-    found = judge(strobes + scattered(400, 0.005), P, DECAY, is_linear=False)
-    assert (found.word, found.periodicity) == ("settled" if said else "irregular", said)
+    verdict = judge(strobes + scattered(400, 0.005), P, DECAY, is_linear=False)
+    assert (verdict.word, verdict.periodicity) == ("settled" if said else "irregular", said)
 
 
 def test_an_alternation_that_scatter_keeps_alive_is_undecided() -> None:
@@ -111,32 +111,34 @@ def test_an_alternation_that_scatter_keeps_alive_is_undecided() -> None:
     for _ in range(399):
         z.append(-0.985 * z[-1] + 0.008 * rng.normal())
     strobes = steady(400) + np.array([z, np.zeros(400)])[:, None]
-    found = judge(strobes, 1, DECAY, is_linear=False)
-    assert (found.word, found.periodicity) == ("not settled", None)
-    assert found.transient <= found.allowed and found.periods_needed is None
+    verdict = judge(strobes, 1, DECAY, is_linear=False)
+    assert (verdict.word, verdict.periodicity) == ("not settled", None)
+    assert verdict.transient <= verdict.allowed and verdict.periods_needed is None
 
 
 def test_strobes_that_chance_calls_repeating_are_undecided() -> None:
     """sqrt(2) 0.065 lies between 0.10 / 1.2 and 0.10."""
-    found = judge(steady(400, 2) + np.sqrt(2.0) * scattered(400, 0.065), 2, DECAY, is_linear=False)
-    assert (found.word, found.periodicity) == ("not settled", None)
+    verdict = judge(
+        steady(400, 2) + np.sqrt(2.0) * scattered(400, 0.065), 2, DECAY, is_linear=False
+    )
+    assert (verdict.word, verdict.periodicity) == ("not settled", None)
 
 
 def test_a_decaying_alternation_is_no_period_two() -> None:
     alternating = fading(160, 0.05, turn=np.pi)
-    found = judge(steady(160) + alternating + scattered(160, 0.002), 2, DECAY, is_linear=False)
-    assert (found.word, found.periodicity) == ("not settled", None)
-    assert found.transient == pytest.approx(0.05, rel=0.1)
+    verdict = judge(steady(160) + alternating + scattered(160, 0.002), 2, DECAY, is_linear=False)
+    assert (verdict.word, verdict.periodicity) == ("not settled", None)
+    assert verdict.transient == pytest.approx(0.05, rel=0.1)
 
 
 def test_a_beat_is_told_from_scatter_if_it_would_have_decayed() -> None:
     """White scatter of 5 % stays; a beat of 5 % at the end was 25 % when the judged half began."""
     beat = steady(160) + fading(160, 0.05, turn=2.0)
-    found = judge(beat + scattered(160, 0.005), 1, DECAY, is_linear=False)
-    assert found.word == "not settled"
-    assert found.transient == pytest.approx(0.05, rel=0.2)
-    found = judge(steady(160) + scattered(160, 0.05), 1, DECAY, is_linear=False)
-    assert found.word == "settled" and found.transient < 0.05
+    verdict = judge(beat + scattered(160, 0.005), 1, DECAY, is_linear=False)
+    assert verdict.word == "not settled"
+    assert verdict.transient == pytest.approx(0.05, rel=0.2)
+    verdict = judge(steady(160) + scattered(160, 0.05), 1, DECAY, is_linear=False)
+    assert verdict.word == "settled" and verdict.transient < 0.05
     short = judge(steady(40) + scattered(40, 0.05), 1, DECAY, is_linear=False)
     assert short.word == "not settled", "20 periods cannot tell"
     assert short.transient > 0.03
@@ -144,8 +146,8 @@ def test_a_beat_is_told_from_scatter_if_it_would_have_decayed() -> None:
 
 def test_cycles_that_do_not_repeat_are_irregular_once_the_transient_is_over() -> None:
     noise = scattered(300, 0.6)
-    found = judge(noise, None, DECAY, is_linear=False)
-    assert (found.word, found.periodicity) == ("irregular", None)
+    verdict = judge(noise, None, DECAY, is_linear=False)
+    assert (verdict.word, verdict.periodicity) == ("irregular", None)
     moving = judge(noise + fading(300, 2.0), None, DECAY, is_linear=False)
     assert moving.word == "not settled"
     assert judge(noise, None, DECAY, is_linear=True).word == "not settled"
@@ -154,23 +156,23 @@ def test_cycles_that_do_not_repeat_are_irregular_once_the_transient_is_over() ->
 def test_the_worst_probe_decides() -> None:
     both = np.concatenate([steady(160), steady(160) + fading(160, 0.03)], axis=1)
     for strobes in (both, both[:, ::-1]):
-        found = judge(strobes, 1, DECAY, is_linear=False)
-        assert found.word == "not settled"
-        assert found.transient == pytest.approx(0.03, rel=1e-6)
+        verdict = judge(strobes, 1, DECAY, is_linear=False)
+        assert verdict.word == "not settled"
+        assert verdict.transient == pytest.approx(0.03, rel=1e-6)
 
 
 def test_without_damping_nothing_bounds_the_transient() -> None:
-    found = judge(steady(160) + fading(160, 0.1, 0.0, 2.0), 1, 0.0, is_linear=True)
-    assert found.word == "not settled" and found.periods_needed is None
+    verdict = judge(steady(160) + fading(160, 0.1, 0.0, 2.0), 1, 0.0, is_linear=True)
+    assert verdict.word == "not settled" and verdict.periods_needed is None
     growing = judge(np.linspace(0.0, 1.0, 160) * np.ones((2, 1, 1)), 1, 0.0, is_linear=True)
     assert growing.word == "not settled"
 
 
 @pytest.mark.parametrize("n", [0, 1, FEWEST - 1])
 def test_too_few_strobes_say_nothing(n: int) -> None:
-    found = judge(steady(n), 1, DECAY, is_linear=False)
-    assert found.word == "not settled" and math.isnan(found.transient)
-    assert found.periods_needed == math.ceil(math.log(100.0) / DECAY) - n
+    verdict = judge(steady(n), 1, DECAY, is_linear=False)
+    assert verdict.word == "not settled" and math.isnan(verdict.transient)
+    assert verdict.periods_needed == math.ceil(math.log(100.0) / DECAY) - n
 
 
 def test_a_motion_that_left_all_numbers_is_not_settled() -> None:
@@ -184,8 +186,12 @@ def test_a_torus_that_turns_slowly_has_no_period(turn: float) -> None:
     """Successive strobes change places once a turn; the last forty look like two periods."""
     k = np.arange(1200.0)
     wander = np.stack([np.cos((np.pi + 2.0 * np.pi / turn) * k)] * 2)[:, None]
-    found = judge(0.4 * wander, 2, DECAY, is_linear=False)
-    assert (found.word, found.periodicity, found.periods_needed) == ("not settled", None, None)
+    verdict = judge(0.4 * wander, 2, DECAY, is_linear=False)
+    assert (verdict.word, verdict.periodicity, verdict.periods_needed) == (
+        "not settled",
+        None,
+        None,
+    )
     assert judge(0.05 * wander + steady(1200, 2), 2, DECAY, is_linear=False).periodicity == 2
 
 
@@ -200,16 +206,16 @@ def test_phases_that_do_not_differ_are_no_periods() -> None:
 def test_the_numbers_of_a_verdict_are_those_of_one_probe() -> None:
     """A probe that scatters, and one with a transient that is too large for it."""
     quiet, wild = steady(200) + fading(200, 0.05), steady(200) + scattered(200, 0.08)
-    found = judge(np.concatenate([wild, quiet], axis=1), 1, DECAY, is_linear=False)
-    assert found.word == "not settled" and found.transient == pytest.approx(0.05, rel=0.01)
-    assert found.allowed == TOLERANCE and found.scatter < TOLERANCE
+    verdict = judge(np.concatenate([wild, quiet], axis=1), 1, DECAY, is_linear=False)
+    assert verdict.word == "not settled" and verdict.transient == pytest.approx(0.05, rel=0.01)
+    assert verdict.allowed == TOLERANCE and verdict.scatter < TOLERANCE
 
 
 def test_a_beat_is_at_most_the_whole_rest() -> None:
     """The line through a power that fades twice as fast begins below 0: all is beat."""
     rate, n = 0.05, 60
     power = 1e-4 * np.exp(-4.0 * rate * (np.arange(n) + 1 - n))
-    rest = np.sqrt(power / 2.0) * np.ones((2, 1, 1))
-    beat, scatter = _beating(rest, rate)
-    assert beat == pytest.approx(_decaying(rest, rate), rel=1e-12)
+    remainder = np.sqrt(power / 2.0) * np.ones((2, 1, 1))
+    beat, scatter = _beating(remainder, rate)
+    assert beat == pytest.approx(_decaying(remainder, rate), rel=1e-12)
     assert scatter == pytest.approx(0.0, abs=1e-6 * beat[0])

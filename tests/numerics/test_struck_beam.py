@@ -46,8 +46,8 @@ def test_stiffness_and_duration_belong_together() -> None:
 def test_a_stiff_spring_gives_the_impulse_of_a_rigid_stop() -> None:
     beam = STRIP
     t = np.linspace(0.0, 30e-6, 20_001)
-    given = trapezoid(beam.spring_force(t, 6.0, 1e12), t)
-    assert given == pytest.approx(beam.rigid_impulse(30e-6, 6.0), rel=0.005)
+    impulse = trapezoid(beam.spring_force(t, 6.0, 1e12), t)
+    assert impulse == pytest.approx(beam.rigid_impulse(30e-6, 6.0), rel=0.005)
 
 
 def test_shear_and_rotary_inertia_slow_groups_down() -> None:
@@ -85,8 +85,8 @@ def test_strain_has_its_transform() -> None:
     force = k / (np.sqrt(s) * (s**1.5 + k / beam.impedance))
     curvature = force * np.exp(-root * x) * np.sin(root * x)
     curvature /= beam.kappa * beam.impedance * np.sqrt(s)
-    found = trapezoid(np.exp(-s * t) * strain, t)
-    assert found == pytest.approx(0.5 * beam.thickness * curvature, rel=2e-3)
+    transform = trapezoid(np.exp(-s * t) * strain, t)
+    assert transform == pytest.approx(0.5 * beam.thickness * curvature, rel=2e-3)
 
 
 def test_strain_of_an_impulse_is_the_resolved_part_of_the_chirp() -> None:
@@ -104,14 +104,14 @@ def test_strain_of_an_impulse_is_the_resolved_part_of_the_chirp() -> None:
     kernel = np.array([sum(halves[k::-1] * (-1.0) ** np.arange(k + 1)) for k in range(n)])
     r = dt * (np.arange(n) + 0.5)
     phase = x**2 / (4.0 * beam.kappa * r)
-    whole = np.sin(phase) / np.sqrt(np.pi * r)
+    chirp = np.sin(phase) / np.sqrt(np.pi * r)
     turn = phase / r * dt / (np.pi / 8.0)
-    scatter = 1e-10 * np.abs(whole).max()
-    assert kernel[turn < 1.0] == pytest.approx(whole[turn < 1.0], abs=scatter)
+    scatter = 1e-10 * np.abs(chirp).max()
+    assert kernel[turn < 1.0] == pytest.approx(chirp[turn < 1.0], abs=scatter)
     assert np.abs(kernel[turn > 2.0]).max() < scatter
     ramp = (turn > 1.0) & (turn < 2.0)
     assert 10 < ramp.sum() < (turn > 2.0).sum() < (turn < 1.0).sum()
-    expected = 0.5 * (1.0 + np.cos(np.pi * (turn - 1.0))) * whole
+    expected = 0.5 * (1.0 + np.cos(np.pi * (turn - 1.0))) * chirp
     assert kernel[ramp] == pytest.approx(expected[ramp], abs=scatter)
 
 

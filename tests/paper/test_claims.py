@@ -55,36 +55,36 @@ def test_answers_are_criteria_too() -> None:
     ],
 )
 def test_between_two_bounds_are_neither(value: float, verdicts: tuple[str, str]) -> None:
-    found = between("n", value, (1.0, 2.0), "m", None)
-    assert tuple(own.verdict for own in found) == verdicts
-    assert [(own.relation, own.bound, own.unit) for own in found] == [
+    criteria = between("n", value, (1.0, 2.0), "m", None)
+    assert tuple(criterion.verdict for criterion in criteria) == verdicts
+    assert [(criterion.relation, criterion.bound, criterion.unit) for criterion in criteria] == [
         (">", 1.0, "m"),
         ("<", 2, "m"),
     ]
     unsure = between("n", 1.5, (1.0, 2.0), within=(0.9, 1.6))
-    assert [own.verdict for own in unsure] == ["undecided", "holds"]
+    assert [criterion.verdict for criterion in unsure] == ["undecided", "holds"]
 
 
 def test_a_period_is_one_that_none_of_its_divisors_is() -> None:
     scatters = [0.5, 0.4, 0.3, 0.01, 0.2, 0.1]
     motion = Numbers({"strobe_scatters": scatters, "is_as_described": True})
     four = has_period(motion, 4)
-    assert [own.name for own in four] == [
+    assert [criterion.name for criterion in four] == [
         "scatter 1 period apart", "scatter 2 periods apart", "scatter 4 periods apart"
     ]  # fmt: skip
-    assert [own.value for own in four] == [0.5, 0.4, 0.01]
-    assert [own.relation for own in four] == [">", ">", "<"]
-    assert {(own.bound, own.unit) for own in four} == {(PERIODIC_SCATTER, "%")}
-    assert [own.within for own in four] == [
-        (own.value / PERIODIC_MARGIN, own.value * PERIODIC_MARGIN) for own in four
+    assert [criterion.value for criterion in four] == [0.5, 0.4, 0.01]
+    assert [criterion.relation for criterion in four] == [">", ">", "<"]
+    assert {(criterion.bound, criterion.unit) for criterion in four} == {(PERIODIC_SCATTER, "%")}
+    assert [criterion.within for criterion in four] == [
+        (criterion.value / PERIODIC_MARGIN, criterion.value * PERIODIC_MARGIN) for criterion in four
     ]
-    assert [own.verdict for own in four] == ["holds"] * 3
-    assert [own.value for own in has_period(motion, 6)] == [0.5, 0.4, 0.3, 0.1]
-    assert [own.value for own in has_period(motion, 1)] == [0.5]
+    assert [criterion.verdict for criterion in four] == ["holds"] * 3
+    assert [criterion.value for criterion in has_period(motion, 6)] == [0.5, 0.4, 0.3, 0.1]
+    assert [criterion.value for criterion in has_period(motion, 1)] == [0.5]
     assert math.isnan(has_period(motion, 7)[1].value)
     for none in (None, []):
-        [own] = has_period(Numbers({"strobe_scatters": none}), 1)
-        assert math.isnan(own.value) and own.verdict == "does not hold"
+        [criterion] = has_period(Numbers({"strobe_scatters": none}), 1)
+        assert math.isnan(criterion.value) and criterion.verdict == "does not hold"
     first, *others = described(motion, 4)
     assert str(first) == "as described: yes" and len(others) == 3
 
@@ -122,15 +122,15 @@ def test_jumps_at_the_ends_are_told_as_well() -> None:
 def test_a_jump_is_large_and_stands_out() -> None:
     f = np.arange(5.0)
     share, times = responses.DIFFERS, responses.JUMP
-    for factor, found in ((0.99, []), (1.01, [1.5])):
+    for factor, expected in ((0.99, []), (1.01, [1.5])):
         top = 1.0 / (1.0 - factor * share)
-        assert responses.jumps(f, np.array([1.0, 1.0, top, top, top])) == found
-        assert responses.jumps(f, np.array([top, top, 1.0, 1.0, 1.0])) == found
-    for beside, found in ((1.01, []), (1.0, []), (0.99, [1.5])):
+        assert responses.jumps(f, np.array([1.0, 1.0, top, top, top])) == expected
+        assert responses.jumps(f, np.array([top, top, 1.0, 1.0, 1.0])) == expected
+    for beside, expected in ((1.01, []), (1.0, []), (0.99, [1.5])):
         for sign in (1.0, -1.0):
-            rest = 9.0 * beside / times
-            own = np.array([1.0, 1.0, 10.0, 10.0 + sign * rest, 10.0])
-            assert responses.jumps(f, own) == found
+            change = 9.0 * beside / times
+            amplitudes = np.array([1.0, 1.0, 10.0, 10.0 + sign * change, 10.0])
+            assert responses.jumps(f, amplitudes) == expected
 
 
 def stepped(up: list[float], down: list[float], **more: Any) -> Numbers:
@@ -146,10 +146,10 @@ def test_windows_of_period_two_reach_to_the_ends() -> None:
     for frequency, wanted in (
         (3.0, (3.5, 3.55)), (3.56, (3.5, 3.55)), (3.61, None), (3.66, (3.65, 3.7)), (3.8, None),
     ):  # fmt: skip
-        found = responses.doubled_window(n, frequency)
-        assert found == (None if wanted is None else pytest.approx(wanted))
-    whole = stepped([2, 2, 2], [2, 2, 2])
-    assert responses.doubled_window(whole, 3.55) == pytest.approx((3.5, 3.6))
+        window = responses.doubled_window(n, frequency)
+        assert window == (None if wanted is None else pytest.approx(wanted))
+    all_doubled = stepped([2, 2, 2], [2, 2, 2])
+    assert responses.doubled_window(all_doubled, 3.55) == pytest.approx((3.5, 3.6))
     assert responses._window(n) == "the motion has period 2 from 3.65 to 3.70 Hz, up and down"
     assert responses._window(stepped([1, 1], [2, 2])) == "no period 2 beside 3.65 Hz"
     near = responses._inside(n)

@@ -167,9 +167,9 @@ def front_of(run: Rolling, x: np.ndarray, t: np.ndarray) -> Rolling:
 @pytest.mark.parametrize("speed", [250.0, -400.0])
 def test_front_finds_direction_and_speed(fallen: Rolling, speed: float) -> None:
     t = 0.02 + (fallen.x - fallen.x[0] if speed > 0.0 else fallen.x - fallen.x[-1]) / speed
-    direction, found = front_of(fallen, fallen.x, t).front()
+    direction, front_speed = front_of(fallen, fallen.x, t).front()
     assert direction == pytest.approx(np.sign(speed))
-    assert found == pytest.approx(abs(speed))
+    assert front_speed == pytest.approx(abs(speed))
 
 
 def test_a_strip_that_lands_at_once_has_no_front(fallen: Rolling) -> None:
@@ -230,8 +230,14 @@ def test_group_speeds_are_told_in_per_cent_and_kilohertz() -> None:
         "mean_wave_speed_m_s": 1703.0, "longitudinal_speed_m_s": 5172.0,
         "timoshenko_lowers_by": [0.6, 0.8], "half_wave_Hz": [6e4, 8e4],
     })  # fmt: skip
-    [own] = (own for own in lateral.STRUCK_TIP.statements if "wave velocity" in own.text)
-    assert own.measured(numbers).endswith("lower the group speeds by 60 to 80 % at 60 to 80 kHz")
+    [statement] = (
+        candidate
+        for candidate in lateral.STRUCK_TIP.statements
+        if "wave velocity" in candidate.text
+    )
+    assert statement.measured(numbers).endswith(
+        "lower the group speeds by 60 to 80 % at 60 to 80 kHz"
+    )
 
 
 def rung(elements: int, steps: int) -> dict[str, object]:

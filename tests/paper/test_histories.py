@@ -34,15 +34,15 @@ def velocities() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("fit_samples", [2, 3, 5])
 def test_lines_are_led_on_to_the_middle_of_a_jump(fit_samples: int) -> None:
     v, before, after = velocities()
-    found = identify(T, v, fit_samples=fit_samples)
-    np.testing.assert_allclose(found.time, [T[k] + DT / 2.0 for k, _ in STRIKES], rtol=1e-12)
-    np.testing.assert_allclose(found.before, before, rtol=1e-9)
-    np.testing.assert_allclose(found.after, after, rtol=1e-9)
+    jumps = identify(T, v, fit_samples=fit_samples)
+    np.testing.assert_allclose(jumps.time, [T[k] + DT / 2.0 for k, _ in STRIKES], rtol=1e-12)
+    np.testing.assert_allclose(jumps.before, before, rtol=1e-9)
+    np.testing.assert_allclose(jumps.after, after, rtol=1e-9)
     e = [e for _, e in STRIKES]
-    np.testing.assert_allclose(found.restitution, e, rtol=1e-9)
-    by_body = found.restitution_by_body(RATIO)
+    np.testing.assert_allclose(jumps.restitution, e, rtol=1e-9)
+    by_body = jumps.restitution_by_body(RATIO)
     np.testing.assert_allclose(by_body, np.transpose([e, e]), rtol=1e-9)
-    np.testing.assert_allclose(found.apparent_mass_ratio, RATIO, rtol=1e-9)
+    np.testing.assert_allclose(jumps.apparent_mass_ratio, RATIO, rtol=1e-9)
 
 
 def test_three_samples_are_fitted_and_one_is_taken_as_it_is() -> None:
@@ -60,28 +60,28 @@ def test_a_fit_averages_noise() -> None:
     v, _, _ = velocities()
     rng = np.random.default_rng(4)
     v = v + 1e-3 * rng.normal(size=v.shape)
-    found = identify(T, v)
-    for own, (last, _) in zip(found.before, STRIKES, strict=True):
+    jumps = identify(T, v)
+    for values, (last, _) in zip(jumps.before, STRIKES, strict=True):
         line = np.polynomial.Polynomial.fit([0.0, -1.0, -2.0], v[0, last - np.arange(3)], 1)
-        assert own[0] == pytest.approx(line(0.5), rel=1e-9)
-    for own, (last, _) in zip(found.after, STRIKES, strict=True):
+        assert values[0] == pytest.approx(line(0.5), rel=1e-9)
+    for values, (last, _) in zip(jumps.after, STRIKES, strict=True):
         line = np.polynomial.Polynomial.fit([1.0, 2.0, 3.0], v[1, last + 1 + np.arange(3)], 1)
-        assert own[1] == pytest.approx(line(0.5), rel=1e-9)
+        assert values[1] == pytest.approx(line(0.5), rel=1e-9)
 
 
 def rate(*jumps: tuple[int, float]) -> np.ndarray:
     """Return velocities with a gap rate that jumps up after some samples, to fall in between."""
-    own = np.zeros(T.size)
+    stairs = np.zeros(T.size)
     for last, size in jumps:
-        own[last + 1 :] += size
+        stairs[last + 1 :] += size
     steady = sum(size for _, size in jumps) / T.size
-    return np.array([np.zeros(T.size), own - 2.0 * steady * np.arange(T.size) - 1.0])
+    return np.array([np.zeros(T.size), stairs - 2.0 * steady * np.arange(T.size) - 1.0])
 
 
 def test_small_jumps_and_near_ones_are_left_out() -> None:
     def found(v: np.ndarray, **given: float) -> list[int]:
-        own = identify(T, v, fit_samples=1, **given)  # type: ignore[arg-type]
-        return np.rint((own.time - T[0]) / DT - 0.5).astype(int).tolist()
+        jumps = identify(T, v, fit_samples=1, **given)  # type: ignore[arg-type]
+        return np.rint((jumps.time - T[0]) / DT - 0.5).astype(int).tolist()
 
     v = rate((50, 1.0), (60, 0.5), (120, 0.9))
     assert found(v) == [50, 60, 120]
@@ -107,8 +107,8 @@ def test_bodies_that_part_before_a_jump_do_not_strike() -> None:
 
 
 def test_numbers_of_jumps() -> None:
-    found = Jumps(np.zeros(1), np.array([[0.6, -0.4]]), np.array([[-0.1, 0.4]]))
-    assert found.restitution == pytest.approx([0.5])
-    assert found.apparent_mass_ratio == pytest.approx([0.8 / 0.7])
-    by_body = found.restitution_by_body(1.0)
+    jumps = Jumps(np.zeros(1), np.array([[0.6, -0.4]]), np.array([[-0.1, 0.4]]))
+    assert jumps.restitution == pytest.approx([0.5])
+    assert jumps.apparent_mass_ratio == pytest.approx([0.8 / 0.7])
+    by_body = jumps.restitution_by_body(1.0)
     assert by_body == pytest.approx(np.array([[0.4, 0.6]]))

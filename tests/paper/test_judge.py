@@ -194,17 +194,17 @@ def test_a_changed_number_changes_its_verdict(
 
 
 def test_what_holds_of_the_motions(lab: Laboratory) -> None:
-    found = verdicts("3", lab) | verdicts("12", lab)
-    assert found["3.65 Hz: period doubling, one contact in two periods"] == "holds"
-    assert found["3.25 Hz gives the maximum strike of all"] == "holds"
-    assert found["all four motions with one set of parameters"] == "holds"
-    assert found["3.2 is distinctly smoother than 3.1 in free vibration"] == "does not hold"
+    outcomes = verdicts("3", lab) | verdicts("12", lab)
+    assert outcomes["3.65 Hz: period doubling, one contact in two periods"] == "holds"
+    assert outcomes["3.25 Hz gives the maximum strike of all"] == "holds"
+    assert outcomes["all four motions with one set of parameters"] == "holds"
+    assert outcomes["3.2 is distinctly smoother than 3.1 in free vibration"] == "does not hold"
 
 
 def test_tip_on_a_block_is_judged(lab: Laboratory) -> None:
-    found = verdicts("7", lab)
-    assert len(found) == 6 and found.pop("strong energy dissipation during the contact") == NO
-    assert set(found.values()) == {"holds"}
+    outcomes = verdicts("7", lab)
+    assert len(outcomes) == 6 and outcomes.pop("strong energy dissipation during the contact") == NO
+    assert set(outcomes.values()) == {"holds"}
 
 
 def test_bands_say_whether_the_printed_value_is_inside(lab: Laboratory) -> None:
@@ -301,8 +301,10 @@ def linear_numbers() -> Numbers:
 def test_linear_response_is_judged_by_its_numbers(
     failing: int | None, change: Callable[[Any], Any]
 ) -> None:
-    found = [claim.verdict for claim in responses.WITHOUT_CONTACT.judge(change(linear_numbers()))]
-    assert found == ["does not hold" if k == failing else "holds" for k in range(4)]
+    outcomes = [
+        claim.verdict for claim in responses.WITHOUT_CONTACT.judge(change(linear_numbers()))
+    ]
+    assert outcomes == ["does not hold" if k == failing else "holds" for k in range(4)]
 
 
 def plane_numbers(one_periodic: float, spread: float) -> Numbers:
@@ -353,8 +355,8 @@ def test_planes_are_judged_by_their_numbers(
     failing: int | None, change: Callable[[Any], Any]
 ) -> None:
     numbers = planes(plane_numbers(0.8, 0.1), decade(0.4, 0.4, 0.4))
-    found = [claim.verdict for claim in parameters.PLANES.judge(change(numbers))]
-    assert found == ["does not hold" if k == failing else "holds" for k in range(4)]
+    outcomes = [claim.verdict for claim in parameters.PLANES.judge(change(numbers))]
+    assert outcomes == ["does not hold" if k == failing else "holds" for k in range(4)]
 
 
 def test_a_plane_without_one_periodic_points_is_no_scale() -> None:

@@ -66,8 +66,8 @@ def test_a_motion_is_not_taken_for_that_of_another_frequency(lab: Laboratory) ->
 
 def test_each_motion_is_shown_by_its_own_result_alone(lab: Laboratory) -> None:
     results = lab.motions([motion_case(f, PLAN) for f in FREQUENCIES])
-    shown = [[motion.is_shown_by(result) for result in results] for motion in MOTIONS]
-    assert shown == np.eye(4, dtype=bool).tolist()
+    matches = [[motion.is_shown_by(result) for result in results] for motion in MOTIONS]
+    assert matches == np.eye(4, dtype=bool).tolist()
 
 
 @pytest.mark.parametrize(
@@ -126,10 +126,10 @@ def struck(closures: dict[int, float], n_periods: int = 3) -> Result:
 
 
 def test_strikes_need_no_impact_only_a_closed_gap() -> None:
-    found = strikes(struck({50: 0.4, 150: 0.6}))
-    assert found.step.tolist() == [50, 150]
-    assert found.mean == pytest.approx((0.5, 0.0))
-    assert found.approach == pytest.approx(0.5)
+    measured_strikes = strikes(struck({50: 0.4, 150: 0.6}))
+    assert measured_strikes.step.tolist() == [50, 150]
+    assert measured_strikes.mean == pytest.approx((0.5, 0.0))
+    assert measured_strikes.approach == pytest.approx(0.5)
 
 
 def test_a_period_has_one_strike_that_of_the_fastest_approach() -> None:
@@ -142,9 +142,9 @@ def test_closures_a_twentieth_of_a_period_apart_are_two_contacts() -> None:
 
 
 def test_a_contact_that_may_have_begun_before_the_window_is_no_strike() -> None:
-    found = strikes(struck({4: 0.4}))
-    assert found.step.size == 0
-    assert np.isnan(found.mean).all() and found.approach == 0.0
+    measured_strikes = strikes(struck({4: 0.4}))
+    assert measured_strikes.step.size == 0
+    assert np.isnan(measured_strikes.mean).all() and measured_strikes.approach == 0.0
 
 
 def test_contacts_begin_after_a_pause() -> None:

@@ -39,31 +39,31 @@ def plane(monkeypatch: pytest.MonkeyPatch) -> Numbers:
     swing = 0.5 * SCATTER * amplitude[..., 1]
     strobes[:, :, 1] = swing[..., None] * (-1.0) ** np.arange(n)
     strobes[..., : n - STROBES] = 99.0
-    given: dict[str, Any] = {
+    arrays: dict[str, Any] = {
         "strobe_displacement": ((*axes, "lamina", "strobe"), strobes),
         "tip_amplitude": ((*axes, "lamina"), amplitude),
         "tip_contacts_per_period": (axes, CONTACTS),
         "outcome": (axes, KIND), "periodicity": (axes, KIND), "is_decided": (axes, KIND),
     }  # fmt: skip
-    data = xr.Dataset(given, {axes[0]: FIRST, axes[1]: SECOND}).transpose(..., *axes)
-    seen: list[Any] = []
+    data = xr.Dataset(arrays, {axes[0]: FIRST, axes[1]: SECOND}).transpose(..., *axes)
+    captured: list[Any] = []
 
     def kinds(*columns: Any) -> np.ndarray:
-        seen.extend(columns)
+        captured.extend(columns)
         return KIND
 
     monkeypatch.setattr(parameters.settling, "kinds_of_motion", kinds)
-    found = parameters.plane_of(data, "newton-penalty")
-    outcome, periodicity, own, is_decided, settled = seen
+    numbers = parameters.plane_of(data, "newton-penalty")
+    outcome, periodicity, read_strobes, is_decided, settled = captured
     np.testing.assert_array_equal(outcome, KIND)
     np.testing.assert_array_equal(periodicity, KIND)
-    np.testing.assert_array_equal(own, strobes)
+    np.testing.assert_array_equal(read_strobes, strobes)
     np.testing.assert_array_equal(is_decided, KIND != 0)
     assert settled is None
-    seen.clear()
+    captured.clear()
     parameters.plane_of(data.assign(settled=data["outcome"]), "newton-penalty")
-    np.testing.assert_array_equal(seen[-1], KIND != 0)
-    return found
+    np.testing.assert_array_equal(captured[-1], KIND != 0)
+    return numbers
 
 
 def test_shares_of_a_plane(plane: Numbers) -> None:
@@ -88,9 +88,9 @@ def test_amplitudes_of_a_plane(plane: Numbers) -> None:
     wanted = amplitude.reshape(6, 2)
     spread = wanted.std(axis=0) / wanted.mean(axis=0)
     np.testing.assert_allclose(plane.amplitude_spread, spread, rtol=1e-12)
-    for axis, found in enumerate((plane.amplitude_by_first, plane.amplitude_by_second)):
+    for axis, axis_amplitudes in enumerate((plane.amplitude_by_first, plane.amplitude_by_second)):
         explained = amplitude.mean(axis=1 - axis).var(axis=0) / wanted.var(axis=0)
-        np.testing.assert_allclose(found, explained, rtol=1e-12)
+        np.testing.assert_allclose(axis_amplitudes, explained, rtol=1e-12)
 
 
 def test_effects_of_what_does_not_change_are_none() -> None:
@@ -117,18 +117,18 @@ def test_decades_reach_ten_times_and_have_undecided_points() -> None:
 def test_only_the_last_strobes_count() -> None:
     strobes = np.zeros((2, STROBES + 2))
     strobes[0, 2] = strobes[1, 1] = 7.0
-    found = parameters.one_period_scatter(strobes, np.array([2.0, 1.0]))
-    assert found == pytest.approx(7.0 / np.sqrt(STROBES - 1) / 2.0)
+    scatter = parameters.one_period_scatter(strobes, np.array([2.0, 1.0]))
+    assert scatter == pytest.approx(7.0 / np.sqrt(STROBES - 1) / 2.0)
 
 
 def test_impacts_after_which_a_pair_stays() -> None:
     case = SimpleNamespace(contact=SimpleNamespace(restitution=0.5))
     history = xr.Dataset({"event_velocity_before": ("event", -np.array([1.0, 2.0, 3.0, 4.0]))})
-    own: Any = SimpleNamespace(case=case, history=history)
+    result: Any = SimpleNamespace(case=case, history=history)
     for gamma, share in ((0.5, 0.0), (0.51, 0.25), (1.5, 0.5), (2.01, 1.0)):
-        assert parameters.staying_share(own, gamma) == share
-    own.history = history.isel(event=slice(0))
-    assert parameters.staying_share(own, 9.0) == 0.0
+        assert parameters.staying_share(result, gamma) == share
+    result.history = history.isel(event=slice(0))
+    assert parameters.staying_share(result, 9.0) == 0.0
 
 
 def test_ranges_of_amplitudes_up_to_a_threshold() -> None:
@@ -147,14 +147,14 @@ def test_ranges_of_amplitudes_up_to_a_threshold() -> None:
 
 
 def response(**changed: Any) -> Numbers:
-    given = {
+    values = {
         "frequency_hz": np.array([1.0, 1.25, 1.5]),
         "periodicity_up": np.array([1.0, 2.0, 1.0]), "periodicity_down": np.array([1.0, 4.0, 1.0]),
         "jumps_up_hz": [[1.125], []], "jumps_down_hz": [[1.375], [1.125]],
         "tip_contacts_per_period": np.array([[0.5, 1.234], [2.0, 1.0]]),
         "hysteresis_hz": [1.25, 1.5],
     }  # fmt: skip
-    return Numbers(given | changed)
+    return Numbers(values | changed)
 
 
 @pytest.mark.parametrize(
@@ -193,11 +193,11 @@ def test_extremes_within_a_cycle_are_combined() -> None:
     history = xr.Dataset({
         "envelope_min": (("lamina", "period"), low), "envelope_max": (("lamina", "period"), high),
     })  # fmt: skip
-    own: Any = SimpleNamespace(history=history, case=case)
-    times, extremes = swept_extremes(own)
+    result: Any = SimpleNamespace(history=history, case=case)
+    times, extremes = swept_extremes(result)
     np.testing.assert_allclose(times, 0.1 * (np.arange(n) + 0.5), rtol=1e-12)
     np.testing.assert_array_equal(extremes, [low, high])
-    f, envelope = swept_envelope(own)
+    f, envelope = swept_envelope(result)
     np.testing.assert_allclose(f, 10.0 - 7.5 * times / SWEEP_SECONDS, rtol=1e-9)
     rate = min(lamina.damping_ratio * lamina.angular_frequencies(1)[0] for lamina in case.lamina)
     settled = times >= np.log(100.0) / rate

@@ -221,8 +221,8 @@ def test_names_of_files() -> None:
 
 
 def test_numbers_become_json() -> None:
-    given = {1.5: np.array([[1.0, np.nan]]), "b": (np.int64(2), np.True_, None, 1 / 3)}
-    assert json_ready(given, 7) == {"1.5": [[1.0, None]], "b": [2, True, None, 0.3333333]}
+    numbers = {1.5: np.array([[1.0, np.nan]]), "b": (np.int64(2), np.True_, None, 1 / 3)}
+    assert json_ready(numbers, 7) == {"1.5": [[1.0, None]], "b": [2, True, None, 0.3333333]}
 
 
 class Diverging(Serial):
@@ -247,22 +247,22 @@ def folder(tmp_path: Path) -> Path:
         Claim("1", "a | b", "sec. 1", "1 < 2", "holds", "1"),
         Claim("1", "c", "sec. 2", "no", "does not hold", "2"),
     ]
-    for name, own in (("1", claims), ("2a", [])):
+    for name, figure_claims in (("1", claims), ("2a", [])):
         stem = reproduce.file_stem(name)
         (tmp_path / f"{stem}.png").write_bytes(b"picture")
         (tmp_path / f"{stem}.gif").write_bytes(b"film")
         content = {
             "name": name, "title": f"title {name}", "caption": "what & what",
             "animation": "fig02a.gif" if name == "2a" else None,
-            "claims": [vars(claim) for claim in own], "numbers": {},
+            "claims": [vars(claim) for claim in figure_claims], "numbers": {},
         }  # fmt: skip
         (tmp_path / f"{stem}.json").write_text(json.dumps(content), "utf-8")
     return tmp_path
 
 
 def test_page_links_to_what_is_there(folder: Path) -> None:
-    found = entries(folder, ["fig01", "fig02a", "fig02b"])
-    page = write_page(folder, found).read_text("utf-8")
+    figures = entries(folder, ["fig01", "fig02a", "fig02b"])
+    page = write_page(folder, figures).read_text("utf-8")
     targets = set(re.findall(r'(?:src|href)="([^"]+)"', page))
     assert {t for t in targets if not t.startswith("#")} == {
         "fig01.png", "fig01.json", "fig02a.png", "fig02a.gif", "fig02a.json",
@@ -273,8 +273,8 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
     root = tmp_path / "root"
     root.mkdir()
     (root / "README.md").write_text(f"head\n{README_MARKS[0]}\noutdated\n{README_MARKS[1]}\ntail\n")
-    found = entries(folder, ["fig01", "fig02a"])
-    paths = write_docs(folder, root, found)
+    figures = entries(folder, ["fig01", "fig02a"])
+    paths = write_docs(folder, root, figures)
     readme, docs = (root / name for name in ("README.md", "docs/paper.md"))
     assert {readme, docs} <= set(paths)
     text = readme.read_text("utf-8")
@@ -285,7 +285,7 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
     assert "figures/paper_fig02a.gif" in pictures
     for picture in pictures:
         assert (root / "docs" / picture).is_file()
-    write_docs(folder, root, found)
+    write_docs(folder, root, figures)
     assert readme.read_text("utf-8") == text
 
 

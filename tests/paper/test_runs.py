@@ -36,14 +36,14 @@ def finished(case: Case, outcome: str = "completed") -> Any:
 def test_motions_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     executor: Any = Now()
     monkeypatch.setattr(lab_module, "_computed", lambda case, engine: finished(case, "completed"))
-    own = Laboratory(Plan(), executor, "petsc")
+    laboratory = Laboratory(Plan(), executor, "petsc")
     one, two = (motion_case(f, Plan(periods=3)) for f in (1.25, 3.25))
-    first = own.motions([one, two, one])
+    first = laboratory.motions([one, two, one])
     assert [result.case for result in first] == [one, two, one] and first[0] is first[2]
-    assert [given for _, given, _ in executor.submitted] == [(one, "petsc"), (two, "petsc")]
-    assert own.motions([two])[0] is first[1] and len(executor.submitted) == 2
+    assert [arguments for _, arguments, _ in executor.submitted] == [(one, "petsc"), (two, "petsc")]
+    assert laboratory.motions([two])[0] is first[1] and len(executor.submitted) == 2
     other = motion_case(1.25, Plan(periods=4))
-    assert own.motions([other, one])[1] is first[0] and len(executor.submitted) == 3
+    assert laboratory.motions([other, one])[1] is first[0] and len(executor.submitted) == 3
 
 
 def test_a_motion_that_did_not_end_is_told_with_its_case(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,10 +57,10 @@ def test_a_motion_that_did_not_end_is_told_with_its_case(monkeypatch: pytest.Mon
 
 def test_what_has_begun_is_not_begun_again() -> None:
     executor: Any = Now()
-    own = Laboratory(Plan(), executor)
-    first = own.begin("sum", lambda a, b: a + b, a=1, b=2)
-    assert own.begin("sum", lambda: 9) is first and first.result() == 3
-    assert own.begin("other", lambda: 9).result() == 9 and len(executor.submitted) == 2
+    laboratory = Laboratory(Plan(), executor)
+    first = laboratory.begin("sum", lambda a, b: a + b, a=1, b=2)
+    assert laboratory.begin("sum", lambda: 9) is first and first.result() == 3
+    assert laboratory.begin("other", lambda: 9).result() == 9 and len(executor.submitted) == 2
 
 
 def test_the_case_of_a_motion() -> None:
@@ -135,8 +135,8 @@ def decided(held: list[int], closed: list[int], hits: list[int]) -> tuple[list[i
         },
         {"frame": start + step * np.arange(n)},
     )
-    own: Any = SimpleNamespace(history=history, case=SimpleNamespace(time_step=step))
-    states, wrong = shapes.decisions(own)
+    result: Any = SimpleNamespace(history=history, case=SimpleNamespace(time_step=step))
+    states, wrong = shapes.decisions(result)
     assert states.shape == (n - 1, 3) and (states[:, :2] == OPEN).all()
     return states[:, 2].tolist(), wrong
 
@@ -165,16 +165,16 @@ def test_harmonics_of_derivatives() -> None:
     n, period = 400, 0.25
     t = np.arange(1, n + 1) / n * 2.0  # two periods
     u = np.array([3.0 * np.sin(2 * np.pi * t) + 0.5 * np.cos(6 * np.pi * t), 0.0 * t])
-    own: Any = SimpleNamespace(case=SimpleNamespace(period=period))
-    found = portraits._harmonics(u, 2, own)
+    result: Any = SimpleNamespace(case=SimpleNamespace(period=period))
+    harmonics = portraits._harmonics(u, 2, result)
     wanted = np.zeros(portraits.COUNTED)
     wanted[[0, 2]] = 3.0, 0.5
     rotation = 2.0 * np.pi / period * np.arange(1, portraits.COUNTED + 1)
-    shown = found["displacement"][0, : portraits.COUNTED]
-    np.testing.assert_allclose(shown, wanted, atol=1e-9)
-    np.testing.assert_allclose(found["velocity"][0], wanted * rotation, atol=1e-6)
-    np.testing.assert_allclose(found["acceleration"][0], wanted * rotation**2, atol=1e-3)
-    assert not found["velocity"][1].any() or np.abs(found["velocity"][1]).max() < 1e-9
+    counted = harmonics["displacement"][0, : portraits.COUNTED]
+    np.testing.assert_allclose(counted, wanted, atol=1e-9)
+    np.testing.assert_allclose(harmonics["velocity"][0], wanted * rotation, atol=1e-6)
+    np.testing.assert_allclose(harmonics["acceleration"][0], wanted * rotation**2, atol=1e-3)
+    assert not harmonics["velocity"][1].any() or np.abs(harmonics["velocity"][1]).max() < 1e-9
 
 
 def test_ratios_of_meshes_in_words() -> None:
@@ -195,18 +195,20 @@ def test_the_printed_number_may_lie_within_the_band() -> None:
                 "d": {"displacement": 1.25 * printed},
                 "d_by_gap_exponent": {k: factor * printed for k, factor in enumerate(factors)},
             })  # fmt: skip
-            own = portraits._away(numbers, i)
-            assert own.value == pytest.approx(0.25) and own.within == pytest.approx(within)
+            criterion = portraits._away(numbers, i)
+            assert criterion.value == pytest.approx(0.25) and criterion.within == pytest.approx(
+                within
+            )
 
 
 def test_only_the_left_panels_of_shapes_have_numbers_at_their_places() -> None:
-    position, shown = np.zeros((2, 50, 5)), np.arange(len(shapes.PHASES))
+    position, samples = np.zeros((2, 50, 5)), np.arange(len(shapes.PHASES))
     position[1] = 10.0 * np.sin(np.arange(50))[:, None]
     share = np.linspace(0.0, 1.0, 4)
     figure = shapes.draw_shapes(Numbers(
         {"share_closed": share, "share_near": share}, names=["thick", "thin"],
-        x=np.arange(5.0), position=position, shown=shown,
+        x=np.arange(5.0), position=position, shown=samples,
     ))  # fmt: skip
-    has = [any(own.get_text() for own in panel.get_yticklabels()) for panel in figure.axes]
+    has = [any(label.get_text() for label in panel.get_yticklabels()) for panel in figure.axes]
     assert has == 2 * [True, False, False, False, False]
     assert not figure.legends[0].get_frame_on()

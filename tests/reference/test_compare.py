@@ -81,9 +81,9 @@ def test_equal_operators_do_not_differ(ops: Operators) -> None:
     ],
 )
 def test_a_changed_entry_is_seen_in_its_place(ops: Operators, where: str, name: str) -> None:
-    found = operator_differences(changed(ops, where), ops)
-    assert 0.01 * CHANGE < found.pop(name) < 2.0 * CHANGE
-    assert set(found.values()) == {0.0}
+    differences = operator_differences(changed(ops, where), ops)
+    assert 0.01 * CHANGE < differences.pop(name) < 2.0 * CHANGE
+    assert set(differences.values()) == {0.0}
 
 
 @pytest.mark.parametrize(("k", "letter"), [(0, "M"), (1, "C"), (2, "K")])
@@ -91,15 +91,15 @@ def test_a_changed_corner_is_seen(ops: Operators, k: int, letter: str) -> None:
     corner = list(ops.base.corner)
     corner[k] *= 1.0 + CHANGE
     other = replace(ops, base=replace(ops.base, corner=(corner[0], corner[1], corner[2])))
-    found = operator_differences(other, ops)
-    assert found[f"{letter}, column of the base"] == pytest.approx(CHANGE, rel=1e-6)
+    differences = operator_differences(other, ops)
+    assert differences[f"{letter}, column of the base"] == pytest.approx(CHANGE, rel=1e-6)
 
 
 def test_an_entry_where_there_should_be_none_is_seen(ops: Operators) -> None:
     mass = ops.mass.tolil()
     mass[0, 15] = CHANGE * np.sqrt(ops.mass[0, 0] * ops.mass[15, 15])
-    found = operator_differences(replace(ops, mass=mass.tocsr()), ops)
-    assert found["M"] == pytest.approx(CHANGE, rel=1e-9)
+    differences = operator_differences(replace(ops, mass=mass.tocsr()), ops)
+    assert differences["M"] == pytest.approx(CHANGE, rel=1e-9)
 
 
 def test_histories_are_judged_up_to_the_impact(comparison: Comparison) -> None:
@@ -158,14 +158,14 @@ def test_figure_of_equal_histories_can_be_drawn(comparison: Comparison, tmp_path
 def test_matrices_and_frequencies_are_compared_where_the_motion_cannot_be(
     name: str, keys: dict[str, object], reason: str, tmp_path: Path
 ) -> None:
-    found = compare(preset(name, keys))
-    assert found.motion is None and found.refusal.startswith(reason)
-    assert set(found.matrices) >= {"M", "C", "K", "H", "gap0"}
-    assert max(found.matrices.values()) < SAME_FREQUENCIES  # C follows from frequencies
-    assert 0.0 <= found.frequencies < SAME_FREQUENCIES
-    (table,) = found.save(tmp_path)
-    assert json.loads(table.read_text())["no_motion"] == found.refusal
-    assert dict(found.rows())["motion"] == "not compared"
+    report = compare(preset(name, keys))
+    assert report.motion is None and report.refusal.startswith(reason)
+    assert set(report.matrices) >= {"M", "C", "K", "H", "gap0"}
+    assert max(report.matrices.values()) < SAME_FREQUENCIES  # C follows from frequencies
+    assert 0.0 <= report.frequencies < SAME_FREQUENCIES
+    (table,) = report.save(tmp_path)
+    assert json.loads(table.read_text())["no_motion"] == report.refusal
+    assert dict(report.rows())["motion"] == "not compared"
 
 
 def test_a_force_is_refused_whose_load_the_reference_does_not_have() -> None:
@@ -185,13 +185,13 @@ def test_contact_points_inside_the_elements_are_those_of_the_reference() -> None
     keys |= {"mesh.elements": 6, "gap.exponent": 1.5, "contact.penalty_stiffness": 2e3}
     keys |= {"contact.threshold_velocity": 0.05}
     case = preset("paper", keys)
-    given = assemble(case).operators
+    operators = assemble(case).operators
     independent = matrices.assemble(case, np.linspace(0.0, case.lamina[0].length, 7))
-    assert max(operator_differences(given, independent).values()) < SAME_MATRICES
-    assert given.pair_weights == pytest.approx(independent.pair_weights, rel=SAME_MATRICES)
-    found = compare(case, periods=2)
-    assert motion_of(found).overall < SAME_MOTION
-    assert min(motion_of(found).impacts) > 10
+    assert max(operator_differences(operators, independent).values()) < SAME_MATRICES
+    assert operators.pair_weights == pytest.approx(independent.pair_weights, rel=SAME_MATRICES)
+    report = compare(case, periods=2)
+    assert motion_of(report).overall < SAME_MOTION
+    assert min(motion_of(report).impacts) > 10
 
 
 def test_without_impacts_the_whole_motions_are_compared() -> None:

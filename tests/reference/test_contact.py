@@ -121,8 +121,8 @@ def test_more_pairs_than_an_element_can_tell_apart() -> None:
     scale = np.abs(H @ v).max()
     assert excess.min() > -ROUND_OFF * scale
     np.testing.assert_allclose(p * excess, 0.0, atol=ROUND_OFF * scale * p.max())
-    own = complementarity.solve(W, 1.5 * (H @ v))
-    np.testing.assert_allclose(H.T @ own, H.T @ p, atol=1e-9 * np.abs(H.T @ p).max())
+    impulses = complementarity.solve(W, 1.5 * (H @ v))
+    np.testing.assert_allclose(H.T @ impulses, H.T @ p, atol=1e-9 * np.abs(H.T @ p).max())
 
 
 class Pairs:
@@ -130,11 +130,11 @@ class Pairs:
 
     def __init__(self) -> None:
         eye = sp.identity(4, format="csr")
-        whole = sp.identity(8, format="csr")
+        identity = sp.identity(8, format="csr")
         self.operators = Operators(
-            mass=whole,
-            damping=0 * whole,
-            stiffness=0 * whole,
+            mass=identity,
+            damping=0 * identity,
+            stiffness=0 * identity,
             lumped_mass=np.ones(8),
             base=BaseCoupling.none(8),
             gap_matrix=sp.hstack([-eye, eye], format="csr"),

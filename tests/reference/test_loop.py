@@ -62,14 +62,14 @@ def test_springs_store_and_return_energy() -> None:
 def test_restart_repeats_the_run(impulse: str) -> None:
     case = case_with({**SMALL, "contact.impulse": impulse})
     model = assemble(case).operators
-    whole = simulate_reference(model, case, periods=3)
+    complete_run = simulate_reference(model, case, periods=3)
     first = simulate_reference(model, case, periods=1)
-    rest = simulate_reference(model, case, periods=2, initial=first.final)
-    both = np.hstack([first.tip_displacement, rest.tip_displacement])
+    resumed = simulate_reference(model, case, periods=2, initial=first.final)
+    both = np.hstack([first.tip_displacement, resumed.tip_displacement])
     # The start solves for the acceleration that the step before had, to round-off; impacts amplify.
-    np.testing.assert_allclose(both, whole.tip_displacement, atol=1e-9)
-    np.testing.assert_array_equal(np.hstack([first.times, rest.times]), whole.times)
-    assert [e.pair for e in first.events + rest.events] == [e.pair for e in whole.events]
+    np.testing.assert_allclose(both, complete_run.tip_displacement, atol=1e-9)
+    np.testing.assert_array_equal(np.hstack([first.times, resumed.times]), complete_run.times)
+    assert [e.pair for e in first.events + resumed.events] == [e.pair for e in complete_run.events]
     assert len(first.events) > 0
 
 

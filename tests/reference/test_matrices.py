@@ -72,8 +72,8 @@ def test_moving_with_the_base_needs_no_force_and_has_all_the_mass(ops: Operators
 
 
 def test_turning_about_the_clamp_needs_moments_at_the_clamp_alone(ops: Operators) -> None:
-    own = np.column_stack([GRADED[1:], np.ones(5)]).ravel()  # u = x, phi = 1
-    force = ops.stiffness @ np.concatenate([own, own])
+    rigid_turn = np.column_stack([GRADED[1:], np.ones(5)]).ravel()  # u = x, phi = 1
+    force = ops.stiffness @ np.concatenate([rigid_turn, rigid_turn])
     near = [0, 1, 10, 11]  # the first node of each lamina, which the clamp holds
     assert np.abs(np.delete(force, near)).max() < ROUND_OFF * ops.stiffness.max()
 
@@ -84,15 +84,17 @@ def test_wave_numbers_are_the_tabulated_ones() -> None:
 
 def test_frequencies_are_those_of_the_cantilever() -> None:
     case = preset("paper")
-    found = matrices.natural_frequencies(
+    frequencies = matrices.natural_frequencies(
         matrices.assemble(case, np.linspace(0.0, LENGTH, 17)), len(WAVE_NUMBERS)
     )
-    for own, lamina in zip(found, case.lamina, strict=True):
+    for lamina_frequencies, lamina in zip(frequencies, case.lamina, strict=True):
         rhoA, EI = matrices.section(lamina)
         exact = (np.array(WAVE_NUMBERS) / LENGTH) ** 2 * np.sqrt(EI / rhoA) / (2.0 * np.pi)
-        assert np.all(own > exact * (1.0 - 1e-8))  # conforming elements are too stiff
-        assert own == pytest.approx(exact, rel=2e-4)
-        assert own[0] == pytest.approx(exact[0], rel=5e-7)
+        assert np.all(
+            lamina_frequencies > exact * (1.0 - 1e-8)
+        )  # conforming elements are too stiff
+        assert lamina_frequencies == pytest.approx(exact, rel=2e-4)
+        assert lamina_frequencies[0] == pytest.approx(exact[0], rel=5e-7)
 
 
 @pytest.mark.parametrize(
@@ -130,10 +132,10 @@ def cases(folder: Path) -> Iterator[Case]:
 @pytest.mark.parametrize("x", [UNIFORM, GRADED], ids=["uniform", "graded"])
 def test_closed_form_is_the_same(x: np.ndarray, tmp_path: Path) -> None:
     for case in cases(tmp_path):
-        given = closed_form.assemble(case, x).operators
-        found = operator_differences(given, matrices.assemble(case, x))
-        assert max(found.values()) < ROUND_OFF, found
-        assert abs(given.probes - matrices.assemble(case, x).probes).max() == 0.0
+        operators = closed_form.assemble(case, x).operators
+        differences = operator_differences(operators, matrices.assemble(case, x))
+        assert max(differences.values()) < ROUND_OFF, differences
+        assert abs(operators.probes - matrices.assemble(case, x).probes).max() == 0.0
 
 
 @pytest.mark.parametrize("mesh", [{"mesh.elements": 7}, {"mesh.file": "graded"}])
@@ -145,16 +147,16 @@ def test_dolfinx_is_the_same(mesh: dict[str, object], tmp_path: Path) -> None:
         mesh = {"mesh.file": str(Path(__file__).parents[2] / "meshes" / "laminae_graded.msh")}
     for case in cases(tmp_path):
         model = forms.assemble(case.with_overrides(mesh))
-        found = operator_differences(model.operators, matrices.assemble(case, model.layout.x))
-        assert max(found.values()) < ROUND_OFF, found
+        differences = operator_differences(model.operators, matrices.assemble(case, model.layout.x))
+        assert max(differences.values()) < ROUND_OFF, differences
 
 
 def test_gap_of_a_table_keeps_its_shape(tmp_path: Path) -> None:
     *_, case = cases(tmp_path)
     x = np.linspace(0.0, LENGTH, 30)
-    found = matrices.gap_at_rest(case.gap, x, LENGTH)
-    assert found == pytest.approx(initial_gap(case.gap, x, LENGTH), abs=ROUND_OFF)
-    assert np.all(np.diff(found) > 0.0)
+    gap = matrices.gap_at_rest(case.gap, x, LENGTH)
+    assert gap == pytest.approx(initial_gap(case.gap, x, LENGTH), abs=ROUND_OFF)
+    assert np.all(np.diff(gap) > 0.0)
 
 
 @pytest.mark.parametrize(

@@ -60,18 +60,18 @@ def test_constraints_give_what_the_transformation_gives(
     delaminations: list[dict[str, object]], supports: str, yields: bool, mass: str
 ) -> None:
     turn = {"support.rotational_stiffness": 20.0} if yields else {}
-    own = case(delaminations, supports, **{"time.mass": mass}, **turn)
-    made = closed_form.assemble(own)
-    expected = matrices.assemble(own, made.layout.x, made.layout.probes[0].point)
+    stack_case = case(delaminations, supports, **{"time.mass": mass}, **turn)
+    made = closed_form.assemble(stack_case)
+    expected = matrices.assemble(stack_case, made.layout.x, made.layout.probes[0].point)
     differences = operator_differences(made.operators, expected)
     assert max(differences.values()) < ROUND_OFF, differences
 
 
 @pytest.mark.parametrize("kind", ["stiffness", "mass"])
 def test_damping_models_agree(kind: str) -> None:
-    own = case(CROSSING, "clamped clamped", **{"damping.rayleigh": kind})
-    made = closed_form.assemble(own)
-    expected = matrices.assemble(own, made.layout.x, 3)
+    stack_case = case(CROSSING, "clamped clamped", **{"damping.rayleigh": kind})
+    made = closed_form.assemble(stack_case)
+    expected = matrices.assemble(stack_case, made.layout.x, 3)
     assert operator_differences(made.operators, expected)["C"] < ROUND_OFF
 
 
@@ -86,22 +86,22 @@ def test_openings_agree(end: str, tmp_path: Path) -> None:
         {"file": str(tmp_path / "t.csv")},
     ]
     for shape in shapes:
-        own = case([{"between": ["a", "b"], **edges, **shape}], supports)
-        made = closed_form.assemble(own)
-        expected = matrices.assemble(own, made.layout.x, 3)
+        stack_case = case([{"between": ["a", "b"], **edges, **shape}], supports)
+        made = closed_form.assemble(stack_case)
+        expected = matrices.assemble(stack_case, made.layout.x, 3)
         assert made.operators.gap0.max() > 1e-3
         assert made.operators.gap0 == pytest.approx(expected.gap0, abs=1e-15)
 
 
 def test_the_embedded_beam_moves_alike_over_its_first_impacts() -> None:
     newmark = {"time.scheme": "newmark", "mesh.elements": 20}
-    found = compare(preset("embedded", newmark), periods=2, impacts=1000)
-    motion = found.motion
+    comparison = compare(preset("embedded", newmark), periods=2, impacts=1000)
+    motion = comparison.motion
     assert motion is not None
     assert motion.impacts[0] == motion.impacts[1] > 1000
     assert np.ptp(motion.tips) > 1e-6
     assert motion.until_impact < 1e-8
-    assert found.frequencies < 1e-8
+    assert comparison.frequencies < 1e-8
 
 
 PARTED = [{"between": [*pair], "start": 0.0, "end": 0.4, "opening": 1e-3} for pair in ("ab", "bc")]
@@ -113,12 +113,12 @@ def test_three_laminae_that_are_apart_are_cantilevers(opening: dict[str, object]
     data = keys | opening | {"delamination": opening.get("delamination"), "support": None}
     if "delamination" in opening:
         data["support"] = {"start": "clamped", "end": "free"}
-    found = compare(preset("embedded", data), periods=1, impacts=10)
-    assert max(found.matrices.values()) < ROUND_OFF and found.frequencies < ROUND_OFF
-    assert found.motion is not None and found.motion.until_impact < ROUND_OFF
+    comparison = compare(preset("embedded", data), periods=1, impacts=10)
+    assert max(comparison.matrices.values()) < ROUND_OFF and comparison.frequencies < ROUND_OFF
+    assert comparison.motion is not None and comparison.motion.until_impact < ROUND_OFF
 
 
 def test_points_inside_elements_are_refused() -> None:
-    own = case(CROSSING, "clamped clamped", **{"contact.points_per_element": 2})
+    stack_case = case(CROSSING, "clamped clamped", **{"contact.points_per_element": 2})
     with pytest.raises(CaseError, match=r"expected contact\.points_per_element = 1"):
-        matrices.assemble(own, np.linspace(0.0, 0.4, 9), 3)
+        matrices.assemble(stack_case, np.linspace(0.0, 0.4, 9), 3)

@@ -97,12 +97,12 @@ def test_a_mass_on_an_elastic_stop(
     side: str, sides: tuple[float, ...], strikes: float, engine: EngineName
 ) -> None:
     stop = {"lamina": "one", "side": side, "gap": GAP, "stiffness": STOP}
-    found = entry(case_of(stop=[stop], contact={"law": "penalty"}), engine)
+    numbers = entry(case_of(stop=[stop], contact={"law": "penalty"}), engine)
     exact = on_springs(sides)
-    assert (found["name"], found["kind"]) == ("stop 1", "stop")
-    assert found["strikes_per_period"] == pytest.approx(strikes) == exact[0]
+    assert (numbers["name"], numbers["kind"]) == ("stop 1", "stop")
+    assert numbers["strikes_per_period"] == pytest.approx(strikes) == exact[0]
     for name, value in zip(NUMBERS[1:], exact[1:], strict=True):
-        assert found[name] == pytest.approx(value, rel=2e-3), name
+        assert numbers[name] == pytest.approx(value, rel=2e-3), name
 
 
 def on_a_wall(restitution: float) -> tuple[float, float]:
@@ -125,12 +125,12 @@ def test_a_mass_on_a_rigid_stop(engine: EngineName, scheme: str) -> None:
     stop = {"lamina": "one", "side": "above", "gap": GAP}
     contact = {"law": "newton", "restitution": 0.6}
     time = {"steps_per_period": 4000, "periods": PERIODS, "scheme": scheme}
-    found = entry(case_of(stop=[stop], contact=contact, time=time), engine)
+    numbers = entry(case_of(stop=[stop], contact=contact, time=time), engine)
     strikes, speed = on_a_wall(0.6)
-    assert found["strikes_per_period"] == pytest.approx(strikes) == 1.0
-    assert found["approach_velocity"] == pytest.approx(speed, rel=5e-3)
-    assert found["impulse"] == pytest.approx(1.6 * M * speed, rel=5e-3)
-    assert found["peak_force"] is None
+    assert numbers["strikes_per_period"] == pytest.approx(strikes) == 1.0
+    assert numbers["approach_velocity"] == pytest.approx(speed, rel=5e-3)
+    assert numbers["impulse"] == pytest.approx(1.6 * M * speed, rel=5e-3)
+    assert numbers["peak_force"] is None
 
 
 def free_mass(impactor: dict[str, Any], contact: dict[str, Any], seconds: float) -> dict[str, Any]:
@@ -148,30 +148,32 @@ def free_mass(impactor: dict[str, Any], contact: dict[str, Any], seconds: float)
 def test_a_blow_of_an_impactor_on_its_spring() -> None:
     """Half a sine: F = v √(k m), length π √(m/k), impulse 2 m v."""
     k, seconds = 1e4, 0.06
-    found = free_mass({"stiffness": k}, {"law": "penalty"}, seconds)
-    assert (found["name"], found["kind"]) == ("impactor 1", "impactor")
-    assert found["strikes_per_period"] == 1.0
-    assert found["approach_velocity"] == pytest.approx(1.5, rel=1e-6)
-    assert found["impulse"] == pytest.approx(2.0 * 2.0 * 1.5, rel=1e-4)
-    assert found["peak_force"] == pytest.approx(1.5 * math.sqrt(k * 2.0), rel=1e-4)
-    assert found["closed_share"] == pytest.approx(math.pi * math.sqrt(2.0 / k) / seconds, rel=2e-3)
+    numbers = free_mass({"stiffness": k}, {"law": "penalty"}, seconds)
+    assert (numbers["name"], numbers["kind"]) == ("impactor 1", "impactor")
+    assert numbers["strikes_per_period"] == 1.0
+    assert numbers["approach_velocity"] == pytest.approx(1.5, rel=1e-6)
+    assert numbers["impulse"] == pytest.approx(2.0 * 2.0 * 1.5, rel=1e-4)
+    assert numbers["peak_force"] == pytest.approx(1.5 * math.sqrt(k * 2.0), rel=1e-4)
+    assert numbers["closed_share"] == pytest.approx(
+        math.pi * math.sqrt(2.0 / k) / seconds, rel=2e-3
+    )
 
 
 def test_a_blow_of_a_ball_is_one_strike() -> None:
     """Hertz's force is F = k δ^1.5 at δ = (5 m v² / 4 k)^0.4; its springs are one contact."""
     k = 4.0 / 3.0 * 1e10 * math.sqrt(0.01)
     depth = (1.25 * 2.0 * 1.5**2 / k) ** 0.4
-    found = free_mass({"radius": 0.01, "gap": 0.0}, {"law": "penalty"}, 4.4 * depth / 1.5)
-    assert found["impulse"] == pytest.approx(2.0 * 2.0 * 1.5, rel=1e-2)
-    assert found["peak_force"] == pytest.approx(k * depth**1.5, rel=2e-3)
+    numbers = free_mass({"radius": 0.01, "gap": 0.0}, {"law": "penalty"}, 4.4 * depth / 1.5)
+    assert numbers["impulse"] == pytest.approx(2.0 * 2.0 * 1.5, rel=1e-2)
+    assert numbers["peak_force"] == pytest.approx(k * depth**1.5, rel=2e-3)
 
 
 def test_a_blow_of_a_rigid_impactor_is_an_impulse() -> None:
     contact = {"law": "newton", "restitution": 0.4, "impulse": "consistent"}
-    found = free_mass({}, contact, 0.06)
-    assert found["approach_velocity"] == pytest.approx(1.5, rel=1e-9)
-    assert found["impulse"] == pytest.approx(1.4 * 2.0 * 1.5, rel=1e-6)
-    assert found["peak_force"] is None
+    numbers = free_mass({}, contact, 0.06)
+    assert numbers["approach_velocity"] == pytest.approx(1.5, rel=1e-9)
+    assert numbers["impulse"] == pytest.approx(1.4 * 2.0 * 1.5, rel=1e-6)
+    assert numbers["peak_force"] is None
 
 
 @pytest.mark.parametrize("mass", ["consistent", "massless"])
@@ -192,27 +194,27 @@ def test_a_beam_on_a_stop_has_the_impulse_and_the_force_of_a_sensor(mass: str) -
                     "frequency": 20.0},
         sensor=[{"name": "push", "quantity": "contact force", "stop": 1}], time=time,
     ), engine="compiled")  # fmt: skip
-    (found,) = result.summary["contacts"]
+    (numbers,) = result.summary["contacts"]
     force = result.history["sensor_push"].to_numpy()
     step = result.case.time_step
-    assert found["peak_force"] == pytest.approx(force.max(), rel=1e-9)
-    strikes = found["strikes_per_period"] * WINDOW
-    assert strikes > 0 and found["approach_velocity"] > 0.0
-    assert found["impulse"] * strikes == pytest.approx(force.sum() * step, rel=1e-9)
-    assert 0.0 < found["closed_share"] < 0.5
+    assert numbers["peak_force"] == pytest.approx(force.max(), rel=1e-9)
+    strikes = numbers["strikes_per_period"] * WINDOW
+    assert strikes > 0 and numbers["approach_velocity"] > 0.0
+    assert numbers["impulse"] * strikes == pytest.approx(force.sum() * step, rel=1e-9)
+    assert 0.0 < numbers["closed_share"] < 0.5
 
 
 def test_an_interface_is_struck_as_often_as_its_probes_meet() -> None:
     for law in ("newton", "penalty"):
         result = df.run(df.preset("paper", {"contact.law": law, "time.periods": 20}), "compiled")
-        (found,) = result.summary["contacts"]
-        assert found["kind"] == "interface"
-        assert found["strikes_per_period"] == result.summary["tip_contacts_per_period"] > 0.0
+        (numbers,) = result.summary["contacts"]
+        assert numbers["kind"] == "interface"
+        assert numbers["strikes_per_period"] == result.summary["tip_contacts_per_period"] > 0.0
         periods = result.case.n_window_periods
-        total = found["impulse"] * found["strikes_per_period"] * periods
+        total = numbers["impulse"] * numbers["strikes_per_period"] * periods
         if law == "newton":
             assert total == pytest.approx(float(result.history["event_impulse"].sum()), rel=1e-12)
-            assert found["peak_force"] is None
+            assert numbers["peak_force"] is None
         else:
             sensor = {"name": "push", "quantity": "contact force", "between": ["thick", "thin"]}
             every = df.run(result.case.with_overrides({"sensor": [sensor]}), "compiled")
@@ -223,7 +225,7 @@ def test_an_interface_is_struck_as_often_as_its_probes_meet() -> None:
             count = exact["strikes_per_period"] * periods
             assert exact["impulse"] * count == pytest.approx(sum_of_steps, rel=1e-9)
             assert total == pytest.approx(sum_of_steps, rel=0.03)
-            assert 0.9 * exact["peak_force"] < found["peak_force"] <= exact["peak_force"]
+            assert 0.9 * exact["peak_force"] < numbers["peak_force"] <= exact["peak_force"]
 
 
 def test_without_a_law_nothing_is_a_contact() -> None:

@@ -28,10 +28,10 @@ def harmonics_of(history: xr.Dataset, case: Case) -> np.ndarray | None:
 
 def test_harmonics_of_the_window_are_those_put_in() -> None:
     case = small_case()
-    found = harmonics_of(synthetic_history(case), case)
-    expected = np.zeros_like(found)
+    amplitudes = harmonics_of(synthetic_history(case), case)
+    expected = np.zeros_like(amplitudes)
     expected[:, :3] = AMPLITUDES
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUND_OFF * AMPLITUDES.max())
+    np.testing.assert_allclose(amplitudes, expected, rtol=0, atol=ROUND_OFF * AMPLITUDES.max())
 
 
 def test_summary_of_the_prescribed_motion() -> None:
@@ -80,9 +80,9 @@ def test_threshold_of_the_rms_difference_of_either_tip(scatter: float, expected:
     steady = np.zeros(60)
     drifting = 5.0 * scatter * np.arange(60.0)
     for strobe in (np.stack([steady, drifting]), np.stack([drifting, steady])):
-        P, found = diagnostics.periodicity(strobe, np.array([5.0, 5.0]))
+        P, computed_scatter = diagnostics.periodicity(strobe, np.array([5.0, 5.0]))
         assert P == expected
-        assert found == (pytest.approx(scatter, rel=1e-12) if expected else None)
+        assert computed_scatter == (pytest.approx(scatter, rel=1e-12) if expected else None)
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,13 @@ def test_threshold_of_the_rms_difference_of_either_tip(scatter: float, expected:
 )
 def test_a_class_needs_a_margin(single: float, double: float, expected: str) -> None:
     """Strobes that alternate by `a` and wander by `b`: scatters are known for P = 1 and 2."""
-    found = np.full(8, double)
-    found[::2] = single
+    scatters = np.full(8, double)
+    scatters[::2] = single
     history = np.zeros((1, 60))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(diagnostics, "scatters", lambda strobe, half_range: found)
+        patch.setattr(diagnostics, "scatters", lambda strobe, half_range: scatters)
         P, _ = diagnostics.periodicity(history, np.ones(1))
-        decided = diagnostics.is_decided(found)
+        decided = diagnostics.is_decided(scatters)
     assert diagnostics.class_name(P, is_decided=decided) == expected
 
 
@@ -200,8 +200,8 @@ def test_swept_sine_has_no_harmonics_and_no_periodicity() -> None:
 def test_interrupted_window_is_cut_to_its_last_whole_periods() -> None:
     case = small_case()
     history = synthetic_history(case).isel(time=slice(0, 3 * STEPS - 7))
-    found = harmonics_of(history, case)
-    np.testing.assert_allclose(found[:, :3], AMPLITUDES, atol=ROUND_OFF * AMPLITUDES.max())
+    amplitudes = harmonics_of(history, case)
+    np.testing.assert_allclose(amplitudes[:, :3], AMPLITUDES, atol=ROUND_OFF * AMPLITUDES.max())
     assert diagnostics.last_periods(history, case).sizes["time"] == 2 * STEPS
     assert diagnostics.last_periods(history, case, 1).sizes["time"] == STEPS
 

@@ -72,14 +72,16 @@ def test_universal_files_have_the_stored_sets(
     lines = []
     for path in export(history, case, "uff", tmp_path / "a.uff"):
         lines.append(f"# {path.name}")
-        for given in pyuff.UFF(str(path)).read_sets():
-            texts = {key: text for key, text in given.items() if isinstance(text, (str, int))}
+        for dataset in pyuff.UFF(str(path)).read_sets():
+            texts = {key: text for key, text in dataset.items() if isinstance(text, (str, int))}
             lines.append(", ".join(f"{k} {v}" for k, v in texts.items() if is_word(k, v)))
     stored("\n".join(lines))
     [alone] = export(history.isel(frame=[0], period=[0]), case, "uff", tmp_path / "b.uff")
     assert alone.name == "b.uff"
     [_, _, _, *sets] = pyuff.UFF(str(alone)).read_sets()  # the only period has a step of 1
-    assert {own["abscissa_inc"] for own in sets if own["abscissa_axis_lab"] == "period"} == {1.0}
+    assert {
+        dataset["abscissa_inc"] for dataset in sets if dataset["abscissa_axis_lab"] == "period"
+    } == {1.0}
 
 
 def is_word(key: str, value: str | int) -> bool:

@@ -62,7 +62,7 @@ def test_each_interface_of_three_laminae_has_its_contact_line() -> None:
 
 def test_a_lamina_between_two_others_has_the_larger_contact_state() -> None:
     below, above = np.array([0, 1, 1, 2], np.int8), np.array([0, 0, 2, 1], np.int8)
-    found = diagnostics.of_laminae(np.stack([below, above]))
-    assert found.dtype == np.int8
-    assert found.tolist() == [below.tolist(), [0, 1, 2, 2], above.tolist()]
+    states = diagnostics.of_laminae(np.stack([below, above]))
+    assert states.dtype == np.int8
+    assert states.tolist() == [below.tolist(), [0, 1, 2, 2], above.tolist()]
     assert diagnostics.of_laminae(below[None]).tolist() == [below.tolist()] * 2

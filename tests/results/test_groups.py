@@ -45,10 +45,10 @@ def test_groups_are_read_from_one_file(tmp_path: Path) -> None:
     result = Result(case, synthetic_history(case), {}, None)
     path = result.save_groups(tmp_path / "grouped.nc")
     for name, group in result.groups.items():
-        with xr.open_dataset(path, group=name, engine="h5netcdf") as found:
-            assert list(found.data_vars) == list(group.data_vars)
+        with xr.open_dataset(path, group=name, engine="h5netcdf") as dataset:
+            assert list(dataset.data_vars) == list(group.data_vars)
             for variable in group.data_vars:
-                np.testing.assert_array_equal(found[variable], group[variable])
+                np.testing.assert_array_equal(dataset[variable], group[variable])
     with xr.open_dataset(path, group="events", engine="h5netcdf") as events:
         assert len(events.to_dataframe()) == events.sizes["event"]
         assert events["event_impulse"].attrs["units"] == "N s"

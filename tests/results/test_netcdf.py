@@ -24,8 +24,8 @@ def test_a_dataset_is_read_back_as_it_was(tmp_path: Path, history: xr.Dataset) -
     data = history.assign(flag=("event", history["event_node"].to_numpy() > 4)).assign_attrs(
         number=1.5, count=3, words=["one", "zwölf"], empty=""
     )
-    found = read_dataset(write_dataset(data, tmp_path / "a.nc"))
-    xr.testing.assert_identical(found, data)
+    dataset = read_dataset(write_dataset(data, tmp_path / "a.nc"))
+    xr.testing.assert_identical(dataset, data)
 
 
 def test_no_changed_bit_changes_a_number(tmp_path: Path, history: xr.Dataset) -> None:

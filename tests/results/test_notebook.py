@@ -63,14 +63,14 @@ def test_a_result_is_one_line(result: df.Result) -> None:
 
 def test_a_result_is_read_back(result: df.Result, tmp_path: Path) -> None:
     result.save_numbers(tmp_path)
-    found = df.load_result(tmp_path)
-    assert found.case == result.case and found.summary == result.summary
-    assert found.state is None
+    loaded = df.load_result(tmp_path)
+    assert loaded.case == result.case and loaded.summary == result.summary
+    assert loaded.state is None
     np.testing.assert_array_equal(
-        found.history["tip_displacement"], result.history["tip_displacement"]
+        loaded.history["tip_displacement"], result.history["tip_displacement"]
     )
-    assert found._repr_html_() == result._repr_html_()
-    assert set(found.groups) == {"history", "periods", "fields", "events", "shape"}
+    assert loaded._repr_html_() == result._repr_html_()
+    assert set(loaded.groups) == {"history", "periods", "fields", "events", "shape"}
     with pytest.raises(df.CaseError, match=r"found no result\.nc"):
         df.load_result(tmp_path / "nothing")
 

@@ -54,9 +54,9 @@ def test_the_case_of_a_result_is_its_own(run: Path) -> None:
     before = df.load_result(run)
     assert before.case.files == {"gap.file": run / "gap.csv"}
     edit(run / "case.toml", "frequency = 3.3", "frequency = 4.75")
-    found = df.load_result(run)
-    assert found.case == before.case
-    told, *others = found.summary["warnings"]
+    loaded = df.load_result(run)
+    assert loaded.case == before.case
+    told, *others = loaded.summary["warnings"]
     assert others == before.summary["warnings"]
     assert "excitation.frequency" in told and "3.3 there, 4.75 here" in told
 
@@ -140,8 +140,8 @@ def test_an_extension_changes_nothing_before_it_ends(run: Path) -> None:
     )
     assert status == 0, said
     extended = df.load_result(run)
-    whole = df.run(case.with_overrides({"time.periods": 24}))
-    assert extended.history.drop_attrs().equals(whole.history.drop_attrs())
+    complete_run = df.run(case.with_overrides({"time.periods": 24}))
+    assert extended.history.drop_attrs().equals(complete_run.history.drop_attrs())
     assert df.load_case(run / "case.toml").time.periods == 24
 
 

@@ -121,7 +121,12 @@ def test_what_is_said_of_balances_is_exact() -> None:
     infinite = "the energies of a period are not finite: this is no motion of the case"
     for residual in (np.nan, np.inf):
         assert warned(case, residual) == infinite
-    assert [is_lost(own) for own in (0.00999, 0.01, np.nan, np.inf)] == [False, True, True, True]
+    assert [is_lost(value) for value in (0.00999, 0.01, np.nan, np.inf)] == [
+        False,
+        True,
+        True,
+        True,
+    ]
 
 
 def test_meshes_are_judged_by_the_lengths_of_their_elements() -> None:
@@ -129,9 +134,9 @@ def test_meshes_are_judged_by_the_lengths_of_their_elements() -> None:
     for ratio, is_told in ((0.99e4, False), (1.02e4, True)):
         x = np.array([0.0, 0.5 / ratio, 0.5 / ratio + 1e-13, 0.5, 0.5 + 0.5 / ratio])
         layout = SimpleNamespace(x=x)
-        found = quality._graded_mesh(SimpleNamespace(layout=layout))  # type: ignore[arg-type]
-        assert bool(found) == is_told
-    [text] = found
+        texts = quality._graded_mesh(SimpleNamespace(layout=layout))  # type: ignore[arg-type]
+        assert bool(texts) == is_told
+    [text] = texts
     assert text == (
         "the lengths of the elements differ by a factor of 1e+04, their stiffnesses by its cube, "
         "and digits are lost; try a factor below 10000"

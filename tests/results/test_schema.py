@@ -42,16 +42,16 @@ def functions(path: Path) -> Iterator[ast.FunctionDef]:
 def datasets(function: ast.FunctionDef) -> set[str]:
     """Return the names of arguments and variables that hold a dataset."""
     arguments = [*function.args.args, *function.args.kwonlyargs]
-    found = {a.arg for a in arguments if a.annotation and DATASET.search(ast.unparse(a.annotation))}
+    names = {a.arg for a in arguments if a.annotation and DATASET.search(ast.unparse(a.annotation))}
     for _ in range(2):  # a variable may come from another one
         for node in ast.walk(function):
             if isinstance(node, ast.Assign):
-                found |= {
+                names |= {
                     target.id
                     for target, value in assigned(node)
-                    if isinstance(target, ast.Name) and is_dataset(value, found)
+                    if isinstance(target, ast.Name) and is_dataset(value, names)
                 }
-    return found
+    return names
 
 
 def assigned(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr]]:
@@ -132,8 +132,8 @@ def f(data: xr.Dataset, other: dict, result: Result):
 
 
 def test_enough_of_the_code_is_searched() -> None:
-    found = {name for path in SOURCES for f in functions(path) for name, _ in subscripts(f)}
-    assert {"gap0", "contact_state", "event_node", "tip_node", "tip_amplitude", "frame"} <= found
+    names = {name for path in SOURCES for f in functions(path) for name, _ in subscripts(f)}
+    assert {"gap0", "contact_state", "event_node", "tip_node", "tip_amplitude", "frame"} <= names
 
 
 def test_a_variable_outside_the_schema_is_refused() -> None:
@@ -185,11 +185,11 @@ def test_every_number_of_a_summary_is_a_measure() -> None:
 
 
 def test_a_measure_is_shown_in_units_that_people_read() -> None:
-    shown = {name: schema.MEASURES[name].shown for name in ("tip_min", "thd", "decay", "engine")}
+    units = {name: schema.MEASURES[name].shown for name in ("tip_min", "thd", "decay", "engine")}
     expected = {
         "tip_min": ("mm", 1e3),
         "thd": ("%", 100.0),
         "decay": ("", 1.0),
         "engine": ("", 1.0),
     }
-    assert shown == expected
+    assert units == expected

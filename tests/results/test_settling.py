@@ -50,22 +50,22 @@ def judged(case: df.Case) -> tuple[Settling, int | None]:
         assert opened.run() == "completed"
         recorder = opened.recorder
         half_range = np.ptp(recorder.envelope[-4:], axis=(0, 1)) / 2.0
-        seen = periodicity(recorder.strobe[:, 0, :2].T, half_range[:2])[0]
-        return quality.verdict_of(recorder, 2, decay), seen
+        period = periodicity(recorder.strobe[:, 0, :2].T, half_range[:2])[0]
+        return quality.verdict_of(recorder, 2, decay), period
 
 
 def test_a_beat_that_looks_like_period_three_is_not_settled() -> None:
     keys = {"contact.law": "none", "excitation.frequency": 13.667, "time.periods": 160}
     case = df.preset("paper", SMALL | STRIPS | keys)
-    found, seen = judged(case)
-    assert seen == 3, "the strobes alone look like period 3"
-    assert (found.word, found.periodicity) == ("not settled", None)
-    assert found.transient == pytest.approx(0.07, abs=0.02)
+    verdict, period = judged(case)
+    assert period == 3, "the strobes alone look like period 3"
+    assert (verdict.word, verdict.periodicity) == ("not settled", None)
+    assert verdict.transient == pytest.approx(0.07, abs=0.02)
     omega = case.lamina[1].angular_frequencies(1)[0]
-    assert found.decay == pytest.approx(0.005 * omega / 13.667, rel=1e-3)
-    assert found.observed_decay == pytest.approx(found.decay, rel=0.2)
-    assert found.periods_needed is not None
-    needed = 160 + found.periods_needed
+    assert verdict.decay == pytest.approx(0.005 * omega / 13.667, rel=1e-3)
+    assert verdict.observed_decay == pytest.approx(verdict.decay, rel=0.2)
+    assert verdict.periods_needed is not None
+    needed = 160 + verdict.periods_needed
     longer, _ = judged(case.with_overrides({"time.periods": needed}))
     assert longer.transient == pytest.approx(TOLERANCE, rel=0.2)
     longer, _ = judged(case.with_overrides({"time.periods": needed + 40}))
@@ -90,9 +90,9 @@ def test_no_linear_run_is_called_subharmonic(
         gap__tip=1.0, gap__exponent=0.001, excitation__amplitude=1e-4,
         lamina__thick__damping_ratio=damping, lamina__thin__damping_ratio=damping,
     )  # fmt: skip
-    found, _ = judged(case)
-    assert found.periodicity in (None, 1)
-    assert found.word != "irregular"
+    verdict, _ = judged(case)
+    assert verdict.periodicity in (None, 1)
+    assert verdict.word != "irregular"
 
 
 @pytest.mark.parametrize("law", ["newton", "newton-penalty", "penalty", "newton@moreau-jean"])
@@ -156,12 +156,12 @@ def interrupted(case: df.Case, folder: Path, after: int, **options: int) -> None
 
 def test_a_resumed_run_ends_after_the_same_period(tmp_path: Path) -> None:
     case = case_of(time__periods="settled", excitation__frequency=1.25)
-    whole = df.run(case, "compiled")
-    interrupted(case, tmp_path, whole.summary["periods"] - 10)
+    complete_run = df.run(case, "compiled")
+    interrupted(case, tmp_path, complete_run.summary["periods"] - 10)
     resumed = df.run(case, "compiled", directory=tmp_path, resume=True)
-    assert resumed.summary["periods"] == whole.summary["periods"]
+    assert resumed.summary["periods"] == complete_run.summary["periods"]
     for name in EVERYTHING:
-        assert np.array_equal(resumed.history[name], whole.history[name]), name
+        assert np.array_equal(resumed.history[name], complete_run.history[name]), name
 
 
 @pytest.mark.parametrize("engine", ["compiled", "petsc"])
@@ -197,8 +197,8 @@ def test_an_interrupted_extension_goes_on(tmp_path: Path) -> None:
     longer = df.load_case(tmp_path / "case.toml")
     assert longer.time.periods == 13
     resumed = df.run(longer, "compiled", directory=tmp_path, resume=True)
-    whole = df.run(longer, "compiled")
-    assert np.array_equal(resumed.history["tip_velocity"], whole.history["tip_velocity"])
+    complete_run = df.run(longer, "compiled")
+    assert np.array_equal(resumed.history["tip_velocity"], complete_run.history["tip_velocity"])
 
 
 def test_what_cannot_be_extended_is_refused(tmp_path: Path) -> None:
@@ -240,17 +240,17 @@ def test_an_irregular_motion_has_intervals(irregular: df.Result) -> None:
     summary, history = irregular.summary, irregular.history
     assert (summary["settled"], summary["periodicity"]) == ("irregular", None)
     assert summary["periodicity_class"] == "not periodic"
-    found = summary["intervals"]
+    intervals = summary["intervals"]
     lows = history["envelope_min"].to_numpy()[:, -100:]
     means = lows.reshape(2, 10, 10).mean(axis=2)
-    assert found["tip_min"]["mean"] == pytest.approx(lows.mean(axis=1).tolist())
+    assert intervals["tip_min"]["mean"] == pytest.approx(lows.mean(axis=1).tolist())
     expected = 2.262157 * means.std(axis=1, ddof=1) / np.sqrt(10.0)  # t of 9 degrees of freedom
-    assert found["tip_min"]["half_width"] == pytest.approx(expected.tolist(), rel=1e-6)
-    assert (found["tip_min"]["windows"], found["tip_min"]["periods"]) == (10, 100)
-    contacts = found["tip_contacts_per_period"]
+    assert intervals["tip_min"]["half_width"] == pytest.approx(expected.tolist(), rel=1e-6)
+    assert (intervals["tip_min"]["windows"], intervals["tip_min"]["periods"]) == (10, 100)
+    contacts = intervals["tip_contacts_per_period"]
     assert contacts["mean"] == pytest.approx(summary["tip_contacts_per_period"], abs=0.26)
     assert (contacts["windows"], contacts["periods"]) == (4, 4)
-    assert len(found["distortion_factor"]["mean"]) == 2
+    assert len(intervals["distortion_factor"]["mean"]) == 2
 
 
 def test_the_page_shows_intervals_in_place_of_single_numbers(irregular: df.Result) -> None:

@@ -26,10 +26,10 @@ def test_numbers_are_within_the_bar_and_on_the_page(test: others.Test) -> None:
     assert text.startswith(others.HEAD)
     for row in test.rows():
         assert abs(row.difference) < test.bar, row
-        shown = re.search(rf"{re.escape(row.what)} \| {row.theirs:.7g} \| (\S+) \|", text)
-        assert shown is not None
+        match = re.search(rf"{re.escape(row.what)} \| {row.theirs:.7g} \| (\S+) \|", text)
+        assert match is not None
         rounded = 1e-5 if test.bar == others.BAR else 0.05 * test.bar  # impacts amplify round-off
-        assert float(shown[1]) == pytest.approx(row.ours, rel=rounded)
+        assert float(match[1]) == pytest.approx(row.ours, rel=rounded)
         assert f"`{row.command}`" in text
     assert test.reason in text
     assert test.bar == others.BAR or test.reason
@@ -46,15 +46,15 @@ def by_waves(until: float, dt: float) -> float:
     """Return the displacement of the free bar's end of SDNL111, by its waves, in small steps."""
     speed, stiffness, damper = np.sqrt(2e11 / 7800.0), 5e9, 2e4
     impedance, turn, n = 7800.0 * speed * 4e-4, round(2.0 / speed / dt), round(until / dt)
-    force, held, free = np.zeros(n), 0.0, 0.0
+    force, held_end, free = np.zeros(n), 0.0, 0.0
     for i in range(n):
         echoes = force[i - turn :: -turn] if i >= turn else np.zeros(0)
         of_free = -1.0 + 2.0 * echoes.sum() / impedance
         of_held = 2.0 * (echoes[::2].sum() - echoes[1::2].sum()) / impedance
-        pushed = -stiffness * (free - held) - damper * (of_free - of_held)
-        force[i] = max(pushed / (1.0 + 2.0 * damper / impedance), 0.0) if free <= held else 0.0
+        pushed = -stiffness * (free - held_end) - damper * (of_free - of_held)
+        force[i] = max(pushed / (1.0 + 2.0 * damper / impedance), 0.0) if free <= held_end else 0.0
         free += dt * (of_free + force[i] / impedance)
-        held += dt * (of_held - force[i] / impedance)
+        held_end += dt * (of_held - force[i] / impedance)
     return float(free)
 
 

@@ -75,9 +75,9 @@ def test_a_part_replaces_its_own_rows(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "calibration.other", healthy)
     monkeypatch.setattr(healthy, "rows", lambda is_long, folder: [row] if is_long else [])
     assert page.main(["--part", "detect", "-o", str(tmp_path)]) == 0
-    found = json.loads(numbers.read_text())
-    assert found["detect"]["rows"] == [vars(row)]
-    assert found["other"] == {"cpu_s": 1, "rows": []}
+    content = json.loads(numbers.read_text())
+    assert content["detect"]["rows"] == [vars(row)]
+    assert content["other"] == {"cpu_s": 1, "rows": []}
     assert "| a verdict | 99 % | 1 | 200 | 100 % |  |" in (tmp_path / "calibration.md").read_text(
         "utf-8"
     )
@@ -117,8 +117,8 @@ def test_small_distances_of_motions_have_errors_that_hold_what_steps_hide(
     def is_inside() -> bool:
         drawn = iter((2.4, 0.02, 0.7))  # ω, s, e
         rng = SimpleNamespace(uniform=lambda low, high: next(drawn))
-        own, exact = exponents.judged(rng, "distance 0.3 %")
-        return abs(own.value - exact) <= 2.0 * own.error
+        exponent, exact = exponents.judged(rng, "distance 0.3 %")
+        return abs(exponent.value - exact) <= 2.0 * exponent.error
 
     assert is_inside()
     monkeypatch.setattr(point, "FEW_STEPS", 0)
@@ -132,7 +132,9 @@ def test_the_healthy_plate_moves_as_the_simulated_one(frequency: float, clamp: f
     if math.isfinite(clamp):
         EI = 70e9 * 0.02 * 0.002**3 / 12.0
         case = case.with_overrides({"support.rotational_stiffness": clamp * EI / 0.4})
-    found = simulated(intact(case), Scan())
-    shape = shapes_of(found.field, found.times, frequency, found.x).order(1.0)
-    own = 0.1 * healthy.velocity(found.x, frequency, healthy.Rig(clamp=clamp))  # 0.1 m/s2
-    np.testing.assert_allclose(np.abs(shape), np.abs(own), atol=2e-3 * np.abs(own).max())
+    measurement = simulated(intact(case), Scan())
+    shape = shapes_of(measurement.field, measurement.times, frequency, measurement.x).order(1.0)
+    velocity = 0.1 * healthy.velocity(
+        measurement.x, frequency, healthy.Rig(clamp=clamp)
+    )  # 0.1 m/s2
+    np.testing.assert_allclose(np.abs(shape), np.abs(velocity), atol=2e-3 * np.abs(velocity).max())

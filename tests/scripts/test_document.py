@@ -32,12 +32,12 @@ def made_up(rung: Rung) -> RungResult:
         }
         return RungResult(rung.key, "completed", "", free, 0.3, 100)
     excess = 1.0 + 1.0 / math.sqrt(rung.steps)
-    found = {name: (excess * value, 1e-9) for name, value in LIMITS.items()}
-    found |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0), "impact_gain": (1e-5, 0.0)}
-    found |= {"contact_work": (9.9e-4, 1e-9), "steps": (1234.0, 0.0)}
+    values = {name: (excess * value, 1e-9) for name, value in LIMITS.items()}
+    values |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0), "impact_gain": (1e-5, 0.0)}
+    values |= {"contact_work": (9.9e-4, 1e-9), "steps": (1234.0, 0.0)}
     if rung.method == "newton@newmark/lumped" and rung.elements == 160:
         return RungResult(rung.key, "diverged", "diverged in period 77", {}, 0.3, 77)
-    return RungResult(rung.key, "completed", "", found, 0.3, 60)
+    return RungResult(rung.key, "completed", "", values, 0.3, 60)
 
 
 def whole(ladder: Ladder) -> Convergence:
@@ -56,8 +56,8 @@ def test_tables_of_the_document(tables: dict[str, Table]) -> None:
     )
     assert "penalty@newmark k = 100000 N/m" in laws
     last = 1.0 + 1.0 / math.sqrt(256000)
-    shown = f"{-20.0 * last:.2f}"
-    assert tables["motions"].rows[2][:3] == ("stiffness", "3.25", shown)
+    text = f"{-20.0 * last:.2f}"
+    assert tables["motions"].rows[2][:3] == ("stiffness", "3.25", text)
     assert tables["limits"].rows[0][:3] == ("stiffness", "10", "10")
     assert tables["refined"].rows[1][0] == "4"
     literal = {row[:3]: row[3:] for row in tables["literal"].rows}
@@ -91,11 +91,11 @@ def test_the_script_writes_tables_and_figures(
     tmp_path: Path, tables: dict[str, Table], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     study = script("convergence_study")
-    page, figures, kept = tmp_path / "page.md", tmp_path / "figures", []
+    page, figures, folders = tmp_path / "page.md", tmp_path / "figures", []
 
     def run_ladder(ladder: Ladder, folder: Path, **settings: object) -> Convergence:
         assert (settings["workers"], settings["resume"]) == (2, True)
-        kept.append(folder)
+        folders.append(folder)
         return whole(ladder)
 
     monkeypatch.setattr(study, "run_ladder", run_ladder)
@@ -104,12 +104,12 @@ def test_the_script_writes_tables_and_figures(
     monkeypatch.setattr(document_module, "literal_figure", Figure)  # it computes for minutes
     page.write_text("".join(f"<!-- table {name} -->\nold\n<!-- end -->\n" for name in tables))
     assert study.main(["--folder", str(tmp_path / "runs"), "--workers", "2"]) == 0
-    assert kept == [tmp_path / "runs" / name for name in ladders()]
+    assert folders == [tmp_path / "runs" / name for name in ladders()]
     text = page.read_text("utf-8")
     assert "old" not in text
     assert "| newton@moreau-jean | -20.63 | -20.32 |" in text
-    shown = re.findall(
+    pictures = re.findall(
         r"\]\(\.\./figures/(convergence_\w+\.png)\)",
         (ROOT / "docs" / "evidence" / "convergence.md").read_text("utf-8"),
     )
-    assert {*shown} - {"convergence_trials.png"} <= {path.name for path in figures.iterdir()}
+    assert {*pictures} - {"convergence_trials.png"} <= {path.name for path in figures.iterdir()}

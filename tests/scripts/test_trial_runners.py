@@ -28,15 +28,15 @@ def test_dense_steps_are_those_of_the_package() -> None:
     operators = closed_form.assemble(case).operators
     arguments = (ts.MOREAU, RESTITUTION)
     dense = densely(steps.theta_step, ts.theta_matrices, arguments, case, operators)
-    own = runners()[LIMIT](case, operators)
-    np.testing.assert_allclose(dense, own, rtol=0.0, atol=SAME)
+    of_package = runners()[LIMIT](case, operators)
+    np.testing.assert_allclose(dense, of_package, rtol=0.0, atol=SAME)
 
 
 @pytest.mark.slow
 def test_exact_steps_are_exact_without_contact() -> None:
     step = compiled(steps.exact_step)
     for arguments in ((0.1, False), (0.1, True)):
-        found = []
+        motions = []
         for n in (100, 200):
             case = trials.case_of(n, 2)
             operators = closed_form.assemble(case).operators
@@ -47,8 +47,10 @@ def test_exact_steps_are_exact_without_contact() -> None:
             W = m.of.H @ m.push
             for j in range(1, n + 1):
                 step(m, W, u, v, a, bases[j - 1], bases[j])
-            found.append(u)
-        np.testing.assert_allclose(*found, rtol=0.0, atol=1e-5)  # the load is linear within a step
+            motions.append(u)
+        np.testing.assert_allclose(
+            *motions, rtol=0.0, atol=1e-5
+        )  # the load is linear within a step
 
 
 def test_all_modes_are_the_whole_problem() -> None:

@@ -13,8 +13,8 @@ from trials.runners import runners
 
 def test_errors_of_trials_are_relative_to_the_amplitude() -> None:
     limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
-    found = {"way": trials.Found({1000: limit + np.array([[0.0, 0.0], [0.0, 0.0015]])})}
-    assert trials.table(found, limit).rows == (("way", "-20.00", "10.0"),)
+    methods = {"way": trials.Found({1000: limit + np.array([[0.0, 0.0], [0.0, 0.0015]])})}
+    assert trials.table(methods, limit).rows == (("way", "-20.00", "10.0"),)
 
 
 @pytest.mark.nightly
@@ -22,11 +22,11 @@ def test_trials_in_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("penetration recovered without work", "newton@moreau-jean")
     chosen = {name: runners()[name] for name in names}
     monkeypatch.setattr(trials, "runners", lambda: chosen)
-    found, limit = trials.measure((500,), 8000, 40, 1)
+    methods, limit = trials.measure((500,), 8000, 40, 1)
     assert limit[:, 0] == pytest.approx([-0.020, 0.015], abs=0.002)
-    errors = {name: one.error(500, limit) for name, one in found.items()}
+    errors = {name: one.error(500, limit) for name, one in methods.items()}
     assert errors["penetration recovered without work"] < 0.5 * errors["newton@moreau-jean"]
-    figure = trials.figure(trials.errors_of(found, limit))
+    figure = trials.figure(trials.errors_of(methods, limit))
     assert len(figure.axes[0].lines) == 2
 
 
@@ -45,8 +45,8 @@ def test_no_two_methods_of_a_panel_share_a_colour() -> None:
 
 def test_the_figure_is_redrawn_from_the_table() -> None:
     limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
-    found = {"way": trials.Found({1000: 1.1 * limit, 4000: 1.05 * limit})}
-    body = trials.table(found, limit).markdown()
+    methods = {"way": trials.Found({1000: 1.1 * limit, 4000: 1.05 * limit})}
+    body = trials.table(methods, limit).markdown()
     text = f"before\n<!-- table trials -->\n{body}\n<!-- end -->\n| after | 1 |"
     assert trials.errors_in(text) == {"way": {1000: 20.0, 4000: 10.0}}
     with pytest.raises(ValueError, match="no table of trials"):

@@ -54,7 +54,7 @@ def resumed(folder: Path, content: bytes) -> df.Result:
 def test_damaged_checkpoints_are_refused_or_harmless(saved: bytes, tmp_path: Path) -> None:
     """Cut, overwritten and emptied files; a change that no checksum covers changes no number."""
     rng = np.random.default_rng(SEED)
-    whole = df.run(case()).history
+    complete_history = df.run(case()).history
     refused = 0
     for k in range(DAMAGES):
         content = bytearray(saved)
@@ -64,7 +64,7 @@ def test_damaged_checkpoints_are_refused_or_harmless(saved: bytes, tmp_path: Pat
             for place in rng.integers(len(content), size=1 + k % 5):
                 content[place] ^= int(rng.integers(1, 256))
         try:
-            assert resumed(tmp_path, bytes(content)).history.equals(whole)
+            assert resumed(tmp_path, bytes(content)).history.equals(complete_history)
         except df.CaseError as error:
             refused += 1
             assert "damaged" in str(error) or "belongs to another" in str(error)
@@ -131,17 +131,17 @@ def test_a_window_across_the_checkpoint_has_the_same_numbers_with_divided_steps(
         "time.refine": 8, "time.steps_per_period": 40, "time.periods": 24,
         "output.window_periods": 20, "output.fields_per_period": 4, "excitation.frequency": 3.25,
     })  # fmt: skip
-    whole = df.run(refined, engine=engine)
+    complete_run = df.run(refined, engine=engine)
     stopped = df.run(
         refined, directory=tmp_path, engine=engine,
         progress=lambda k, n: signal.raise_signal(signal.SIGINT) if k == 10 else None,
     )  # fmt: skip
     assert stopped.summary["outcome"] == "interrupted" and stopped.history.sizes["period"] == 10
     again = df.run(refined, directory=tmp_path, engine=engine, resume=True)
-    assert again.history.equals(whole.history)
+    assert again.history.equals(complete_run.history)
     timing = {"wall_seconds": None, "microseconds_per_step": None}
-    assert again.summary | timing == whole.summary | timing
-    assert whole.summary["steps"] > 24 * 40  # some are divided
+    assert again.summary | timing == complete_run.summary | timing
+    assert complete_run.summary["steps"] > 24 * 40  # some are divided
 
 
 def test_of_a_long_error_the_first_line_is_told(tmp_path: Path) -> None:
@@ -152,9 +152,9 @@ def test_of_a_long_error_the_first_line_is_told(tmp_path: Path) -> None:
 
 def test_a_checkpoint_gives_engine_and_recorder_back(tmp_path: Path) -> None:
     """After two of three periods, of which the window keeps both."""
-    kept, engine = recorder(window=2, frames=2), Engine()
-    simulate(engine, kept, motion, stop=lambda k: k == 2)
-    arrays = checkpoint.arrays_of(of_run(), engine, kept, "running")
+    run_recorder, engine = recorder(window=2, frames=2), Engine()
+    simulate(engine, run_recorder, motion, stop=lambda k: k == 2)
+    arrays = checkpoint.arrays_of(of_run(), engine, run_recorder, "running")
     path = tmp_path / "c.npz"
     write_arrays(path, arrays)
     again, other = recorder(window=2, frames=2), Engine()
@@ -167,21 +167,21 @@ def test_a_checkpoint_gives_engine_and_recorder_back(tmp_path: Path) -> None:
     assert same.keys() == arrays.keys()
     for name, values in arrays.items():
         np.testing.assert_array_equal(same[name], values, err_msg=name)
-    simulate(engine, kept, motion)
+    simulate(engine, run_recorder, motion)
     assert simulate(other, again, motion) == "completed"
-    np.testing.assert_array_equal(again.ledger, kept.ledger)
+    np.testing.assert_array_equal(again.ledger, run_recorder.ledger)
 
 
 def test_messages_of_checkpoints_are_exact(tmp_path: Path) -> None:
-    kept, engine = recorder(window=2), Engine()
-    simulate(engine, kept, motion, stop=lambda k: k == 2)
-    arrays, path = checkpoint.arrays_of(of_run(), engine, kept, "running"), tmp_path / "c"
+    run_recorder, engine = recorder(window=2), Engine()
+    simulate(engine, run_recorder, motion, stop=lambda k: k == 2)
+    arrays, path = checkpoint.arrays_of(of_run(), engine, run_recorder, "running"), tmp_path / "c"
 
     def loaded(name: str = "compiled", of: df.Case | None = None, **options: bool) -> object:
         run = checkpoint.identity_of(of or case(), name, engine)
         return checkpoint.load(path, run, Engine(), recorder(window=2), motion, **options)
 
-    assert refusal(lambda: checkpoint.load(None, of_run(), engine, kept, motion)) == (
+    assert refusal(lambda: checkpoint.load(None, of_run(), engine, run_recorder, motion)) == (
         "resume: expected the directory of the interrupted run, given none"
     )
     told = f"resume: expected a checkpoint of an interrupted run, no file {path}"
@@ -206,10 +206,10 @@ def test_messages_of_checkpoints_are_exact(tmp_path: Path) -> None:
     ):  # fmt: skip
         write_arrays(path, arrays | change)
         assert refusal(loaded) == damaged.format(reason)
-    without = {key: own for key, own in arrays.items() if key != "identity"}
+    without = {key: array for key, array in arrays.items() if key != "identity"}
     write_arrays(path, without)
     assert refusal(loaded) == damaged.format("'identity'")
-    write_arrays(path, {key: own for key, own in arrays.items() if key != "losses"})
+    write_arrays(path, {key: array for key, array in arrays.items() if key != "losses"})
     assert refusal(loaded) == damaged.format("'losses'")
 
 
@@ -229,15 +229,18 @@ def test_names_and_periods_are_read_from_files(tmp_path: Path) -> None:
 
 
 def test_the_folder_of_a_study_is_kept_while_it_is_not_complete(tmp_path: Path) -> None:
-    folder, own = tmp_path / "checkpoints", identity(case())
-    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, own, resume=False) as found:
-        assert found == folder
+    folder, run_identity = tmp_path / "checkpoints", identity(case())
+    with (
+        pytest.raises(ValueError),
+        checkpoint.of_study(tmp_path, run_identity, resume=False) as study_folder,
+    ):
+        assert study_folder == folder
         raise ValueError
     assert not folder.exists()  # nothing was in it
-    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, own, resume=False):
+    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, run_identity, resume=False):
         (folder / "one.npz").touch()
         raise ValueError
-    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, own, resume=True):
+    with pytest.raises(ValueError), checkpoint.of_study(tmp_path, run_identity, resume=True):
         assert (folder / "one.npz").exists()
         raise ValueError
     other = identity(case(**{"mesh.elements": 4}))
@@ -269,11 +272,11 @@ def test_a_watch_reports_saves_when_due_and_stops(
 ) -> None:
     now, asked, said = [100.0], [False], list[tuple[int, int]]()
     monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
-    kept, engine = recorder(window=2), Engine()
-    simulate(engine, kept, motion, stop=lambda k: k == 2)
+    run_recorder, engine = recorder(window=2), Engine()
+    simulate(engine, run_recorder, motion, stop=lambda k: k == 2)
     path = tmp_path / "c.npz"
     watch = checkpoint.Watch(
-        path, (of_run(), engine, kept), lambda: asked[0], comm,
+        path, (of_run(), engine, run_recorder), lambda: asked[0], comm,
         report=lambda *own: said.append(own), seconds=5.0,
     )  # fmt: skip
     assert checkpoint.CHECKPOINT_SECONDS == 30.0
@@ -296,7 +299,7 @@ def test_a_watch_reports_saves_when_due_and_stops(
     for outcome, told in (("interrupted", "running"), ("completed", "completed")):
         watch.leave(outcome)  # type: ignore[arg-type]
         assert str(read_arrays(path)["outcome"]) == told
-    silent = checkpoint.Watch(None, (of_run(), engine, kept), lambda: True, comm)
+    silent = checkpoint.Watch(None, (of_run(), engine, run_recorder), lambda: True, comm)
     now[0] = 999.0
     assert silent(1) and len(list(tmp_path.iterdir())) == 1
 

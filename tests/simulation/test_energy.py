@@ -59,9 +59,9 @@ def test_base_work_and_damping_balance_the_energies_of_all_dofs() -> None:
     u, v = moved(base)
     columns = np.stack([X[1:, 0] for X in (M, C, K)])
     corner = M[0, 0], C[0, 0], K[0, 0]
-    seen = u[:, 1:] @ columns.T
+    products = u[:, 1:] @ columns.T
     momentum = v[0, 1:] @ M[1:, 0], v[-1, 1:] @ M[1:, 0]
-    work, base_damping = base_flows(seen, *momentum, base, corner, DT, *UNDIVIDED)
+    work, base_damping = base_flows(products, *momentum, base, corner, DT, *UNDIVIDED)
     stored = [0.5 * v[k] @ M @ v[k] + 0.5 * u[k] @ K @ u[k] for k in (0, -1)]
     # displacements change by Δt times the mean velocity, for free dofs; the base moves as it does
     mean = 0.5 * (v[1:] + v[:-1])
@@ -93,22 +93,22 @@ def test_stored_and_exchanged_energies_add_up() -> None:
 def test_the_work_of_a_force_is_told_from_that_of_the_base() -> None:
     """E3 for a force from 2 to 5 N at a point that moves from 0.5 to 0.75 m; k·u = -f·u."""
     row, levels = np.zeros(10), np.array([[0.0] * 6, [0.0, -3.75, 0.0, 0.0, 0.0, 0.0]])
-    seen = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, -0.75]])
+    products = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, -0.75]])
     force = np.array([[2.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
     coupling = np.array([0.0, 0.0, 0.0, 1.0])
-    write_ledger(row, levels, seen, force, coupling, DT, *UNDIVIDED, (0.0, 0.0))
+    write_ledger(row, levels, products, force, coupling, DT, *UNDIVIDED, (0.0, 0.0))
     assert row[1] == -3.75 + 5.0 * 0.75  # V = (V - F f·u) + F f·u
     assert row[3:5].tolist() == [0.0, 0.5 * (2.0 + 5.0) * 0.25]
 
 
 def test_rows_of_small_steps_add_up_to_the_work_over_the_same_steps() -> None:
     rng = np.random.default_rng(3)
-    seen, states = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
+    products, states = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
     corner, momentum, dt, parts = (0.0, 1.7, 0.0), (0.3, -0.2), 0.5, 4
-    whole = base_flows(seen, *momentum, states, corner, dt, *UNDIVIDED)
+    total = base_flows(products, *momentum, states, corner, dt, *UNDIVIDED)
     sums = np.zeros(4)
-    add_rows(sums, np.column_stack([seen, states, np.full(5, 1.0 / parts)]))
+    add_rows(sums, np.column_stack([products, states, np.full(5, 1.0 / parts)]))
     ends, is_divided = np.array([0, 4]), np.array([0, 1], np.uint8)
-    of_ends = seen[ends], *momentum, states[ends]
+    of_ends = products[ends], *momentum, states[ends]
     divided = base_flows(*of_ends, corner, parts * dt, is_divided, sums)
-    assert divided == pytest.approx(whole, rel=1e-12)
+    assert divided == pytest.approx(total, rel=1e-12)

@@ -31,7 +31,7 @@ def told(table: Columns) -> list[tuple[int, tuple[int, ...], float]]:
     np.testing.assert_array_equal(numbers, np.outer([0.5, -1.0, 0.25], table.hit))
     pairs = np.split(table.hit, np.cumsum(table.sizes))[:-1]
     rows = zip(table.ticks.tolist(), pairs, table.energies.tolist(), strict=True)
-    return [(tick, tuple(own.tolist()), energy) for tick, own, energy in rows]
+    return [(tick, tuple(pair_numbers.tolist()), energy) for tick, pair_numbers, energy in rows]
 
 
 def test_impacts_come_back_as_they_were_given() -> None:

@@ -18,11 +18,11 @@ MESH_ERROR = 1e-4
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_first_mode_is_that_of_the_cantilever_and_of_one_lamina_alone(number: int) -> None:
     mode = first_mode(STRUCTURE, number)
-    own = STRUCTURE.layout.parts[number].own_dofs
+    dofs = STRUCTURE.layout.parts[number].own_dofs
     exact = cantilever_mode(1, np.arange(1, N + 1) / N)
-    assert mode[own[::2]] == pytest.approx(exact, abs=MESH_ERROR)
-    assert mode[own[-2]] == pytest.approx(1.0, abs=1e-14)
-    assert not np.delete(mode, own).any()
+    assert mode[dofs[::2]] == pytest.approx(exact, abs=MESH_ERROR)
+    assert mode[dofs[-2]] == pytest.approx(1.0, abs=1e-14)
+    assert not np.delete(mode, dofs).any()
     o = STRUCTURE.operators
     residual = o.stiffness @ mode - (mode @ o.stiffness @ mode) / (mode @ o.mass @ mode) * (
         o.mass @ mode

@@ -96,42 +96,42 @@ def engine(ball: Ball, e: float = 0.5) -> StepByStep:
 
 
 def test_ball_falls_bounces_and_loses_what_the_ledger_says() -> None:
-    kept = recorder(8, window=8)
-    assert simulate(engine(Ball(1.2)), kept, motion) == "completed"
-    first = kept.impacts()
-    first_step, energy = first.ticks[0] - 4 * kept.steps_per_period, first.energies[0]
-    assert [r.jumps.columns().ticks.size for r in kept.window][:4] == [0] * 4
+    run_recorder = recorder(8, window=8)
+    assert simulate(engine(Ball(1.2)), run_recorder, motion) == "completed"
+    first = run_recorder.impacts()
+    first_step, energy = first.ticks[0] - 4 * run_recorder.steps_per_period, first.energies[0]
+    assert [r.jumps.columns().ticks.size for r in run_recorder.window][:4] == [0] * 4
     assert first_step == pytest.approx(90, abs=1)  # falls for 0.4899 s
     assert first.rate_pre[0] == pytest.approx(-4.899, rel=1e-2)
     assert first.rate_post[0] == pytest.approx(-0.5 * first.rate_pre[0])
     assert energy == pytest.approx(-0.5 * 0.75 * first.rate_pre[0] ** 2)
-    assert np.abs(kept.ledger[:, -1]).max() < 1e-12
-    assert kept.energy_residual() < 1e-12
+    assert np.abs(run_recorder.ledger[:, -1]).max() < 1e-12
+    assert run_recorder.energy_residual() < 1e-12
 
 
 def test_window_keeps_the_last_periods_and_frames_at_their_steps() -> None:
-    kept = recorder(5, window=2)
-    simulate(engine(Ball(1.25)), kept, motion)
-    assert len(kept.window) == 2
-    last = kept.window[-1]
+    run_recorder = recorder(5, window=2)
+    simulate(engine(Ball(1.25)), run_recorder, motion)
+    assert len(run_recorder.window) == 2
+    last = run_recorder.window[-1]
     assert last.frame_steps.tolist() == [25, 50, 75, 100]
     for step, frame in zip(last.frame_steps, last.frames, strict=True):
         assert frame[0, 0] == last.u[step, 3]
         assert frame[1, 0] == last.v[step, 0]
     fallen = 1.25 - 0.5 * G * 0.4**2
     assert last.u[0, 3] == pytest.approx(fallen)
-    assert kept.strobe[4, :, 0] == pytest.approx([1.25 - 0.5 * G * 0.25, -5.0])
-    assert kept.envelope[4, :, 0] == pytest.approx([0.0, fallen], abs=1e-12)
+    assert run_recorder.strobe[4, :, 0] == pytest.approx([1.25 - 0.5 * G * 0.25, -5.0])
+    assert run_recorder.envelope[4, :, 0] == pytest.approx([0.0, fallen], abs=1e-12)
 
 
 def test_a_stop_ends_the_run_after_a_period_and_a_later_call_goes_on() -> None:
-    kept, whole = recorder(6), recorder(6)
+    run_recorder, complete_recorder = recorder(6), recorder(6)
     ball = engine(Ball(1.25))
-    assert simulate(ball, kept, motion, stop=lambda period: period == 3) == "interrupted"
-    assert kept.n_closed == 3
-    assert simulate(ball, kept, motion) == "completed"
-    simulate(engine(Ball(1.25)), whole, motion)
-    assert np.array_equal(kept.strobe, whole.strobe)
+    assert simulate(ball, run_recorder, motion, stop=lambda period: period == 3) == "interrupted"
+    assert run_recorder.n_closed == 3
+    assert simulate(ball, run_recorder, motion) == "completed"
+    simulate(engine(Ball(1.25)), complete_recorder, motion)
+    assert np.array_equal(run_recorder.strobe, complete_recorder.strobe)
 
 
 def test_a_stop_at_the_very_end_is_a_completed_run() -> None:
@@ -140,16 +140,16 @@ def test_a_stop_at_the_very_end_is_a_completed_run() -> None:
 
 
 def test_too_large_a_motion_diverges_and_keeps_its_last_period() -> None:
-    kept = recorder(50, limit=3.0)
+    run_recorder = recorder(50, limit=3.0)
     ball = Ball(1.25, speed=20.0)
-    assert simulate(engine(ball), kept, motion) == "diverged"
-    assert kept.n_closed == 1
-    assert kept.window[-1].n_steps == STEPS
+    assert simulate(engine(ball), run_recorder, motion) == "diverged"
+    assert run_recorder.n_closed == 1
+    assert run_recorder.window[-1].n_steps == STEPS
 
 
 def test_too_deep_a_gap_ends_the_run_within_the_period() -> None:
-    kept = recorder(50, limit=3.0)
-    assert simulate(engine(Ball(1.25, speed=-100.0), e=0.0), kept, motion) == "completed"
+    run_recorder = recorder(50, limit=3.0)
+    assert simulate(engine(Ball(1.25, speed=-100.0), e=0.0), run_recorder, motion) == "completed"
     deep = recorder(5, limit=3.0)
     assert simulate(engine(Ball(1.25, speed=-1e4), e=0.0), deep, motion) == "diverged"
     assert deep.window[-1].n_steps == 0
@@ -207,7 +207,7 @@ def test_blocks_of_periods_end_where_they_have_to(
     at_once: int, every: int, lasts: tuple[int, ...], start: int, n_periods: int, ends: list[int]
 ) -> None:
     """At multiples of `every`, where the table changes, and after so many steps as are allowed."""
-    engine, kept, base = Counting(at_once), counting(n_periods, start), tables(*lasts)
+    engine, run_recorder, base = Counting(at_once), counting(n_periods, start), tables(*lasts)
     told: list[int] = []
     asked: list[int] = []
 
@@ -219,8 +219,8 @@ def test_blocks_of_periods_end_where_they_have_to(
         told.append(period)
         return False
 
-    assert simulate(engine, kept, motion, enough=enough, every=every) == "completed"
-    assert told == ends and kept.n_closed == n_periods
+    assert simulate(engine, run_recorder, motion, enough=enough, every=every) == "completed"
+    assert told == ends and run_recorder.n_closed == n_periods
     begins = [start, *ends[:-1]]
     wanted = [(int(base(a)[0, 0]), b - a) for a, b in zip(begins, ends, strict=False)]
     assert engine.asked == wanted
@@ -232,32 +232,36 @@ def test_what_is_enough_is_complete_and_what_is_stopped_is_not() -> None:
         (4, 99, "interrupted", 4), (99, 8, "completed", 8), (4, 4, "completed", 4),
         (23, 99, "completed", 23), (99, 23, "completed", 23),
     ):  # fmt: skip
-        kept = counting(23)
-        found = simulate(
-            Counting(), kept, tables(99),
+        run_recorder = counting(23)
+        ending = simulate(
+            Counting(), run_recorder, tables(99),
             stop=lambda n, at=stop: n == at, enough=lambda n, at=enough: n == at,
         )  # fmt: skip
-        assert (found, kept.n_closed) == (outcome, last)
-    kept = counting(23)
+        assert (ending, run_recorder.n_closed) == (outcome, last)
+    run_recorder = counting(23)
     told = simulate(
-        Counting(bounded_until=8), kept, tables(99), stop=lambda n: n >= 8, enough=lambda n: n >= 8
+        Counting(bounded_until=8),
+        run_recorder,
+        tables(99),
+        stop=lambda n: n >= 8,
+        enough=lambda n: n >= 8,
     )
-    assert (told, kept.n_closed) == ("diverged", 8)
+    assert (told, run_recorder.n_closed) == ("diverged", 8)
 
 
 def test_the_garbage_collector_rests_during_a_block_alone() -> None:
     assert gc.isenabled()
-    own, seen = Counting(bounded_until=8), []
+    stepper, gc_states = Counting(bounded_until=8), []
 
     def stop(period: int) -> bool:
-        seen.append(gc.isenabled())
+        gc_states.append(gc.isenabled())
         return False
 
-    simulate(own, counting(23), tables(99), stop=stop)
-    assert own.collects == [False, False] and seen == [True] and gc.isenabled()
+    simulate(stepper, counting(23), tables(99), stop=stop)
+    assert stepper.collects == [False, False] and gc_states == [True] and gc.isenabled()
     gc.disable()
     try:
-        simulate(own, counting(4), tables(99))
+        simulate(stepper, counting(4), tables(99))
         assert not gc.isenabled()
     finally:
         gc.enable()
@@ -276,8 +280,8 @@ def test_states_of_another_form_are_refused() -> None:
         State(np.zeros((3, 5)), np.zeros(2))
     told = "state.resting: expected an array of bool, one per pair, given 'float64'"
     assert str(error.value) == told
-    own = State(np.zeros((3, 0)), np.zeros(0, dtype=bool))
-    assert own.losses == (0.0, 0.0) and own.internal is None
+    state = State(np.zeros((3, 0)), np.zeros(0, dtype=bool))
+    assert state.losses == (0.0, 0.0) and state.internal is None
 
 
 def test_a_start_has_no_losses_and_renews_the_acceleration() -> None:
@@ -289,9 +293,9 @@ def test_a_start_has_no_losses_and_renews_the_acceleration() -> None:
         renew_acceleration=lambda: done.append("renewed"),
     )
     other = State(np.full((3, 2), 4.0), np.array([False]), (0.1, 0.2), np.ones(7))
-    for given, wanted in ((None, present), (other, other)):
+    for initial, wanted in ((None, present), (other, other)):
         done.clear()
-        set_initial(engine, given, np.array([1.0, 2.0, 3.0]))
+        set_initial(engine, initial, np.array([1.0, 2.0, 3.0]))
         (state, base), renewed = done
         assert renewed == "renewed" and base.tolist() == [1.0, 2.0, 3.0]
         assert state.motion is wanted.motion and state.resting is wanted.resting
@@ -299,8 +303,8 @@ def test_a_start_has_no_losses_and_renews_the_acceleration() -> None:
 
 
 def test_one_period_takes_the_first_row_whatever_was_before() -> None:
-    kept, own = recorder(6), engine(Ball(1.25))
-    simulate(own, kept, motion)
-    record = one_period(own, kept, motion(0))
-    assert kept.n_closed == 1 and record is kept.window[-1]
-    assert record.u[0, 3] == pytest.approx(kept.window[-2].u[-1, 3])
+    run_recorder, ball_engine = recorder(6), engine(Ball(1.25))
+    simulate(ball_engine, run_recorder, motion)
+    record = one_period(ball_engine, run_recorder, motion(0))
+    assert run_recorder.n_closed == 1 and record is run_recorder.window[-1]
+    assert record.u[0, 3] == pytest.approx(run_recorder.window[-2].u[-1, 3])

@@ -39,8 +39,8 @@ def test_cubic_motions_are_exact(share: float) -> None:
     def state(t: float) -> tuple[float, float, float]:
         return float(p(t)), float(p.deriv()(t)), float(p.deriv(2)(t))
 
-    found = base_within(state(start), state(start + dt), share, dt)
-    np.testing.assert_allclose(found, state(start + share * dt), rtol=1e-12)
+    base_state = base_within(state(start), state(start + dt), share, dt)
+    np.testing.assert_allclose(base_state, state(start + share * dt), rtol=1e-12)
 
 
 @pytest.mark.parametrize("n_steps", [100, 1000])
@@ -53,9 +53,9 @@ def test_errors_of_a_harmonic_motion_are_those_of_its_degree(n_steps: int) -> No
         return float(sine), float(omega * cosine), float(-(omega**2) * sine)
 
     for start in np.linspace(0.0, 2.0 * np.pi / omega, 40):
-        found = base_within(state(start), state(start + dt), 0.5, dt)
+        base_state = base_within(state(start), state(start + dt), 0.5, dt)
         exact = np.array(state(start + 0.5 * dt))
-        worst = np.maximum(worst, np.abs((found - exact) / (1.0, omega, omega**2)))
+        worst = np.maximum(worst, np.abs((base_state - exact) / (1.0, omega, omega**2)))
     cubic, linear = angle**4 / 384.0, angle**2 / 8.0
     np.testing.assert_allclose(worst, [cubic, cubic, linear], rtol=0.01, atol=1e-13)
 
@@ -132,11 +132,11 @@ def test_limits_of_nearness_are_met() -> None:
 
 
 def test_spans_have_bounds() -> None:
-    own = Span(0.5, 4, 3)
-    assert (own.window_periods, own.frames_per_period, own.limit) == (1, 0, np.inf)
-    assert own.refinement is NOT_REFINED and NOT_REFINED == Refinement(1, 0.0)
+    span = Span(0.5, 4, 3)
+    assert (span.window_periods, span.frames_per_period, span.limit) == (1, 0, np.inf)
+    assert span.refinement is NOT_REFINED and NOT_REFINED == Refinement(1, 0.0)
     assert Span(0.5, 1, 1, frames_per_period=1, limit=1e-9).limit == 1e-9
-    for given, told in (
+    for arguments, told in (
         ((0.0, 4, 3), "time_step: expected a number above 0 [s], given 0.0"),
         ((np.inf, 4, 3), "time_step: expected a number above 0 [s], given inf"),
         ((0.5, 0, 3), "steps_per_period: expected a whole number from 1, given 0"),
@@ -144,9 +144,9 @@ def test_spans_have_bounds() -> None:
         ((0.5, 4, 3, 1, 0, 0.0), "limit: expected a number above 0 [m], given 0.0"),
     ):
         with pytest.raises(CaseError) as error:
-            Span(*given)
+            Span(*arguments)
         assert str(error.value) == told
     of_frames = (0.5, 4, 3, 1, 5)
-    for given, key in (((0.5, 4, 3, 4), "window_periods"), (of_frames, "frames_per_period")):
+    for arguments, key in (((0.5, 4, 3, 4), "window_periods"), (of_frames, "frames_per_period")):
         with pytest.raises(CaseError, match=f"^{key}: expected "):
-            Span(*given)
+            Span(*arguments)

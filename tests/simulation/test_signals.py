@@ -119,8 +119,8 @@ def test_sampling_and_noise(springs: Any) -> None:
     np.testing.assert_allclose(time * 400.0, np.rint(time * 400.0), atol=1e-6)
     full = springs.history["sensor_v"]
     smooth = low_passed(full.values, 400.0 * float(full["time"][1] - full["time"][0]))
-    rest = slow.values - np.interp(time, full["time"], smooth)
-    assert 0.8e-3 < rest.std() < 1.3e-3
+    noise = slow.values - np.interp(time, full["time"], smooth)
+    assert 0.8e-3 < noise.std() < 1.3e-3
     again = run(penalty_stiffness=2000.0, threshold_velocity=0.02, impulse="consistent").history
     np.testing.assert_array_equal(again["sensor_slow"], slow)
 
@@ -151,19 +151,21 @@ STEPS, TICKS, PAIRS, PROBES = 7, 3, 4, 2
 def record(seed: int = 1, n_steps: int = STEPS) -> PeriodRecord:
     """Return a period of random numbers, with impacts at some ticks, also within steps."""
     rng = np.random.default_rng(seed)
-    own = PeriodRecord(
+    period_record = PeriodRecord(
         rng.normal(size=(STEPS + 1, 3)), rng.normal(size=(STEPS + 1, N_BASE + PROBES + 1 + PAIRS)),
         rng.normal(size=(STEPS + 1, PROBES + 1 + PAIRS)), np.array([2, 5, 7]), np.zeros(6),
         ticks_per_step=TICKS, resting=rng.random(PAIRS) < 0.5,
     )  # fmt: skip
-    own.n_steps = n_steps
-    own.frames = [rng.normal(size=(2, 5)) for step in own.frame_steps if step <= n_steps]
-    own.contact = [rng.integers(0, 3, PAIRS) for _ in own.frames]
+    period_record.n_steps = n_steps
+    period_record.frames = [
+        rng.normal(size=(2, 5)) for step in period_record.frame_steps if step <= n_steps
+    ]
+    period_record.contact = [rng.integers(0, 3, PAIRS) for _ in period_record.frames]
     for tick in (1, 3, 4, 8, 9, 15, 21):
         hit = rng.permutation(PAIRS)[: 1 + tick % 3]
         decision = Decision(hit, *rng.normal(size=(3, hit.size)))
-        own.jumps.append(tick, decision, rng.normal())
-    return own
+        period_record.jumps.append(tick, decision, rng.normal())
+    return period_record
 
 
 def structure(weights: Any = None) -> Any:
@@ -183,17 +185,17 @@ def case_of(law: str, impulse: str = "consistent", **more: float) -> df.Case:
 @pytest.mark.parametrize("n_steps", [STEPS, 4])
 @pytest.mark.parametrize("seed", range(4))
 def test_pairs_rest_from_impact_to_impact(seed: int, n_steps: int) -> None:
-    own, threshold = record(seed, n_steps), 0.3
+    period_record, threshold = record(seed, n_steps), 0.3
     if n_steps < STEPS:  # impacts lie within the steps that were computed
-        own.jumps = record(seed + 9).jumps
-        ticks = own.jumps.columns().ticks
-        kept = int((ticks <= TICKS * n_steps).sum())
-        columns = own.jumps.columns()
-        hits = int(columns.sizes[:kept].sum())
-        own.jumps = type(own.jumps)(columns.part((0, kept), (0, hits)))
+        period_record.jumps = record(seed + 9).jumps
+        ticks = period_record.jumps.columns().ticks
+        n_impacts = int((ticks <= TICKS * n_steps).sum())
+        columns = period_record.jumps.columns()
+        hits = int(columns.sizes[:n_impacts].sum())
+        period_record.jumps = type(period_record.jumps)(columns.part((0, n_impacts), (0, hits)))
     gap = np.random.default_rng(seed).normal(size=(n_steps, PAIRS)) - 0.5
-    rests, found = own.resting.copy(), resting_pairs(own, gap, threshold)
-    columns = own.jumps.columns()
+    rests, resting = period_record.resting.copy(), resting_pairs(period_record, gap, threshold)
+    columns = period_record.jumps.columns()
     ends = np.r_[0, np.cumsum(columns.sizes)]
     for step in range(1, n_steps + 1):
         for k, tick in enumerate(columns.ticks):
@@ -201,33 +203,33 @@ def test_pairs_rest_from_impact_to_impact(seed: int, n_steps: int) -> None:
                 here = slice(ends[k], ends[k + 1])
                 rests[columns.hit[here]] = columns.rate_post[here] < threshold
         rests &= gap[step - 1] <= 0.0
-        assert found[step - 1].tolist() == rests.tolist(), step
+        assert resting[step - 1].tolist() == rests.tolist(), step
 
 
 def test_a_rate_at_the_threshold_does_not_rest() -> None:
-    own = record()
-    own.jumps = type(own.jumps)()
-    own.resting = np.zeros(PAIRS, bool)
+    period_record = record()
+    period_record.jumps = type(period_record.jumps)()
+    period_record.resting = np.zeros(PAIRS, bool)
     rates = np.array([0.3, np.nextafter(0.3, 0.0)])
-    own.jumps.append(1, Decision(np.array([0, 1]), rates, rates, rates), 0.0)
+    period_record.jumps.append(1, Decision(np.array([0, 1]), rates, rates, rates), 0.0)
     gap = -np.ones((STEPS, PAIRS))
     gap[1] = 0.0
-    assert resting_pairs(own, gap, 0.3)[:, :2].tolist() == [[False, True]] * STEPS
+    assert resting_pairs(period_record, gap, 0.3)[:, :2].tolist() == [[False, True]] * STEPS
 
 
 @pytest.mark.parametrize("weights", [None, np.array([1.0, 2.0, 0.5, 3.0])])
 def test_springs_and_dampers_act_while_pairs_are_closed(weights: Any) -> None:
-    own, of, share = record(), structure(weights), 1.0 if weights is None else weights
-    gap = of.operators.gap0 + own.u[1:, N_BASE + PROBES + 1 :]
-    rate = own.v[1:, PROBES + 1 :]
+    period_record, of, share = record(), structure(weights), 1.0 if weights is None else weights
+    gap = of.operators.gap0 + period_record.u[1:, N_BASE + PROBES + 1 :]
+    rate = period_record.v[1:, PROBES + 1 :]
     assert (gap > 0.0).any() and (gap < 0.0).any()
-    found = spring_forces(own, of, case_of("penalty"))
+    forces = spring_forces(period_record, of, case_of("penalty"))
     wanted = np.where(gap <= 0.0, -share * (50.0 * gap + 3.0 * rate), 0.0)
-    np.testing.assert_allclose(found, wanted, rtol=1e-14)
-    rests = spring_forces(own, of, case_of("newton-penalty", threshold_velocity=0.3))
-    wanted = np.where(resting_pairs(own, gap, 0.3), -share * 50.0 * gap, 0.0)
+    np.testing.assert_allclose(forces, wanted, rtol=1e-14)
+    rests = spring_forces(period_record, of, case_of("newton-penalty", threshold_velocity=0.3))
+    wanted = np.where(resting_pairs(period_record, gap, 0.3), -share * 50.0 * gap, 0.0)
     np.testing.assert_allclose(rests, wanted, rtol=1e-14)
-    assert rests.any() and not np.array_equal(rests, found)
+    assert rests.any() and not np.array_equal(rests, forces)
     none = spring_forces(record(n_steps=5), of, case_of("newton"))
     assert none.shape == (5, PAIRS) and not none.any()
     assert spring_forces(record(n_steps=5), of, case_of("penalty")).shape == (5, PAIRS)
@@ -236,17 +238,17 @@ def test_springs_and_dampers_act_while_pairs_are_closed(weights: Any) -> None:
 @pytest.mark.parametrize("n_steps", [STEPS, 6])
 def test_impulses_count_with_their_mean_force(n_steps: int) -> None:
     """Each impulse is in the step within which it lies; those behind the last step do not count."""
-    own, of, case = record(n_steps=n_steps), structure(), case_of("newton")
-    found = signals.contact_forces_of(own, of, case)
+    period_record, of, case = record(n_steps=n_steps), structure(), case_of("newton")
+    forces = signals.contact_forces_of(period_record, of, case)
     wanted, place = np.zeros((n_steps, PAIRS)), 0
-    columns = own.jumps.columns()
+    columns = period_record.jumps.columns()
     for tick, size in zip(columns.ticks, columns.sizes, strict=True):
         step = -(-tick // TICKS)
         for k in range(place, place + size):
             if step <= n_steps:
                 wanted[step - 1, columns.hit[k]] += columns.impulses[k] / case.time_step
         place += size
-    np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    np.testing.assert_allclose(forces, wanted, rtol=1e-13)
 
 
 def test_a_sensor_reads_the_sum_of_its_parts() -> None:
@@ -255,10 +257,10 @@ def test_a_sensor_reads_the_sum_of_its_parts() -> None:
     )
     rng = np.random.default_rng(5)
     u, v, base, forces = (rng.normal(size=size) for size in ((4, 5), (4, 5), (4, 3), (3, PAIRS)))
-    found = signals.read(rows, (u, v, base), forces, PROBES)
+    reading = signals.read(rows, (u, v, base), forces, PROBES)
     wanted = 0.5 * base[:, 0] - 2.0 * base[:, 1] + u[:, PROBES + 1] + v[:, PROBES + 2]
     wanted[1:] += forces[:, 0] - forces[:, 1] + 2.0 * forces[:, 2] + 0.5 * forces[:, 3]
-    np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    np.testing.assert_allclose(reading, wanted, rtol=1e-13)
 
 
 def window() -> Any:
@@ -268,9 +270,9 @@ def window() -> Any:
 
 
 def test_steps_of_a_window_follow_one_another() -> None:
-    kept = window()
-    u, v, base = steps_of(kept)
-    first, second, last = kept.window
+    run_recorder = window()
+    u, v, base = steps_of(run_recorder)
+    first, second, last = run_recorder.window
     np.testing.assert_array_equal(u[:8], first.u[:, N_BASE:])
     np.testing.assert_array_equal(v[8:15], second.v[1:])
     np.testing.assert_array_equal(base[15:], last.base_states[1:6])
@@ -278,14 +280,14 @@ def test_steps_of_a_window_follow_one_another() -> None:
 
 
 def test_frames_of_a_window_have_their_steps_and_the_base() -> None:
-    kept = window()
-    found = frames_of(kept)
-    assert found.steps.tolist() == [2, 5, 7, 9, 12, 14, 16, 19]
-    assert len(found.states) == len(found.contact) == 8 and found.contact.dtype == np.int8
-    np.testing.assert_array_equal(found.base[4], kept.window[1].base_states[5, :2])
-    np.testing.assert_array_equal(found.states[7], kept.window[2].frames[1])
-    kept.is_forced = True
-    assert not frames_of(kept).base.any()
+    run_recorder = window()
+    frames = frames_of(run_recorder)
+    assert frames.steps.tolist() == [2, 5, 7, 9, 12, 14, 16, 19]
+    assert len(frames.states) == len(frames.contact) == 8 and frames.contact.dtype == np.int8
+    np.testing.assert_array_equal(frames.base[4], run_recorder.window[1].base_states[5, :2])
+    np.testing.assert_array_equal(frames.states[7], run_recorder.window[2].frames[1])
+    run_recorder.is_forced = True
+    assert not frames_of(run_recorder).base.any()
     none = frames_of(SimpleNamespace(window=[], steps_per_period=STEPS, is_forced=False))
     assert none.steps.size == 0 and none.base.shape == (0, 2) and none.states == []
 
@@ -299,27 +301,27 @@ def test_samples_are_at_whole_multiples_of_the_interval(
     start: float, end: float, first: float, last: float
 ) -> None:
     """A straight line passes the filter, also at its ends."""
-    own = Sensor(name="s", quantity="velocity", lamina="a", position=0.1, sampling_rate=4.0)
+    sensor = Sensor(name="s", quantity="velocity", lamina="a", position=0.1, sampling_rate=4.0)
     time = np.linspace(start, end, 201)
     line = 2.0 + 3.0 * np.r_[time[0], time]
-    found = signals._sampled(own, time, line, float(time[1] - time[0]))
-    assert found.sensor is own
-    assert (found.time[0], found.time[-1]) == pytest.approx((first, last), abs=1e-15)
+    signal = signals._sampled(sensor, time, line, float(time[1] - time[0]))
+    assert signal.sensor is sensor
+    assert (signal.time[0], signal.time[-1]) == pytest.approx((first, last), abs=1e-15)
     np.testing.assert_allclose(
-        found.time, np.arange(first * 4.0, last * 4.0 + 0.5) / 4.0, atol=1e-8
+        signal.time, np.arange(first * 4.0, last * 4.0 + 0.5) / 4.0, atol=1e-8
     )
-    np.testing.assert_allclose(found.value, 2.0 + 3.0 * found.time, rtol=1e-9)
+    np.testing.assert_allclose(signal.value, 2.0 + 3.0 * signal.time, rtol=1e-9)
 
 
 def test_noise_is_that_of_the_seed_and_the_name() -> None:
     about = {"quantity": "velocity", "lamina": "a", "position": 0.1, "noise": 0.2, "seed": 5}
-    own = Sensor(name="s", **about)  # type: ignore[arg-type]
+    sensor = Sensor(name="s", **about)  # type: ignore[arg-type]
     time = np.arange(9.0)
-    found = signals._sampled(own, time, 2.0 * np.r_[0.0, time], 1.0)
+    signal = signals._sampled(sensor, time, 2.0 * np.r_[0.0, time], 1.0)
     rng = np.random.default_rng([5, zlib.crc32(b"s")])
-    np.testing.assert_array_equal(found.value, 2.0 * time + rng.normal(scale=0.2, size=9))
+    np.testing.assert_array_equal(signal.value, 2.0 * time + rng.normal(scale=0.2, size=9))
     other = signals._sampled(Sensor(name="t", **about), time, 2.0 * time, 1.0)  # type: ignore[arg-type]
-    assert not np.array_equal(other.value, found.value)
+    assert not np.array_equal(other.value, signal.value)
 
 
 def test_fast_samples_pass_and_short_signals_stay() -> None:
@@ -331,5 +333,5 @@ def test_fast_samples_pass_and_short_signals_stay() -> None:
     t = np.arange(4000)
     for share, gain in ((0.2, 1.0), (0.4, 1.0), (0.45, 0.5), (0.5, 0.0), (0.8, 0.0)):
         wave = np.sin(2.0 * np.pi * share * 0.1 * t)
-        found = np.abs(low_passed(wave, 0.1)[1000:3000]).max()
-        assert found == pytest.approx(gain, abs=5e-3 if share != 0.45 else 0.02)
+        amplitude = np.abs(low_passed(wave, 0.1)[1000:3000]).max()
+        assert amplitude == pytest.approx(gain, abs=5e-3 if share != 0.45 else 0.02)

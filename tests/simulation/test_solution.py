@@ -10,19 +10,19 @@ from delam_fem.simulation.loop import simulate
 
 
 def solution(window: int, ends_at: int = 12) -> Solution:
-    engine, kept = Engine(ends_at=ends_at), recorder(window=window)
-    outcome = simulate(engine, kept, motion)
-    return Solution(outcome, kept, engine.state())
+    engine, run_recorder = Engine(ends_at=ends_at), recorder(window=window)
+    outcome = simulate(engine, run_recorder, motion)
+    return Solution(outcome, run_recorder, engine.state())
 
 
 def test_histories_of_the_window_follow_one_another_without_a_gap() -> None:
-    found = solution(window=2)
-    assert found.outcome == "completed"
-    assert found.time.tolist() == (DT * np.arange(2 * STEPS + 1)).tolist()
-    assert found.displacement.tolist() == U[:, STEPS:].T.tolist()
-    assert found.velocity.tolist() == (10.0 * U[:, STEPS:].T).tolist()
-    assert found.frames.shape == (4, 2, 3)
-    assert found.frames[:, 0, 0].tolist() == [601.0, 801.0, 1001.0, 1201.0]
+    run_solution = solution(window=2)
+    assert run_solution.outcome == "completed"
+    assert run_solution.time.tolist() == (DT * np.arange(2 * STEPS + 1)).tolist()
+    assert run_solution.displacement.tolist() == U[:, STEPS:].T.tolist()
+    assert run_solution.velocity.tolist() == (10.0 * U[:, STEPS:].T).tolist()
+    assert run_solution.frames.shape == (4, 2, 3)
+    assert run_solution.frames[:, 0, 0].tolist() == [601.0, 801.0, 1001.0, 1201.0]
 
 
 def test_impacts_have_times_from_the_start_of_the_window() -> None:
@@ -35,13 +35,13 @@ def test_impacts_have_times_from_the_start_of_the_window() -> None:
 
 
 def test_a_run_that_ends_early_has_the_steps_before() -> None:
-    found = solution(window=3, ends_at=6)
-    assert found.outcome == "diverged"
-    assert found.time.size == 7
-    assert found.displacement.tolist() == U[:, :7].T.tolist()
-    assert found.velocity.shape == (7, 2)
-    assert found.impacts.time.tolist() == [2 * DT]
-    assert found.energy["kinetic"].tolist() == [4.0, 6.0]
+    run_solution = solution(window=3, ends_at=6)
+    assert run_solution.outcome == "diverged"
+    assert run_solution.time.size == 7
+    assert run_solution.displacement.tolist() == U[:, :7].T.tolist()
+    assert run_solution.velocity.shape == (7, 2)
+    assert run_solution.impacts.time.tolist() == [2 * DT]
+    assert run_solution.energy["kinetic"].tolist() == [4.0, 6.0]
 
 
 def test_energies_have_the_names_of_the_ledger() -> None:

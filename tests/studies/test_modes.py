@@ -27,18 +27,18 @@ def model(paper: Case) -> Structure:
 
 
 def test_first_frequencies_are_those_of_the_cantilevers(paper: Case, model: Structure) -> None:
-    found = modes_of(model, paper, 4)
-    np.testing.assert_allclose(found.exact[:, 0], [3.1649, 1.4357], atol=5e-5)
-    assert np.abs(found.relative_differences[:, 0]).max() < FIRST
-    assert np.all(found.relative_differences > 0.0)  # conforming elements are too stiff
+    lamina_modes = modes_of(model, paper, 4)
+    np.testing.assert_allclose(lamina_modes.exact[:, 0], [3.1649, 1.4357], atol=5e-5)
+    assert np.abs(lamina_modes.relative_differences[:, 0]).max() < FIRST
+    assert np.all(lamina_modes.relative_differences > 0.0)  # conforming elements are too stiff
 
 
 def test_shapes_lie_on_the_exact_ones(paper: Case, model: Structure) -> None:
-    found = modes_of(model, paper, 4)
+    lamina_modes = modes_of(model, paper, 4)
     for k in range(4):
         exact = cantilever_mode(k + 1, model.layout.x / model.layout.x[-1])
         for i in range(2):
-            np.testing.assert_allclose(found.shapes[i, k], exact, atol=SHAPE)
+            np.testing.assert_allclose(lamina_modes.shapes[i, k], exact, atol=SHAPE)
 
 
 def test_iterative_solver_finds_the_same(
@@ -53,9 +53,9 @@ def test_iterative_solver_finds_the_same(
 
 def test_all_modes_of_one_element_can_be_had(paper: Case) -> None:
     case = paper.with_overrides({"mesh.elements": 1})
-    found = modes_of(assemble(case), case, 2)
+    lamina_modes = modes_of(assemble(case), case, 2)
     # Ritz with one cubic: omega1 = 3.533, omega2 = 34.807 for unit length, EI, rho A.
-    ratio = found.frequencies[0] / found.exact[0]
+    ratio = lamina_modes.frequencies[0] / lamina_modes.exact[0]
     np.testing.assert_allclose(ratio, [3.5327 / 3.5160, 34.8069 / 22.0345], rtol=1e-4)
 
 
@@ -72,10 +72,10 @@ def test_rows_name_lamina_mode_and_difference(paper: Case, model: Structure) -> 
 
 
 def test_save_writes_table_and_picture(paper: Case, model: Structure, tmp_path: Path) -> None:
-    found = modes_of(model, paper, 3)
-    table, picture = found.save(tmp_path / "new" / "folder")
+    lamina_modes = modes_of(model, paper, 3)
+    table, picture = lamina_modes.save(tmp_path / "new" / "folder")
     content = json.loads(table.read_text())
-    np.testing.assert_array_equal(content["frequency_hz"], found.frequencies)
+    np.testing.assert_array_equal(content["frequency_hz"], lamina_modes.frequencies)
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -87,6 +87,6 @@ def test_impossible_numbers_of_modes_are_refused(paper: Case, model: Structure, 
 
 def test_modes_of_the_weak_forms_equal_the_closed_form(paper: Case, model: Structure) -> None:
     pytest.importorskip("dolfinx")
-    found, expected = modes(paper, 4), modes_of(model, paper, 4)
-    assert isinstance(found, Modes)
-    np.testing.assert_allclose(found.frequencies, expected.frequencies, rtol=1e-9)
+    lamina_modes, expected = modes(paper, 4), modes_of(model, paper, 4)
+    assert isinstance(lamina_modes, Modes)
+    np.testing.assert_allclose(lamina_modes.frequencies, expected.frequencies, rtol=1e-9)

@@ -20,10 +20,10 @@ def test_the_longest_overdamped_wave(
     damping: str, thick: float, thin: float, length: float
 ) -> None:
     case = preset("paper", {"damping.rayleigh": damping})
-    found = short_waves(case)
-    assert [frequency for _, frequency in found] == pytest.approx([thick, thin], rel=1e-3)
-    assert [wave for wave, _ in found] == pytest.approx([length] * 2, rel=1e-3)
-    for i, (wave, frequency) in enumerate(found):
+    waves = short_waves(case)
+    assert [frequency for _, frequency in waves] == pytest.approx([thick, thin], rel=1e-3)
+    assert [wave for wave, _ in waves] == pytest.approx([length] * 2, rel=1e-3)
+    for i, (wave, frequency) in enumerate(waves):
         omega, (alpha, beta) = 2.0 * math.pi * frequency, case.rayleigh(i)
         assert 0.5 * (alpha / omega + beta * omega) == pytest.approx(1.0)
         lamina = case.lamina[i]
@@ -45,10 +45,10 @@ def test_the_longest_overdamped_wave(
 def test_a_mesh_that_holds_overdamped_waves_is_told(
     damping: str, points: tuple[int, ...], first: int | None
 ) -> None:
-    found = refinement_warnings(preset("paper", {"damping.rayleigh": damping}), points)
-    assert len(found) == (first is not None)
+    texts = refinement_warnings(preset("paper", {"damping.rayleigh": damping}), points)
+    assert len(texts) == (first is not None)
     if first is not None:
-        assert found[0].startswith(f"meshes from {first} points") and damping in found[0]
+        assert texts[0].startswith(f"meshes from {first} points") and damping in texts[0]
 
 
 def test_points_nearer_than_the_thickness_are_told() -> None:

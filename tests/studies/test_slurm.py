@@ -62,9 +62,9 @@ def sweep_file(folder: Path, count: int, *, elements: int = 1, more: str = "") -
 
 
 def script(*arguments: object) -> str:
-    found = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
-    assert found.exit_code == 0, found.output
-    return found.stdout
+    result = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    return result.stdout
 
 
 @pytest.fixture
@@ -157,8 +157,8 @@ def test_bad_numbers_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_cost_is_measured(tmp_path: Path) -> None:
-    found = measured_cost(load_sweep(sweep_file(tmp_path, 3)), seconds=60.0)
-    assert found.n_points == 3 and 0.0 < found.mean <= found.most
+    estimate = measured_cost(load_sweep(sweep_file(tmp_path, 3)), seconds=60.0)
+    assert estimate.n_points == 3 and 0.0 < estimate.mean <= estimate.most
 
 
 def test_the_script_is_clean(tmp_path: Path) -> None:

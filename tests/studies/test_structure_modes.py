@@ -86,16 +86,16 @@ def test_floating_structures_have_rigid_modes(case: Case, supports: str, rigid: 
     start, end = supports.split()
     floating = case.with_overrides({"support.start": start, "support.end": end})
     for kind in ("free", "closed"):
-        found = structure_modes(assemble(floating), floating, 4, kind=kind).frequencies
-        assert found[:rigid] == pytest.approx(np.zeros(rigid), abs=1e-3)
-        assert found[rigid] > 10.0
+        computed = structure_modes(assemble(floating), floating, 4, kind=kind).frequencies
+        assert computed[:rigid] == pytest.approx(np.zeros(rigid), abs=1e-3)
+        assert computed[rigid] > 10.0
     intact = case.with_overrides(
         {"support.start": start, "support.end": end, "delamination.1.end": 0.1201}
     )
     root = 4.730040744862704 if rigid == 2 else 3.926602312047919
     unit = np.sqrt(70e9 * 0.002**2 / 12 / 2700.0) / (2.0 * np.pi * 0.4**2)
-    found = structure_modes(assemble(intact), intact, 3).frequencies[rigid]
-    assert found == pytest.approx(root**2 * unit, rel=1e-4)
+    computed = structure_modes(assemble(intact), intact, 3).frequencies[rigid]
+    assert computed == pytest.approx(root**2 * unit, rel=1e-4)
 
 
 @pytest.mark.usefixtures("pictures")
@@ -109,9 +109,9 @@ def test_files_and_pictures(free: StructureModes, tmp_path: Path) -> None:
 
 
 def test_apart_laminae_have_both(tmp_path: Path) -> None:
-    found = modes(preset("paper"), 2, delaminations="closed")
-    assert isinstance(found, Modes) and found.structure is not None
-    content = json.loads(found.save(tmp_path)[0].read_text())
+    result = modes(preset("paper"), 2, delaminations="closed")
+    assert isinstance(result, Modes) and result.structure is not None
+    content = json.loads(result.save(tmp_path)[0].read_text())
     # one beam without friction: (EI1 + EI2) / (rhoA1 + rhoA2)
     EI, rhoA = 1.51 + 0.16, 0.04 * (0.002 * 2680.0 + 0.001 * 2760.0)
     exact = (1.8751040687119611 / 0.685) ** 2 * np.sqrt(EI / rhoA) / (2.0 * np.pi)
@@ -141,8 +141,8 @@ def test_motions_without_mass_are_no_modes() -> None:
     keys = {"mesh.elements": 4, "time.mass": "massless", "contact.law": "newton"}
     case = preset("default", keys | {"contact.restitution": 0.0})
     structure = discretise.assemble(case, needs_dolfinx=False)
-    found = structure_modes(structure, case, 6)
+    result = structure_modes(structure, case, 6)
     usual = structure_modes(assemble(preset("paper", {"mesh.elements": 4})), case, 6)
-    assert found.frequencies[:2] == pytest.approx(usual.frequencies[:2], rel=0.01)
+    assert result.frequencies[:2] == pytest.approx(usual.frequencies[:2], rel=0.01)
     with pytest.raises(CaseError, match="1 to 4, as no more motions have mass, given 6"):
         structure_modes(structure, case, 6, kind="closed")

@@ -51,9 +51,9 @@ def test_rows_are_those_of_a_class_and_of_what_it_extends() -> None:
     beam = {"length": "its length, from end to end [m].", "mass": "its mass: all of it [kg]."}
     assert meanings(Beam) == beam
     heavy = beam | {"mass": "its large mass [kg].", "load_2": "what it carries [N]."}
-    found = meanings(Heavy)
-    assert {name: found[name] for name in heavy} == heavy
-    assert list(found)[:3] == ["length", "mass", "load_2"]
+    texts = meanings(Heavy)
+    assert {name: texts[name] for name in heavy} == heavy
+    assert list(texts)[:3] == ["length", "mass", "load_2"]
     assert meanings(Bare) == meanings(Named) == {}
 
 

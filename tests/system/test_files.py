@@ -70,7 +70,7 @@ def test_a_folder_takes_the_place_of_another(tmp_path: Path) -> None:
         with atomic(path) as temporary:
             temporary.mkdir()
             (temporary / name).touch()
-        assert [own.name for own in path.iterdir()] == [name]
+        assert [file.name for file in path.iterdir()] == [name]
 
 
 def test_after_a_failure_a_file_takes_everything_and_stores_nothing(tmp_path: Path) -> None:
@@ -96,9 +96,9 @@ def test_after_a_failure_a_file_takes_everything_and_stores_nothing(tmp_path: Pa
 def test_archives_are_read_back_or_refused(tmp_path: Path) -> None:
     path, arrays = tmp_path / "a.npz", {"b": np.arange(6).reshape(2, 3), "a": np.array("text")}
     write_arrays(path, arrays)
-    found = read_arrays(path)
-    assert set(found) == {"a", "b"} and str(found["a"]) == "text"
-    np.testing.assert_array_equal(found["b"], arrays["b"])
+    loaded = read_arrays(path)
+    assert set(loaded) == {"a", "b"} and str(loaded["a"]) == "text"
+    np.testing.assert_array_equal(loaded["b"], arrays["b"])
     with np.load(path) as archive:
         content = dict(archive)
     b = arrays["b"]
@@ -118,16 +118,16 @@ def test_archives_are_read_back_or_refused(tmp_path: Path) -> None:
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / "d"
     folder.mkdir()
-    own = folder / "case_a.toml"
-    own.touch()
+    case_file = folder / "case_a.toml"
+    case_file.touch()
     (folder / ".hidden").touch()
-    with claimed(folder, inputs=[own]) as found:
-        assert found == folder
+    with claimed(folder, inputs=[case_file]) as claimed_folder:
+        assert claimed_folder == folder
     for names, told in ((["z", "y"], "y, z"), (["z", "y", "x"], "x, y, z"),
                         (["z", "y", "x", "w"], "w, x, y …")):  # fmt: skip
         for name in names:
             (folder / name).touch()
-        text = refusal(lambda: claimed(folder, inputs=[own]).__enter__())
+        text = refusal(lambda: claimed(folder, inputs=[case_file]).__enter__())
         assert text == (
             f"output folder {folder}: is not empty ({told}); choose another with -o DIR, go on "
             "with --resume, or replace what is there with --overwrite"

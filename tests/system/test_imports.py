@@ -18,13 +18,13 @@ from delam_fem.system.imports import Within, elsewhere
 def test_the_working_folder_is_left_and_found_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = tmp_path / "own"
-    own.mkdir()
-    monkeypatch.chdir(own)
+    folder = tmp_path / "own"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
     handles = len(os.listdir("/proc/self/fd"))
     with pytest.raises(KeyError), elsewhere():
         assert Path.cwd() == Path("/")
-        own.rename(tmp_path / "renamed")  # it is the same folder still
+        folder.rename(tmp_path / "renamed")  # it is the same folder still
         raise KeyError
     assert Path.cwd() == tmp_path / "renamed"
     assert len(os.listdir("/proc/self/fd")) == handles
@@ -47,8 +47,8 @@ def test_a_stand_in_tells_versions_for_the_time_of_an_import(
 ) -> None:
     monkeypatch.delitem(sys.modules, "pkg_resources", raising=False)
     with pytest.raises(KeyError), imports._versions_from_metadata():
-        found = sys.modules["pkg_resources"].get_distribution("numpy")
-        assert found.version == metadata.version("numpy")
+        distribution = sys.modules["pkg_resources"].get_distribution("numpy")
+        assert distribution.version == metadata.version("numpy")
         raise KeyError
     assert "pkg_resources" not in sys.modules
     there = ModuleType("pkg_resources")
@@ -63,7 +63,7 @@ def test_a_package_is_imported_within_its_context(
 ) -> None:
     """Its modules as well; not a package whose name begins alike."""
     depth: list[bool] = []
-    seen: list[str] = []
+    events: list[str] = []
 
     @contextmanager
     def context() -> Iterator[None]:
@@ -72,7 +72,7 @@ def test_a_package_is_imported_within_its_context(
             yield
         finally:
             depth.pop()
-            seen.append("left")
+            events.append("left")
 
     for name in ("df_inside", "df_inside_not"):
         (tmp_path / name).mkdir()
@@ -86,7 +86,7 @@ def test_a_package_is_imported_within_its_context(
         assert import_module("df_inside.part").DEPTH == 1
         assert import_module("df_inside_not").DEPTH == 0
         assert import_module("df_inside_not.part").DEPTH == 0
-        assert seen == ["left", "left"] and depth == []
+        assert events == ["left", "left"] and depth == []
         assert Within("df_inside", context).find_spec("df_inside_not") is None
         assert Within("df_missing", context).find_spec("df_missing") is None
     finally:
@@ -97,11 +97,11 @@ def test_a_package_is_imported_within_its_context(
 def test_symbols_stay_local_within_the_context_alone() -> None:
     import llvmlite.binding
 
-    flags, own = sys.getdlopenflags(), llvmlite.binding.load_library_permanently
+    flags, loader = sys.getdlopenflags(), llvmlite.binding.load_library_permanently
     setter = sys.setdlopenflags
     with imports._symbols_stay_local():
         sys.setdlopenflags(os.RTLD_GLOBAL | os.RTLD_NOW)
         llvmlite.binding.load_library_permanently("/nowhere.so")
         assert sys.getdlopenflags() == flags
     assert sys.setdlopenflags is setter
-    assert llvmlite.binding.load_library_permanently is own
+    assert llvmlite.binding.load_library_permanently is loader

@@ -138,7 +138,7 @@ def outer(points: Array, cells: Indices) -> Indices:
     """Return the facets of one cell alone, shape (n, dim)."""
     dim = points.shape[1]
     kind = "triangle" if dim == 2 else "tetrahedron"
-    facets = np.concatenate([cells[:, list(own)] for own in FACETS[kind]])
+    facets = np.concatenate([cells[:, list(facet)] for facet in FACETS[kind]])
     _, first, count = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
     )

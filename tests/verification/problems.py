@@ -122,7 +122,7 @@ def simulate(
     keep_frames: bool = False,
 ) -> Motions:
     """Run a problem from its initial displacements and velocities, in one stretch."""
-    found = solve(
+    solution = solve(
         operators,
         law.contact,
         law.scheme,
@@ -139,8 +139,8 @@ def simulate(
         ),
         engine="petsc",
     )
-    assert found.outcome == "completed"
-    recorder, times, state = found.recorder, found.time, found.state.motion[:2]
+    assert solution.outcome == "completed"
+    recorder, times, state = solution.recorder, solution.time, solution.state.motion[:2]
     (record,) = recorder.window
     jumps = record.jumps.columns()
     of_each = np.array([jumps.ticks * time_step / law.refine, jumps.energies])

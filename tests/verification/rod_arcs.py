@@ -51,13 +51,13 @@ class Rod:
         self.force[self.n :] = inverse @ load / UNIT**2 / stop.gap
         self.arcs = []
         for k in (0.0, stop.stiffness):
-            A, rest = np.zeros((2 * self.n, 2 * self.n)), np.zeros(2 * self.n)
+            A, constant = np.zeros((2 * self.n, 2 * self.n)), np.zeros(2 * self.n)
             A[: self.n, self.n :] = np.eye(self.n)
             A[self.n :, : self.n] = -inverse @ (K + k * np.outer(H, H)) / UNIT**2
             A[self.n :, self.n :] = -inverse @ C / UNIT
-            rest[self.n :] = -k * inverse @ H / UNIT**2
+            constant[self.n :] = -k * inverse @ H / UNIT**2
             rates, V = np.linalg.eig(A)
-            self.arcs.append((A, -np.linalg.solve(A, rest), rates, V, np.linalg.inv(V)))
+            self.arcs.append((A, -np.linalg.solve(A, constant), rates, V, np.linalg.inv(V)))
 
     def period(self, x: FloatArray, w: float) -> tuple[FloatArray, FloatArray, float]:
         """Return the state after a period of the drive, its derivative and the largest |u|."""
@@ -66,9 +66,9 @@ class Rod:
         driven = [np.linalg.solve(1j * w * np.eye(2 * self.n) - arc[0], self.force)
                   for arc in self.arcs]  # fmt: skip
         while t < end - 1e-13:
-            (_, rest, rates, V, inverse), z = self.arcs[touches], driven[touches]
-            c = inverse @ (x - rest - (z * np.exp(1j * w * t)).imag)
-            size, level, swing = (self.row @ V) * c, 1.0 + self.row @ rest, self.row @ z
+            (_, equilibrium, rates, V, inverse), z = self.arcs[touches], driven[touches]
+            c = inverse @ (x - equilibrium - (z * np.exp(1j * w * t)).imag)
+            size, level, swing = (self.row @ V) * c, 1.0 + self.row @ equilibrium, self.row @ z
 
             def gap(after, t=t, rates=rates, size=size, level=level, swing=swing):  # type: ignore[no-untyped-def]
                 free = np.exp(np.multiply.outer(after, rates)) @ size
@@ -83,7 +83,7 @@ class Rod:
                 middle = 0.5 * (low + high)
                 low, high = (middle, high) if (gap(middle) < 0.0) == touches else (low, middle)
             largest = max(largest, float(np.abs(1.0 - gaps[: k + 1]).max()))
-            x = rest + (V @ (np.exp(rates * high) * c)).real
+            x = equilibrium + (V @ (np.exp(rates * high) * c)).real
             x = x + (z * np.exp(1j * w * (t + high))).imag
             P, t, touches = ((V * np.exp(rates * high)) @ inverse).real @ P, t + high, not touches
         return x, P, largest
@@ -108,9 +108,9 @@ class Rod:
 
     def branch(self, orbit: Orbit, last: float, step: float = 0.06) -> list[Orbit]:
         """Follow an orbit to higher ω, round the folds, until ω is above `last`."""
-        found, t = [orbit], np.append(np.zeros(2 * self.n), 1.0)
-        while found[-1].omega < last and len(found) < 600:
-            here = found[-1]
+        orbits, t = [orbit], np.append(np.zeros(2 * self.n), 1.0)
+        while orbits[-1].omega < last and len(orbits) < 600:
+            here = orbits[-1]
             B = np.vstack([np.column_stack([here.by_state, here.by_omega]), t])
             t = np.linalg.solve(B, np.append(np.zeros(2 * self.n), 1.0))
             t, reach, next_ = t / np.linalg.norm(t), step, None
@@ -118,16 +118,16 @@ class Rod:
                 x, w = here.state + reach * t[:-1], here.omega + reach * t[-1]
                 next_, reach = self.orbit(x, w, t, 0.0), 0.5 * reach
             assert next_ is not None, here.omega * UNIT
-            found.append(next_)
-        return found
+            orbits.append(next_)
+        return orbits
 
 
 def folds(branch: list[Orbit]) -> list[float]:
     """Return ω where a branch turns, by parabolas through three points [rad/s]."""
-    w, found = np.array([orbit.omega for orbit in branch]), []
+    w, frequencies = np.array([orbit.omega for orbit in branch]), []
     s = np.cumsum([0.0, *(np.linalg.norm(np.append(b.state - a.state, b.omega - a.omega))
                           for a, b in pairwise(branch))])  # fmt: skip
     for k in np.flatnonzero(np.diff(np.sign(np.diff(w)))) + 1:
         a, b, c = np.polyfit(s[k - 1 : k + 2] - s[k], w[k - 1 : k + 2], 2)
-        found.append(float(UNIT * (c - b**2 / (4.0 * a))))
-    return found
+        frequencies.append(float(UNIT * (c - b**2 / (4.0 * a))))
+    return frequencies

@@ -119,16 +119,20 @@ class StoppedSystem:
         miss = np.inf
         while True:
             flight = self._flight(state, t)
-            found, nearest = self._next_impact(flight, t, end, bool(times))
+            impact_time, nearest = self._next_impact(flight, t, end, bool(times))
             miss = min(miss, nearest)
-            if found is None:
+            if impact_time is None:
                 derivative = self._propagator(end - t) @ derivative
                 return Journey(flight(end), derivative, tuple(times), tuple(speeds), miss)
-            before = flight(found)
-            derivative = self._saltation(before, found) @ self._propagator(found - t) @ derivative
-            times.append(found)
+            before = flight(impact_time)
+            derivative = (
+                self._saltation(before, impact_time)
+                @ self._propagator(impact_time - t)
+                @ derivative
+            )
+            times.append(impact_time)
             speeds.append(float(self._rate @ before))
-            state, t = self._reset @ before, found
+            state, t = self._reset @ before, impact_time
             if len(times) > MOST_IMPACTS:
                 raise ArithmeticError(CHATTERS)
 
@@ -137,8 +141,8 @@ class StoppedSystem:
         free = self._inverse @ (state - np.real(self._steady * np.exp(1j * self._omega * start)))
 
         def at(t: float | FloatArray) -> FloatArray:
-            own = (free * np.exp(self._rates * (t - start))) @ self._vectors.T
-            return np.real(own + self._steady * np.exp(1j * self._omega * t))
+            free_motion = (free * np.exp(self._rates * (t - start))) @ self._vectors.T
+            return np.real(free_motion + self._steady * np.exp(1j * self._omega * t))
 
         return at
 
@@ -206,8 +210,8 @@ def exact_orbit(
     """
     state = np.array(guess, dtype=np.float64)
     for _ in range(50):
-        found = system.journey(state, 0.0, periods * system.period)
-        change = np.linalg.solve(np.eye(state.size) - found.derivative, found.state - state)
+        journey = system.journey(state, 0.0, periods * system.period)
+        change = np.linalg.solve(np.eye(state.size) - journey.derivative, journey.state - state)
         state = state + change
         if np.abs(change).max() <= tolerance * np.abs(state).max():
             return state, system.journey(state, 0.0, periods * system.period)

@@ -56,8 +56,10 @@ def integrate(problem: dict[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDAr
     law = sk.NewtonImpactNSL(float(problem["restitution"]))
     theta = float(problem.get("theta", THETA))
     pairs = []
-    for row, rest in zip(problem["gap_matrix"], problem["gap0"], strict=True):
-        pairs.append(sk.Interaction(law, sk.LagrangianLinearTIR(row[None, :], np.array([rest]))))
+    for row, rest_gap in zip(problem["gap_matrix"], problem["gap0"], strict=True):
+        pairs.append(
+            sk.Interaction(law, sk.LagrangianLinearTIR(row[None, :], np.array([rest_gap])))
+        )
         system.link(pairs[-1], body)
     simulation = sk.TimeStepping(
         system, sk.TimeDiscretisation(0.0, dt), sk.MoreauJeanOSI(theta), sk.LCP()
@@ -77,5 +79,5 @@ def integrate(problem: dict[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDAr
 
 if __name__ == "__main__":
     with np.load(sys.argv[1]) as file:
-        given = dict(file)
-    np.savez(sys.argv[2], **integrate(given))
+        arrays = dict(file)
+    np.savez(sys.argv[2], **integrate(arrays))

@@ -63,17 +63,17 @@ class SplitBeam:
         """Return the n lowest natural frequencies, increasing, shape (n,) [Hz]."""
         EI, rhoA = self._bonded
         unit = np.sqrt(EI / rhoA) / self.length**2  # angular frequency of wave number 1/L
-        found: list[float] = []
+        frequencies: list[float] = []
         low, step = 0.3, np.pi / _POINTS_PER_HALF_WAVE
-        while len(found) < n:
+        while len(frequencies) < n:
             waves = low + step * np.arange(400)
             values = [self._determinant(wave**2 * unit) for wave in waves]
             for (a, f), (b, g) in pairwise(zip(waves, values, strict=True)):
                 if f * g < 0.0:
                     wave = brentq(lambda w: self._determinant(w**2 * unit), a, b, xtol=1e-14)
-                    found.append(wave**2 * unit / (2.0 * np.pi))
+                    frequencies.append(wave**2 * unit / (2.0 * np.pi))
             low = float(waves[-1])
-        return np.array(found[:n])
+        return np.array(frequencies[:n])
 
     @property
     def _offsets(self) -> tuple[float, float]:

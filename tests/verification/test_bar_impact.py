@@ -85,17 +85,17 @@ def impact(name: str, bar: Bar, n: int) -> Impact:
 
 def check_pulse(name: str, bar: Bar, n: int) -> Impact:
     """Check start, plateau and end of the force and return the run."""
-    seen = impact(name, bar, n)
-    time, dt = seen.motions.time, seen.motions.time[1]
+    result = impact(name, bar, n)
+    time, dt = result.motions.time, result.motions.time[1]
     start, duration = bar.contact_start, bar.contact_duration
-    touching = time[seen.force > 0.0]
+    touching = time[result.force > 0.0]
     assert touching[0] == pytest.approx(start, abs=2.0 * dt)
     late = (touching[-1] - start) / duration - 1.0
     assert 0.0 < late < SMEAR[name] * n ** (-2.0 / 3.0)
     middle = np.abs(time - start - 0.5 * duration) < 0.25 * duration
-    relative = seen.force[middle] / bar.contact_force - 1.0
+    relative = result.force[middle] / bar.contact_force - 1.0
     assert np.sqrt((relative**2).mean()) < RIPPLE[name] * n**-1.5
-    return seen
+    return result
 
 
 def test_exact_values() -> None:
@@ -112,11 +112,11 @@ def test_unit_bar(name: str) -> None:
     bar = UNIT_BAR
     speeds, strains = [], []
     for n in LADDER:
-        seen = check_pulse(name, bar, n)
-        speeds.append(seen.speed[-1])
-        strains.append(seen.motions.ledger[0, 1])
-    middle = np.abs(seen.motions.time - bar.contact_start - bar.contact_duration / 2.0)
-    plateau = seen.force[middle < 0.25 * bar.contact_duration].mean()
+        result = check_pulse(name, bar, n)
+        speeds.append(result.speed[-1])
+        strains.append(result.motions.ledger[0, 1])
+    middle = np.abs(result.motions.time - bar.contact_start - bar.contact_duration / 2.0)
+    plateau = result.force[middle < 0.25 * bar.contact_duration].mean()
     assert plateau == pytest.approx(300.0, rel=PLATEAU)
     errors = bar.speed - np.array(speeds)
     assert np.all(errors > 0.0)
@@ -125,7 +125,7 @@ def test_unit_bar(name: str) -> None:
     extrapolated = speeds[-1] + last**2 / (before - last)
     assert extrapolated == pytest.approx(bar.speed, rel=RELEASE[name])
     # undeformed: what the fronts leave of waves dies out with the mesh
-    energy = 0.5 * seen.mass.sum() * bar.speed**2
+    energy = 0.5 * result.mass.sum() * bar.speed**2
     assert strains[-1] < 0.3 * strains[0]
     assert strains[-1] < 0.01 * energy
 
@@ -133,21 +133,21 @@ def test_unit_bar(name: str) -> None:
 @pytest.mark.parametrize("name", ["newton@moreau-jean", "penalty"])
 def test_steel_bar(name: str) -> None:
     bar, n = STEEL_BAR, 160
-    seen = check_pulse(name, bar, n)
-    middle = np.abs(seen.motions.time - bar.contact_start - bar.contact_duration / 2.0)
-    plateau = seen.force[middle < 0.25 * bar.contact_duration].mean()
+    result = check_pulse(name, bar, n)
+    middle = np.abs(result.motions.time - bar.contact_start - bar.contact_duration / 2.0)
+    plateau = result.force[middle < 0.25 * bar.contact_duration].mean()
     assert plateau == pytest.approx(1270.83, rel=5e-6), "given to six digits"
-    assert seen.speed[-1] == pytest.approx(bar.speed, rel=0.015)
+    assert result.speed[-1] == pytest.approx(bar.speed, rel=0.015)
 
 
 @pytest.mark.parametrize("n", [20, 80])
 def test_rigid_wall_takes_the_energy_of_the_end_node(n: int) -> None:
     """What e = 0 destroys is that of half an element: none in the limit, of order 1 in h."""
-    seen = impact("newton@moreau-jean", UNIT_BAR, n)
-    energy = 0.5 * seen.mass.sum() * UNIT_BAR.speed**2
-    assert -seen.motions.impact_energy.sum() / energy == pytest.approx(0.5 / n, rel=0.01)
-    momentum = seen.mass.sum() * (seen.speed[-1] + UNIT_BAR.speed)
-    assert seen.motions.impulse.sum() == pytest.approx(momentum, rel=ROUND_OFF)
+    result = impact("newton@moreau-jean", UNIT_BAR, n)
+    energy = 0.5 * result.mass.sum() * UNIT_BAR.speed**2
+    assert -result.motions.impact_energy.sum() / energy == pytest.approx(0.5 / n, rel=0.01)
+    momentum = result.mass.sum() * (result.speed[-1] + UNIT_BAR.speed)
+    assert result.motions.impulse.sum() == pytest.approx(momentum, rel=ROUND_OFF)
 
 
 def test_penetration_of_penalty_is_of_order_one() -> None:

@@ -164,17 +164,17 @@ def test_exact_solution() -> None:
 
 @pytest.mark.parametrize(("name", "mass"), MEASURED)
 def test_methods(name: str, mass: str) -> None:
-    expected, found = MEASURED[name, mass], seen(name, mass, MESHES[-1])
-    assert 1.0 / NEAR < found.error / expected.displacement < NEAR
-    order = np.log2(seen(name, mass, MESHES[-2]).error / found.error)
+    expected, result = MEASURED[name, mass], seen(name, mass, MESHES[-1])
+    assert 1.0 / NEAR < result.error / expected.displacement < NEAR
+    order = np.log2(seen(name, mass, MESHES[-2]).error / result.error)
     assert order == pytest.approx(expected.order, abs=0.06)
-    assert abs(found.pressure.mean() / 300.0 - 1.0) < PLATEAU
-    ripple = found.pressure.std() / 300.0
+    assert abs(result.pressure.mean() / 300.0 - 1.0) < PLATEAU
+    ripple = result.pressure.std() / 300.0
     assert 1.0 / RIPPLE < ripple / expected.ripple < RIPPLE
-    assert found.rebound == pytest.approx(expected.rebound, abs=0.003)
-    assert found.taken == pytest.approx(expected.impacts, rel=0.1)
+    assert result.rebound == pytest.approx(expected.rebound, abs=0.003)
+    assert result.taken == pytest.approx(expected.impacts, rel=0.1)
     if not name.endswith("central-difference"):
-        assert found.motions.energy_residual < 1e-10
+        assert result.motions.energy_residual < 1e-10
 
 
 @pytest.mark.parametrize("name", ["newton", "newton@central-difference"])
@@ -189,12 +189,12 @@ def test_impacts_between_steps_only(name: str, mass: str, share: float, courant:
     """
     bar = UNIT_BAR
     force = bar.contact_force / (1.0 + 0.5 * courant / share)
-    found = seen(name, mass, 40, courant)
-    inverse = np.linalg.inv(found.operators.mass.toarray())
+    result = seen(name, mass, 40, courant)
+    inverse = np.linalg.inv(result.operators.mass.toarray())
     assert 1.0 / inverse[0, 0] == pytest.approx(
         share * bar.density * bar.area * bar.length / 40, rel=1e-6
     )
-    assert found.pressure.mean() == pytest.approx(force, rel=3e-3)
+    assert result.pressure.mean() == pytest.approx(force, rel=3e-3)
 
 
 def from_form(bar: Bar, n: int, degree: int) -> Operators:
@@ -238,12 +238,12 @@ def test_linear_elements_of_a_form_are_those_above() -> None:
 def test_quadratic_elements() -> None:
     """As many dofs as 160 linear elements, a smaller error, the same bounce."""
     name = "newton@moreau-jean"
-    coarse, found = (fall(name, from_form(UNIT_BAR, n, 2), n) for n in (40, 80))
+    coarse, fine = (fall(name, from_form(UNIT_BAR, n, 2), n) for n in (40, 80))
     linear = seen(name, "consistent", 160)
-    assert found.error < 0.75 * linear.error, "measured: 2.5e-3, linear 4.1e-3"
-    assert np.log2(coarse.error / found.error) == pytest.approx(0.89, abs=0.1)
-    assert found.pressure.mean() == pytest.approx(300.0, rel=PLATEAU)
-    assert linear.rebound < found.rebound < 1.0
+    assert fine.error < 0.75 * linear.error, "measured: 2.5e-3, linear 4.1e-3"
+    assert np.log2(coarse.error / fine.error) == pytest.approx(0.89, abs=0.1)
+    assert fine.pressure.mean() == pytest.approx(300.0, rel=PLATEAU)
+    assert linear.rebound < fine.rebound < 1.0
 
 
 HEIGHT, WIDTH = 0.5, 2.0

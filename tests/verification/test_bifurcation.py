@@ -50,10 +50,10 @@ def test_a_damped_linear_motion_contracts_as_its_slowest_mode(tmp_path: Path) ->
         "record": {"lyapunov": 400},
     }
     sweep = sweep_of(data)
-    found = run_sweep(sweep, tmp_path, "serial").lyapunov_exponent.to_numpy()
+    exponents = run_sweep(sweep, tmp_path, "serial").lyapunov_exponent.to_numpy()
     thin = sweep.base.lamina[1]
     exact = -thin.damping_ratio * float(thin.angular_frequencies(1)[0])
-    assert found == pytest.approx(exact, rel=LINEAR)
+    assert exponents == pytest.approx(exact, rel=LINEAR)
 
 
 def exponent(
@@ -94,8 +94,8 @@ def test_an_impact_oscillator_contracts_by_its_restitution(
     mu = multipliers(omega, s, e)
     assert np.abs(mu) == pytest.approx(e)
     exact = math.log(e) * omega / (2.0 * math.pi)
-    found = exponent(omega, s, e, n_steps=2000, perturbation=0.03)
-    assert found.value == pytest.approx(exact, rel=IMPACTING)
+    estimate = exponent(omega, s, e, n_steps=2000, perturbation=0.03)
+    assert estimate.value == pytest.approx(exact, rel=IMPACTING)
 
 
 def above(
@@ -136,16 +136,16 @@ def test_the_exponent_of_chaos_is_roughly_found() -> None:
     """Chaos of the impact oscillator with e = 0.8; a stable motion has at most 0 there."""
     exact = chaotic(*CHAOS, 2000)
     assert exact == pytest.approx(0.214, abs=0.02)
-    found = exponent(*CHAOS, n_steps=500, perturbation=0.03, follow=1000, engine="compiled")
-    assert found.value == pytest.approx(exact, abs=IN_CHAOS)
-    assert 0.0 < found.error < IN_CHAOS
+    estimate = exponent(*CHAOS, n_steps=500, perturbation=0.03, follow=1000, engine="compiled")
+    assert estimate.value == pytest.approx(exact, abs=IN_CHAOS)
+    assert 0.0 < estimate.error < IN_CHAOS
 
 
 def test_the_error_of_an_exponent_is_that_of_a_mean() -> None:
     rates = np.random.default_rng(3).normal(0.2, 1.0, 4000)
-    found = mean_growth(rates)
-    assert found.value == pytest.approx(rates.mean())
-    assert found.error == pytest.approx(1.0 / math.sqrt(4000), rel=0.5)
+    estimate = mean_growth(rates)
+    assert estimate.value == pytest.approx(rates.mean())
+    assert estimate.error == pytest.approx(1.0 / math.sqrt(4000), rel=0.5)
     assert math.isnan(mean_growth(rates[:5]).error)
 
 
@@ -160,8 +160,8 @@ def test_the_error_holds_what_twice_the_distance_changes() -> None:
 def test_a_distance_below_a_step_of_motion_misses_the_shift_of_the_impact() -> None:
     """Both motions then hit in the same step: the reason for the default perturbation."""
     exact = math.log(0.5) * 1.8 / (2.0 * math.pi)
-    found = exponent(1.8, 0.2, 0.5, n_steps=400, perturbation=1e-6).value
-    assert abs(found) < 0.1 * abs(exact)
+    value = exponent(1.8, 0.2, 0.5, n_steps=400, perturbation=1e-6).value
+    assert abs(value) < 0.1 * abs(exact)
 
 
 def test_the_fold_and_the_period_doubling(tmp_path: Path) -> None:
@@ -175,16 +175,16 @@ def test_the_fold_and_the_period_doubling(tmp_path: Path) -> None:
             {"key": "excitation.frequency", "values": [3.40, 3.45, 3.50, 3.52, 3.60, 3.65, 3.70]}
         ],
     }
-    found = run_sweep(sweep_of(data), tmp_path, "serial")
-    assert found.attrs["n_completed"] == 14
-    contacts = found.tip_contacts_per_period
+    dataset = run_sweep(sweep_of(data), tmp_path, "serial")
+    assert dataset.attrs["n_completed"] == 14
+    contacts = dataset.tip_contacts_per_period
     up, down = (contacts.sel(direction=name).values for name in ("up", "down"))
     assert up == pytest.approx([1.0] * 4 + [0.5] * 3, abs=ONE_CONTACT)
     assert down == pytest.approx([1.0] * 2 + [0.5] * 5, abs=ONE_CONTACT)
-    doubled = found.sel(frequency=3.65)
+    doubled = dataset.sel(frequency=3.65)
     assert doubled.periodicity.values.tolist() == [2.0, 2.0]
     assert (doubled.strobe_scatter < 0.02).all()
-    thick = found.tip_amplitude.sel(lamina="thick", frequency=3.52).to_numpy()
+    thick = dataset.tip_amplitude.sel(lamina="thick", frequency=3.52).to_numpy()
     assert thick[0] > 1.5 * thick[1]
 
 

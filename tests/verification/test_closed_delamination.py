@@ -31,12 +31,12 @@ def motion(
     o: Operators, frequency: float = F, periods: int = 150, law: str = "newton", **more: object
 ) -> Solution:
     """Return the last two periods of a motion from rest with a base acceleration of 0.1 m/s²."""
-    given = {"steps_per_period": 200, "engine": "compiled", "window_periods": 2} | more
-    e = given.pop("restitution", 0.0)
+    settings = {"steps_per_period": 200, "engine": "compiled", "window_periods": 2} | more
+    e = settings.pop("restitution", 0.0)
     A = 0.1 / (2.0 * np.pi * frequency) ** 2
     return solve(
         o, df.Law(law, restitution=e), df.SCHEMES["moreau-jean"], df.HarmonicMotion(frequency, A),
-        periods=periods, **given,
+        periods=periods, **settings,
     )  # fmt: skip
 
 
@@ -60,13 +60,13 @@ def test_first_impacts_are_those_of_the_judge() -> None:
     u, count = moreau_jean(o, base_motion(case.excitation).states(times), case.time_step, 0.3)
     expected = u @ o.probes.T.toarray()
     for engine in ("petsc", "compiled"):
-        found = motion(
+        solution = motion(
             closed_form.assemble(case).operators, periods=3, engine=engine, restitution=0.3,
             window_periods=3,
         )  # fmt: skip
         assert count > 500
-        assert found.recorder.impulse[:, 1].sum() == pytest.approx(count, rel=0.01)
-        assert np.abs(found.displacement[1:] - expected).max() < FIRST_IMPACTS
+        assert solution.recorder.impulse[:, 1].sum() == pytest.approx(count, rel=0.01)
+        assert np.abs(solution.displacement[1:] - expected).max() < FIRST_IMPACTS
 
 
 def test_no_drift_over_2000_periods(operators: Operators) -> None:

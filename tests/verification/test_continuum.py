@@ -28,8 +28,8 @@ def plane(name: str, elements: int, **model: object) -> Case:
 
 def frequencies(structure: Structure, lamina: int, n: int) -> Array:
     """Return the lowest frequencies of a lamina that is apart [Hz]."""
-    o, own = structure.operators, structure.layout.own_dofs(lamina)
-    return lowest(o.stiffness[own][:, own], o.mass[own][:, own], n)[0]
+    o, dofs = structure.operators, structure.layout.own_dofs(lamina)
+    return lowest(o.stiffness[dofs][:, dofs], o.mass[dofs][:, dofs], n)[0]
 
 
 def errors(case: Case, lamina: int, n: int) -> Array:
@@ -49,9 +49,9 @@ def test_frequencies_converge_with_the_order_of_thin_elements(
     degree: int, elements: tuple[int, ...], order: float
 ) -> None:
     """Shear ties the rotation to the slope, so bending is one degree lower: order 2 (p - 1)."""
-    found = [errors(plane("default", n, degree=degree), THICK, 2)[1] for n in elements]
-    assert min(found) > 0.0
-    rates = np.log2(np.array(found[:-1]) / np.array(found[1:]))
+    deviations = [errors(plane("default", n, degree=degree), THICK, 2)[1] for n in elements]
+    assert min(deviations) > 0.0
+    rates = np.log2(np.array(deviations[:-1]) / np.array(deviations[1:]))
     assert np.all(np.abs(rates - order) < 0.35), rates
 
 
@@ -60,15 +60,17 @@ def test_degree_one_locks() -> None:
     case = plane("default", 20)
     mesh = lattice(case)
     solid = Solid.on(mesh, MPI.COMM_SELF, 1)
-    modulus = np.array([own.flexural_rigidity * 12.0 / own.thickness**3 for own in case.lamina])
-    rho = np.array([own.density * own.width for own in case.lamina])
+    modulus = np.array(
+        [lamina.flexural_rigidity * 12.0 / lamina.thickness**3 for lamina in case.lamina]
+    )
+    rho = np.array([lamina.density * lamina.width for lamina in case.lamina])
     unknowns = Unknowns.of(solid, held(case, solid, modulus[mesh.lamina]))
     K = unknowns.restricted(solid.stiffness(modulus[mesh.lamina], 0.0)).rows
     M = unknowns.restricted(solid.mass(rho[mesh.lamina])).rows
-    own = unknowns.parts == THIN
-    found = lowest(K[own][:, own], M[own][:, own], 1)[0][0]
+    is_thin = unknowns.parts == THIN
+    frequency = lowest(K[is_thin][:, is_thin], M[is_thin][:, is_thin], 1)[0][0]
     exact = case.lamina[THIN].angular_frequencies(1)[0] / (2.0 * np.pi)
-    assert found > 20.0 * exact
+    assert frequency > 20.0 * exact
 
 
 def test_layers_add_little() -> None:
@@ -78,10 +80,14 @@ def test_layers_add_little() -> None:
 
 def split(case: Case) -> Array:
     """Return the five lowest exact frequencies of the split beam of a case [Hz]."""
-    lower, upper = ((own.young_modulus, own.density, own.thickness) for own in case.lamina)
-    own, ends = case.delamination[0], (case.support.start, case.support.end)
+    lower, upper = (
+        (lamina.young_modulus, lamina.density, lamina.thickness) for lamina in case.lamina
+    )
+    delamination, ends = case.delamination[0], (case.support.start, case.support.end)
     width = case.lamina[0].width
-    return SplitBeam(case.length, width, own.start, own.end, lower, upper, ends).frequencies(5)
+    return SplitBeam(
+        case.length, width, delamination.start, delamination.end, lower, upper, ends
+    ).frequencies(5)
 
 
 @pytest.mark.parametrize(
@@ -97,8 +103,8 @@ def test_embedded_delaminations_have_the_frequencies_of_split_beams(
     }  # fmt: skip
     case = preset("embedded", keys)
     o = assemble(case).operators
-    found = lowest(o.stiffness, o.mass, 5)[0]
-    np.testing.assert_allclose(found, split(case), rtol=0.01)
+    computed = lowest(o.stiffness, o.mass, 5)[0]
+    np.testing.assert_allclose(computed, split(case), rtol=0.01)
 
 
 @pytest.mark.nightly
@@ -115,8 +121,8 @@ def test_what_split_beams_leave_out_grows_with_the_thickness_of_the_halves() -> 
         }  # fmt: skip
         case = preset("embedded", keys)
         o = assemble(case).operators
-        found, exact = lowest(o.stiffness, o.mass, 5)[0], split(case)
-        changes.append(float((found / exact - 1.0).min()))
+        computed, exact = lowest(o.stiffness, o.mass, 5)[0], split(case)
+        changes.append(float((computed / exact - 1.0).min()))
     assert changes[1] / changes[0] == pytest.approx(2.0, rel=0.15)
     assert 0.4 < -changes[1] / (4.0 * 0.001 / 0.16) < 0.7
 
@@ -144,10 +150,10 @@ def test_solids_without_poisson_agree_with_plane_stress_and_beams() -> None:
     case = preset("default", {"model.kind": "solid", "mesh.elements": 40})
     solid, flat = assemble(case), assemble(plane("default", 40))
     for lamina in (THICK, THIN):
-        found, expected = (frequencies(own, lamina, 2) for own in (solid, flat))
-        np.testing.assert_allclose(found, expected, rtol=1e-5)
+        computed, expected = (frequencies(structure, lamina, 2) for structure in (solid, flat))
+        np.testing.assert_allclose(computed, expected, rtol=1e-5)
         exact = case.lamina[lamina].angular_frequencies(2) / (2.0 * np.pi)
-        np.testing.assert_allclose(found, exact, rtol=1e-3)
+        np.testing.assert_allclose(computed, exact, rtol=1e-3)
 
 
 def test_poissons_ratio_stiffens_a_clamped_sheet_a_little() -> None:

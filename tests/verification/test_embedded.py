@@ -63,9 +63,9 @@ def test_nothing_opens_without_cause() -> None:
 
 
 def test_small_motion_beside_an_opening_is_the_free_linear_one() -> None:
-    given = {"delamination__1__opening": 1e-3, "excitation__acceleration": 0.01}
-    apart = run(**given)
-    free = run(**given, contact__law="none", time__scheme="newmark")
+    settings = {"delamination__1__opening": 1e-3, "excitation__acceleration": 0.01}
+    apart = run(**settings)
+    free = run(**settings, contact__law="none", time__scheme="newmark")
     assert apart.summary["impacts_per_period"] == 0
     assert np.abs(tips(apart) - tips(free)).max() < 1e-11 * np.abs(tips(free)).max()
 
@@ -107,8 +107,8 @@ def test_an_interrupted_run_goes_on_bit_for_bit(tmp_path: Path, clapping: df.Res
 
     first = df.run(case, directory=tmp_path, progress=interrupt, structure=structure)
     assert first.history.attrs["outcome"] == "interrupted"
-    whole = df.run(case, directory=tmp_path, resume=True, structure=structure)
-    assert (tips(whole)[:, -200:] == tips(clapping)[:, -200:]).all()
+    complete_run = df.run(case, directory=tmp_path, resume=True, structure=structure)
+    assert (tips(complete_run)[:, -200:] == tips(clapping)[:, -200:]).all()
 
 
 def amplitude(frequency: float, order: int = 1, **overrides: object) -> float:
@@ -131,9 +131,9 @@ def bilinear() -> float:
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_first_peak_lies_at_the_bilinear_frequency(restitution: float) -> None:
     f = bilinear() + np.array([-0.5, -0.25, 0.0, 0.25, 0.5])
-    found = [amplitude(float(each), contact__restitution=restitution) for each in f]
-    assert f[np.argmax(found)] == pytest.approx(bilinear(), abs=1e-9)
-    curve = np.polyfit(f - bilinear(), found, 2)
+    amplitudes = [amplitude(float(each), contact__restitution=restitution) for each in f]
+    assert f[np.argmax(amplitudes)] == pytest.approx(bilinear(), abs=1e-9)
+    curve = np.polyfit(f - bilinear(), amplitudes, 2)
     assert abs(-curve[1] / (2.0 * curve[0])) < 0.15  # vertex of the parabola [Hz]
 
 

@@ -49,8 +49,8 @@ BASE_WORK = 1e-6
 
 def compute(settings: dict[str, object], periods: int, engine: Engine = "petsc") -> Result:
     """Run the preset with changes, on the matrices in closed form."""
-    kept = {"time.periods": periods, "output.window_periods": periods}
-    case = preset("paper", {**kept, "output.fields_per_period": 0, **settings})
+    window = {"time.periods": periods, "output.window_periods": periods}
+    case = preset("paper", {**window, "output.fields_per_period": 0, **settings})
     return run(case, engine, structure=closed_form.assemble(case))
 
 
@@ -232,8 +232,10 @@ def reaction_work(o: Operators, motions: Motions, base: FloatArray, law: Law) ->
         load = -base @ np.array([couple.stiffness, couple.damping, couple.mass])
         force = load - u @ o.stiffness.T - v @ o.damping.T + contact @ H
         a = spsolve(M, force.T).T
-        own = base @ np.array([couple.corner[2], couple.corner[1], couple.corner[0]])
-        return np.asarray(a @ couple.mass + v @ couple.damping + u @ couple.stiffness + own)
+        corner_force = base @ np.array([couple.corner[2], couple.corner[1], couple.corner[0]])
+        return np.asarray(
+            a @ couple.mass + v @ couple.damping + u @ couple.stiffness + corner_force
+        )
 
     power_before, power_after = (reaction(states) * base[:, 1] for states in (before, after))
     smooth = 0.5 * dt * float((power_after[:-1] + power_before[1:]).sum())
@@ -304,15 +306,15 @@ def test_the_residual_of_each_scheme(name: str, engine: Engine) -> None:
         one, 0.1 * one, one, BaseCoupling(none, np.array([-0.1]), -np.ones(1), (0.0, 0.1, 1.0)),
         -one, none, probes=one,
     )  # fmt: skip
-    found = [
+    solutions = [
         solve(
             o, contact.Law("newton", restitution=0.5), scheme, HarmonicMotion(1.0, 1.1 / np.pi),
             steps_per_period=n, periods=20, engine=engine,
         )
         for n in (400, 1600)
     ]  # fmt: skip
-    residuals = [own.recorder.energy_residual() for own in found]
-    assert found[0].impacts.pair.size > 20
+    residuals = [solution.recorder.energy_residual() for solution in solutions]
+    assert solutions[0].impacts.pair.size > 20
     if order is None:
         assert max(residuals) < 1e-14
         return

@@ -101,15 +101,15 @@ def test_weighted_pairs(law: str) -> None:
     structure = closed_form.assemble(case)
     weights = tributary_lengths(structure.layout.parts, structure.layout.interfaces[0])
     operators = replace(structure.operators, pair_weights=weights)
-    found = []
+    recorders = []
     for name in ENGINES:
         with session_of(case, operators, engine=name) as opened:
             assert opened.run() == "completed"
-            found.append(opened.recorder)
-    assert_same(*found)
-    assert found[0].energy_residual() < CLOSED
+            recorders.append(opened.recorder)
+    assert_same(*recorders)
+    assert recorders[0].energy_residual() < CLOSED
     unweighted, _ = compute(case, "compiled")
-    assert np.abs(unweighted.strobe - found[0].strobe).max() > 1e3 * SAME
+    assert np.abs(unweighted.strobe - recorders[0].strobe).max() > 1e3 * SAME
 
 
 def test_small_steps_choose_the_other_product() -> None:

@@ -97,10 +97,10 @@ def cells(n: int) -> list[dict[str, Any]]:
     Any three settings beside method and structure meet too, which takes no more cells than two.
     """
     dense = {"fields": [name for name in FACTORS if name not in ("method", "structure")]}
-    found: list[dict[str, Any]] = make(
+    rows: list[dict[str, Any]] = make(
         FACTORS, strength=n, constraints=CONSTRAINTS, sub_models=[dense | {"strength": 3}]
     )
-    return found
+    return rows
 
 
 def name_of(cell: dict[str, Any]) -> str:
@@ -219,8 +219,8 @@ def test_both_engines_agree_wherever_three_settings_meet() -> None:
 
 def test_any_two_settings_that_go_together_meet() -> None:
     """The library must not lose what its constraints leave."""
-    whole = [dict(zip(FACTORS, row, strict=True)) for row in product(*FACTORS.values())]
-    valid = (cell for cell in whole if all(rule["evaluate"](cell) for rule in CONSTRAINTS))
+    all_cells = [dict(zip(FACTORS, row, strict=True)) for row in product(*FACTORS.values())]
+    valid = (cell for cell in all_cells if all(rule["evaluate"](cell) for rule in CONSTRAINTS))
     assert pairs_in(valid) == pairs_in(cells(2))
 
 

@@ -92,23 +92,23 @@ def exact_height(beam: HeavyBeam, delta: float, x: FloatArray) -> FloatArray:
 def test_lifted_length_and_end_force(delta: float) -> None:
     beam, n = BEAM, 32
     length, h = beam.lifted_length(delta), beam.length / n
-    found = lift(beam, n, delta)
-    assert found.speed < AT_REST
-    assert found.floor_force.min() >= 0.0
-    assert found.height.min() > -1e-4 * delta
-    first = found.x[np.flatnonzero(found.floor_force > 1e-6 * beam.weight * h)[0]]
+    result = lift(beam, n, delta)
+    assert result.speed < AT_REST
+    assert result.floor_force.min() >= 0.0
+    assert result.height.min() > -1e-4 * delta
+    first = result.x[np.flatnonzero(result.floor_force > 1e-6 * beam.weight * h)[0]]
     assert abs(first - length) < h, "length that has left the floor, to an element"
     exact = 0.5 * beam.weight * length
-    assert found.end_force == pytest.approx(exact, rel=DISCRETE)
-    assert 2.0 * found.end_force / beam.weight == pytest.approx(length, rel=DISCRETE)
-    total = found.floor_force.sum() + found.end_force
+    assert result.end_force == pytest.approx(exact, rel=DISCRETE)
+    assert 2.0 * result.end_force / beam.weight == pytest.approx(length, rel=DISCRETE)
+    total = result.floor_force.sum() + result.end_force
     assert total == pytest.approx(beam.weight * beam.length, rel=1e-7), "all of the weight"
-    error = np.abs(found.height - exact_height(beam, delta, found.x)).max()
+    error = np.abs(result.height - exact_height(beam, delta, result.x)).max()
     assert error < DISCRETE * delta
     # the point force of detachment, q l/2, on the nodes next to it
-    near = np.abs(found.x - length) < 2.5 * h
-    expected = exact + beam.weight * (found.x[near][-1] + 0.5 * h - length)
-    assert found.floor_force[near].sum() == pytest.approx(expected, rel=0.05)
+    near = np.abs(result.x - length) < 2.5 * h
+    expected = exact + beam.weight * (result.x[near][-1] + 0.5 * h - length)
+    assert result.floor_force[near].sum() == pytest.approx(expected, rel=0.05)
 
 
 def test_end_force_converges() -> None:
@@ -127,8 +127,8 @@ def test_length_grows_as_the_fourth_root_of_the_lift() -> None:
 
 
 def test_beam_that_is_not_lifted_rests_where_it_is() -> None:
-    found = lift(BEAM, 8, 0.0)
-    assert np.abs(found.height).max() < 1e-9
+    result = lift(BEAM, 8, 0.0)
+    assert np.abs(result.height).max() < 1e-9
     h = BEAM.length / 8
-    inner = found.floor_force[2:-2]
+    inner = result.floor_force[2:-2]
     assert inner == pytest.approx(np.full(inner.size, BEAM.weight * h), rel=0.1)

@@ -24,19 +24,19 @@ def contact(*args: object, **further: object):  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize("cells", [8, 16])
 def test_cylinder_on_a_rigid_plane(cells: int) -> None:
-    found, stiffness = contact(2, CYLINDER, cells)
-    radius, largest, profile = found.errors(stiffness, 2)
+    result, stiffness = contact(2, CYLINDER, cells)
+    radius, largest, profile = result.errors(stiffness, 2)
     assert abs(radius) < 0.005
     assert abs(largest) < 0.02
     assert profile < 0.015
-    assert found.radius == pytest.approx(CYLINDER, rel=APPROACH)
+    assert result.radius == pytest.approx(CYLINDER, rel=APPROACH)
 
 
 def test_vertices_converge_in_the_first_order() -> None:
     """A force at a vertex makes a dent as large as a cell, so the body seems softer there."""
     errors = [contact(2, CYLINDER, cells, "vertices") for cells in (8, 16, 32)]
-    found = np.array([own.errors(stiffness, 2) for own, stiffness in errors])
-    radius, profile = found[:, 0], found[:, 2]
+    table = np.array([result.errors(stiffness, 2) for result, stiffness in errors])
+    radius, profile = table[:, 0], table[:, 2]
     assert np.all(radius > 0.0)
     assert radius[-1] < 0.01
     assert profile[-1] < 0.02
@@ -47,26 +47,26 @@ def test_vertices_converge_in_the_first_order() -> None:
 @pytest.mark.parametrize("upper", [0.8, 2.0])
 def test_elastic_bodies_whose_meshes_do_not_match(upper: float) -> None:
     """The radius of contact is right; single pressures scatter, as of any collocation."""
-    found, stiffness = contact(2, CYLINDER, 8, upper=upper)
-    radius, _, profile = found.errors(stiffness, 2)
+    result, stiffness = contact(2, CYLINDER, 8, upper=upper)
+    radius, _, profile = result.errors(stiffness, 2)
     assert abs(radius) < 0.01
     assert profile < 0.04
-    assert found.radius == pytest.approx(CYLINDER, rel=APPROACH)
+    assert result.radius == pytest.approx(CYLINDER, rel=APPROACH)
 
 
 def test_sphere_on_a_rigid_plane() -> None:
-    found, stiffness = contact(3, SPHERE, 4)
-    radius, largest, profile = found.errors(stiffness, 3)
+    result, stiffness = contact(3, SPHERE, 4)
+    radius, largest, profile = result.errors(stiffness, 3)
     assert abs(radius) < 0.01
     assert abs(largest) < 0.04
     assert profile < 0.05
-    assert found.radius == pytest.approx(SPHERE, rel=APPROACH)
+    assert result.radius == pytest.approx(SPHERE, rel=APPROACH)
 
 
 @pytest.mark.nightly
 def test_sphere_on_a_finer_mesh() -> None:
-    found, stiffness = contact(3, SPHERE, 8)
-    radius, largest, profile = found.errors(stiffness, 3)
+    result, stiffness = contact(3, SPHERE, 8)
+    radius, largest, profile = result.errors(stiffness, 3)
     assert abs(radius) < 0.002
     assert abs(largest) < 0.015
     assert profile < 0.02
@@ -76,5 +76,5 @@ def test_sphere_on_a_finer_mesh() -> None:
 def test_difference_to_hertz_vanishes_with_the_size_of_the_contact() -> None:
     """Normals of the round body lean outwards, which Hertz leaves out: an error of order a/R."""
     for size in (0.04, 0.08, 0.16):
-        found, stiffness = contact(2, size, 64)
-        assert -0.15 * size < found.errors(stiffness, 2)[0] < -0.1 * size
+        result, stiffness = contact(2, size, 64)
+        assert -0.15 * size < result.errors(stiffness, 2)[0] < -0.1 * size

@@ -96,7 +96,7 @@ def test_orbit_fulfils_the_published_equation(
 )
 def test_impact_speed(name: str, omega: float, s: float, e: float, V: float, order: int) -> None:
     law = Law(name, e)
-    found = []
+    impact_speeds = []
     for n in LADDER:
         motions = steady_motion(law, (omega, s), n)
         v = speeds(motions)
@@ -104,10 +104,10 @@ def test_impact_speed(name: str, omega: float, s: float, e: float, V: float, ord
         assert np.array_equal(steps, n * np.arange(1, PERIODS + 1)), "one impact per period"
         if n == LADDER[-1]:
             assert abs(v[-1] - v[-2]) < STEADY * V
-        found.append(v[-2:].mean())
-    errors = np.abs(np.array(found) - V)
+        impact_speeds.append(v[-2:].mean())
+    errors = np.abs(np.array(impact_speeds) - V)
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(order, abs=ORDER)
-    table = np.array(found)
+    table = np.array(impact_speeds)
     for p in range(1, len(LADDER)):
         table = (2**p * table[1:] - table[:-1]) / (2**p - 1)
     assert table[0] == pytest.approx(V, rel=EXTRAPOLATED)

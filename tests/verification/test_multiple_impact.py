@@ -41,10 +41,10 @@ def test_three_carts(scheme: SchemeName, e: float, time_step: float, engine: Eng
     )  # fmt: skip
     start = np.zeros((3, 3))
     start[1, 0] = 1.0
-    found = solve(
+    solution = solve(
         carts, df.Law("newton", restitution=e), df.SCHEMES[scheme], time_step=time_step,
         steps_per_period=round(0.2 / time_step), periods=1, engine=engine,
         initial=df.State(start, np.zeros(2, np.bool_)),
     )  # fmt: skip
-    assert found.velocity[-1] == pytest.approx(OUTCOMES[scheme, e], abs=ROUND_OFF)
-    assert found.velocity[-1].sum() == pytest.approx(1.0, abs=ROUND_OFF)
+    assert solution.velocity[-1] == pytest.approx(OUTCOMES[scheme, e], abs=ROUND_OFF)
+    assert solution.velocity[-1].sum() == pytest.approx(1.0, abs=ROUND_OFF)

@@ -53,14 +53,14 @@ def test_a_motion_with_an_infinite_energy_is_not_completed(bad: float, engine: E
     """Only the second mass moves so; the probe sees nothing of it. (1e200 m)² overflows."""
     start = np.zeros((3, 2))
     start[0, 1] = bad
-    found = solve(
+    solution = solve(
         apart(), df.Law("none"), df.SCHEMES["newmark"], df.HarmonicMotion(1e-3, 1.0),
         steps_per_period=50, periods=2, engine=engine,
         initial=df.State(start, np.zeros(0, np.bool_)),
     )  # fmt: skip
-    assert np.isfinite(found.displacement).all()
-    assert found.outcome == "diverged"
-    assert is_lost(found.recorder.energy_residual())
+    assert np.isfinite(solution.displacement).all()
+    assert solution.outcome == "diverged"
+    assert is_lost(solution.recorder.energy_residual())
 
 
 @pytest.mark.parametrize("column", LEDGER)
@@ -79,14 +79,14 @@ def test_a_residual_of_nothing_and_one_of_a_free_motion() -> None:
     """Nothing is exchanged: round-off of 1 J stored passes, a thousandth of it does not."""
     ledger = np.zeros((1, len(LEDGER)))
     still = np.zeros((1, 2, 1))
-    kept: Any = SimpleNamespace(ledger=ledger, n_closed=1, envelope=still, round_off=0.0)
-    assert Recorder.energy_residual(kept) == 0.0
+    recorder: Any = SimpleNamespace(ledger=ledger, n_closed=1, envelope=still, round_off=0.0)
+    assert Recorder.energy_residual(recorder) == 0.0
     ledger[0, -1] = 1e-18
-    assert is_lost(Recorder.energy_residual(kept))
+    assert is_lost(Recorder.energy_residual(recorder))
     ledger[0, 0] = 1.0
-    assert Recorder.energy_residual(kept) < 1e-9
+    assert Recorder.energy_residual(recorder) < 1e-9
     ledger[0, -1] = 1e-3
-    assert is_lost(Recorder.energy_residual(kept))
+    assert is_lost(Recorder.energy_residual(recorder))
 
 
 @pytest.mark.parametrize("restitution", [1.0, 0.9])
@@ -105,8 +105,8 @@ def test_a_gain_of_elastic_impacts_is_told() -> None:
     ledger[:, LEDGER.index("base_work")] = 1e-3
     ledger[1, LEDGER.index("impact_loss")] = -1e-9
     impulse = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 1e-9]])
-    kept: Any = SimpleNamespace(n_closed=2, impulse=impulse, ledger=ledger)
-    text = gain_warning(kept, may_add=False)
+    recorder: Any = SimpleNamespace(n_closed=2, impulse=impulse, ledger=ledger)
+    text = gain_warning(recorder, may_add=False)
     assert text is not None and "impacts added 1e-09 J" in text
 
 
@@ -136,24 +136,24 @@ def test_no_limit_has_an_infinite_error(bad: float) -> None:
 
 
 def channel(**changed: float) -> Comparison:
-    given = {
+    values = {
         "gain": 1.0, "gain_error": 0.01, "delay": 0.0, "delay_error": 1e-6, "correlation": 1.0,
         "unlike": 0.0,
         "mean_difference": 0.0, "residual": 0.0,
     }  # fmt: skip
-    return Comparison("tip", "m", False, **(given | changed))  # type: ignore[arg-type]
+    return Comparison("tip", "m", False, **(values | changed))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("name", ["gain", "gain_error", "delay", "delay_error", "unlike"])
 def test_a_channel_without_numbers_does_not_agree(name: str, bad: float) -> None:
-    found = [
-        findings([channel(), own], Alignment(0.0, 0.0, 1.0), 3.0)
-        for own in (channel(), channel(**{name: bad}))
+    all_findings = [
+        findings([channel(), other], Alignment(0.0, 0.0, 1.0), 3.0)
+        for other in (channel(), channel(**{name: bad}))
     ]
-    assert [[own.kind for own in each] for each in found] == [[], ["numbers"]]
+    assert [[finding.kind for finding in each] for each in all_findings] == [[], ["numbers"]]
     clock = findings([channel()], Alignment(0.0, 0.0, bad), 3.0)
-    assert [own.kind for own in clock] == ["clock"]
+    assert [finding.kind for finding in clock] == ["clock"]
 
 
 @pytest.mark.parametrize("bad", BAD)
@@ -206,6 +206,6 @@ def test_points_and_rungs_with_an_open_ledger_are_not_completed(
     rung = next(rung for rung in ladder.rungs() if rung.method == rigid.name)
     monkeypatch.setattr(Recorder, "energy_residual", lambda _: residual)
     point, _ = PointRunner(sweep).point(0, None)
-    found = compute_rung(rung, "compiled")
-    assert point.outcome == found.outcome == "diverged"
-    assert "does not close" in point.error and "does not close" in found.error
+    rung_result = compute_rung(rung, "compiled")
+    assert point.outcome == rung_result.outcome == "diverged"
+    assert "does not close" in point.error and "does not close" in rung_result.error

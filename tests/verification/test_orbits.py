@@ -52,10 +52,10 @@ def test_coarse_multipliers_of_the_impact_oscillator(omega: float, s: float, e: 
     ensemble = Ensemble(stepped(s, e), 1, KICKS)
     scale = float(np.linalg.norm(start))
     J = ensemble.derivatives(start, omega, scale).mean(axis=0)
-    found = solved(ensemble, Guess(start, omega, scale), J)
-    assert found.is_solved
-    assert found.state == pytest.approx(start, abs=0.01 * scale)
-    mu = multipliers(ensemble.decays(found.state, omega, scale))
+    solution = solved(ensemble, Guess(start, omega, scale), J)
+    assert solution.is_solved
+    assert solution.state == pytest.approx(start, abs=0.01 * scale)
+    mu = multipliers(ensemble.decays(solution.state, omega, scale))
     exact = closed_form(omega, s, e)
     # a double multiplier splits by the root of an error; its sum and product do not
     assert mu.values.sum() == pytest.approx(exact.sum(), abs=2.0 * COARSE * abs(exact[0]))

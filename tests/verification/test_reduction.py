@@ -71,8 +71,8 @@ def test_some_modes_are_close_through_the_first_impacts_and_not_far_later() -> N
 def test_without_contact_the_error_falls_with_the_modes() -> None:
     case = case_of(contact__law="none", time__refine=1)
     expected, _ = motion(full(), case)
-    found = [motion(reduced(n), case)[0] for n in (2, 6)]
-    errors = [float(np.abs(tips - expected)[500:].max()) for tips in found]
+    motions = [motion(reduced(n), case)[0] for n in (2, 6)]
+    errors = [float(np.abs(tips - expected)[500:].max()) for tips in motions]
     assert errors[0] < 1e-6 and errors[1] < 0.1 * errors[0]
 
 
@@ -105,15 +105,15 @@ def test_a_state_is_resumed_bit_for_bit() -> None:
 def test_settled_tips_have_the_extremes_of_the_full_model(frequency: float) -> None:
     """After hundreds of impacts runs share statistics, not histories: extremes, and their means."""
     case = preset("default", {"excitation.frequency": frequency, "time.periods": 80})
-    whole = closed_form.assemble(case)
-    some = projected(whole, basis_of(whole.operators, 8))
-    found = []
-    for structure in (some, whole):
+    full_structure = closed_form.assemble(case)
+    some = projected(full_structure, basis_of(full_structure.operators, 8))
+    envelopes = []
+    for structure in (some, full_structure):
         with session_of(case, structure.operators, engine="compiled") as opened:
             assert opened.run() == "completed"
-            found.append(opened.recorder.envelope[40:80].copy())
-    extremes = [np.append(e[:, 0].min(axis=0), e[:, 1].max(axis=0)) for e in found]
-    means = [e.mean(axis=0) for e in found]
+            envelopes.append(opened.recorder.envelope[40:80].copy())
+    extremes = [np.append(e[:, 0].min(axis=0), e[:, 1].max(axis=0)) for e in envelopes]
+    means = [e.mean(axis=0) for e in envelopes]
     largest = np.abs(extremes[1]).max()
     np.testing.assert_allclose(extremes[0], extremes[1], atol=EXTREMES * largest)
     np.testing.assert_allclose(means[0], means[1], atol=MEANS * largest)

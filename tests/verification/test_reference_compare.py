@@ -17,10 +17,10 @@ pytest.importorskip("dolfinx")
 @pytest.mark.parametrize("law", ["newton", "newton-penalty"])
 def test_both_paths_agree(law: str, impulse: str) -> None:
     case = preset("paper", {"contact.law": law, "contact.impulse": impulse})
-    found = compare(case, impacts=20, periods=3)
-    assert max(found.matrices.values()) < MATRICES
-    assert found.frequencies < FREQUENCIES
-    motion = found.motion
+    comparison = compare(case, impacts=20, periods=3)
+    assert max(comparison.matrices.values()) < MATRICES
+    assert comparison.frequencies < FREQUENCIES
+    motion = comparison.motion
     assert motion is not None
     assert motion.impact_limit == 20
     assert motion.until_impact < FIRST_IMPACTS

@@ -30,5 +30,5 @@ def test_order_four(power: float) -> None:
 
 def test_first_frequency_at_twenty_elements() -> None:
     case = preset("paper", {"mesh.elements": 20})
-    found = modes_of(assemble(case), case, 1)
-    assert np.abs(found.relative_differences).max() < 1e-5
+    result = modes_of(assemble(case), case, 1)
+    assert np.abs(result.relative_differences).max() < 1e-5

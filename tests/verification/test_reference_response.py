@@ -53,8 +53,8 @@ def test_frequency_domain_equals_the_exact_beam(frequency: float, rayleigh: str)
     overrides = UNDAMPED if rayleigh == "none" else {"damping.rayleigh": rayleigh}
     case = preset("paper", overrides)
     ops, omega = assemble(case).operators, 2.0 * np.pi * frequency
-    found, expected = ops.probes @ steady(ops, omega), exact(case, omega)
-    np.testing.assert_allclose(found, expected, rtol=FREQUENCY_DOMAIN)
+    response, expected = ops.probes @ steady(ops, omega), exact(case, omega)
+    np.testing.assert_allclose(response, expected, rtol=FREQUENCY_DOMAIN)
 
 
 @pytest.mark.parametrize("frequency", [1.25, 1.60, 3.65])

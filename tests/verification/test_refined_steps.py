@@ -53,12 +53,12 @@ def drop(law: Law, n_steps: int) -> Motions:
 @pytest.mark.parametrize("refine", [2, 7, 12])
 def test_a_ball_bounces_as_with_uniform_fine_steps(name: str, refine: int) -> None:
     fine = drop(Law(name, 0.5), 60 * refine)
-    found = drop(Law(name, 0.5, refine=refine), 60)
+    result = drop(Law(name, 0.5, refine=refine), 60)
     assert fine.impact_time.size >= 3
-    np.testing.assert_allclose(found.impact_time, fine.impact_time, rtol=1e-12)
-    np.testing.assert_allclose(found.rate_pre, fine.rate_pre, rtol=1e-10)
-    np.testing.assert_allclose(found.u, fine.u[::refine], rtol=0.0, atol=1e-12)
-    assert found.energy_residual < CLOSED
+    np.testing.assert_allclose(result.impact_time, fine.impact_time, rtol=1e-12)
+    np.testing.assert_allclose(result.rate_pre, fine.rate_pre, rtol=1e-10)
+    np.testing.assert_allclose(result.u, fine.u[::refine], rtol=0.0, atol=1e-12)
+    assert result.energy_residual < CLOSED
 
 
 def case_of(law: str, **keys: Any) -> Case:
@@ -82,9 +82,9 @@ def test_the_ledger_closes_under_a_base_that_does_not_repeat() -> None:
         "excitation.end_frequency": 3.6, "excitation.amplitude": 0.0025,
     }  # fmt: skip
     for engine in ("petsc", "compiled"):
-        found = compute(case_of("newton@moreau-jean", **swept), engine)
-        assert found.effort[:, EFFORT.index("fine")].sum() > 0
-        assert found.energy_residual() < CLOSED
+        recorder = compute(case_of("newton@moreau-jean", **swept), engine)
+        assert recorder.effort[:, EFFORT.index("fine")].sum() > 0
+        assert recorder.energy_residual() < CLOSED
 
 
 def test_laminae_move_as_with_uniform_small_steps() -> None:
@@ -93,14 +93,14 @@ def test_laminae_move_as_with_uniform_small_steps() -> None:
         case_of("newton@moreau-jean", **keys, **{"time.steps_per_period": 16000, "time.refine": 1}),
         "compiled",
     )
-    found = compute(
+    recorder = compute(
         case_of("newton@moreau-jean", **keys, **{"time.steps_per_period": 1000, "time.refine": 16}),
         "compiled",
     )
     half = 0.5 * np.ptp(fine.envelope[-1, :, 1])
-    assert np.abs(found.envelope - fine.envelope).max() < NEAR_UNIFORM * half
-    assert found.effort[:, :3].sum() < 0.15 * fine.effort[:, :3].sum()
-    assert found.effort[:, EFFORT.index("unforeseen")].sum() == 0
+    assert np.abs(recorder.envelope - fine.envelope).max() < NEAR_UNIFORM * half
+    assert recorder.effort[:, :3].sum() < 0.15 * fine.effort[:, :3].sum()
+    assert recorder.effort[:, EFFORT.index("unforeseen")].sum() == 0
     plain = compute(case_of("newton@moreau-jean", **keys, **{"time.refine": 1}), "compiled")
     assert np.abs(plain.envelope - fine.envelope).max() > 2.0 * NEAR_UNIFORM * half
 
@@ -121,12 +121,12 @@ def test_a_contact_that_a_coarse_step_cannot_see_is_counted() -> None:
     )
     start = State(np.array([[0.0, 1.5], [1e-3, 0.0], [0.0, 0.0]]), np.zeros(2, dtype=np.bool_))
     for engine in ENGINES:
-        found = solve(
+        solution = solve(
             operators, laws.Law("newton"), SCHEMES["moreau-jean"], time_step=1.0,
             steps_per_period=1, periods=1, refinement=Refinement(64), initial=start, engine=engine,
         )  # fmt: skip
-        assert found.recorder.effort[0, 3:].tolist() == [1, 1]
-        assert found.impacts.pair[0] == 1
+        assert solution.recorder.effort[0, 3:].tolist() == [1, 1]
+        assert solution.impacts.pair[0] == 1
 
 
 def test_frames_show_what_was_hit_within_their_step() -> None:

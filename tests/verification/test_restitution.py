@@ -55,8 +55,8 @@ def test_a_free_mass_leaves_with_e(name: str, e: float, refine: int) -> None:
         offset = (np.arange(n) + n * block) / OFFSETS
         law = Law(name, e, refine=refine)
         gaps = 1e-3 * (3.0 + 10.0 * offset)
-        found = simulate(masses(gaps), law, (np.zeros(n), -np.ones(n)), time_step=1e-3, n_steps=16)
-        rebounds.append(found.v[-1])
+        motion = simulate(masses(gaps), law, (np.zeros(n), -np.ones(n)), time_step=1e-3, n_steps=16)
+        rebounds.append(motion.v[-1])
     assert np.mean(rebounds) == pytest.approx(e, abs=HONOURED)
     assert np.abs(np.concatenate(rebounds) - e).max() < HONOURED
 
@@ -80,7 +80,7 @@ def test_an_oscillator_strikes_with_the_exact_speed(omega: float, e: float, name
     V = orbit(omega, e, phase)[0]
     dt = 2.0 * np.pi / omega / 100
     for shift in (0.15, 0.4, 0.85):
-        found = simulate(
+        motion = simulate(
             oscillator(0.0),
             Law(name, e, refine=64),
             (np.array([-e * V * shift * dt]), np.array([-e * V])),
@@ -88,7 +88,7 @@ def test_an_oscillator_strikes_with_the_exact_speed(omega: float, e: float, name
             n_steps=100 * 150,
             motion=forcing(omega, phase + omega * shift * dt),
         )
-        assert np.abs(-found.rate_pre[-30:] / V - 1.0).max() < EXACT_SPEED
+        assert np.abs(-motion.rate_pre[-30:] / V - 1.0).max() < EXACT_SPEED
 
 
 @pytest.mark.parametrize("e", RESTITUTIONS)

@@ -43,7 +43,7 @@ def test_on_a_stiff_stop_the_motion_loses_its_stability_and_wins_it_back() -> No
     """The frequencies between which `orbit follow` loses it: Neimark-Sacker points."""
     exact, orbit, _ = settled(rod(4.0, 64300.0))
     branch = exact.branch(orbit, 65900.0 / UNIT, 0.1)
-    unstable = [own.omega * UNIT for own in branch if own.growth > 1.0]
+    unstable = [orbit.omega * UNIT for orbit in branch if orbit.growth > 1.0]
     assert min(unstable) == pytest.approx(64400.0, abs=60.0)
     assert max(unstable) == pytest.approx(65620.0, abs=80.0)
     assert branch[-1].growth < 1.0
@@ -60,4 +60,4 @@ def test_folds_are_those_of_harmonic_balance(
     exact, orbit, _ = settled(rod(ratio, 63500.0))
     branch = exact.branch(orbit, 70000.0 / UNIT if ratio > 1.0 else 65000.0 / UNIT)
     assert folds(branch) == pytest.approx(list(expected), rel=5e-4)
-    assert 0.2 * max(own.largest for own in branch) == pytest.approx(peak, rel=1.5e-3)
+    assert 0.2 * max(orbit.largest for orbit in branch) == pytest.approx(peak, rel=1.5e-3)

@@ -79,13 +79,13 @@ def sorted_complex(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def test_multipliers_of_the_impact_oscillator(
     omega: float, s: float, e: float, expected: tuple[complex, complex]
 ) -> None:
-    state, found = exact_orbit(oscillator(omega, s, e), start(omega, s, e) + 0.01)
-    assert len(found.times) == 1
-    assert found.state == pytest.approx(state, abs=1e-12)
-    assert -found.speeds[0] == pytest.approx(one_impact(omega, s, e)[0], rel=1e-11)
+    state, journey = exact_orbit(oscillator(omega, s, e), start(omega, s, e) + 0.01)
+    assert len(journey.times) == 1
+    assert journey.state == pytest.approx(state, abs=1e-12)
+    assert -journey.speeds[0] == pytest.approx(one_impact(omega, s, e)[0], rel=1e-11)
     exact = closed_form(omega, s, e)
     # the double eigenvalue ½ splits by the root of round-off: its sum and product do not
-    D = found.derivative
+    D = journey.derivative
     assert np.trace(D) == pytest.approx(exact.sum().real, abs=EXACT)
     assert np.linalg.det(D) == pytest.approx(e**2, abs=EXACT)
     mu = sorted_complex(np.linalg.eigvals(D))
@@ -103,8 +103,8 @@ def test_the_derivative_is_that_of_the_motion() -> None:
         restitution=0.6,
     )  # fmt: skip
     state = np.array([-0.1, 0.02, 0.3, -0.2])
-    found = system.journey(state, 0.4, 2.0 * system.period)
-    assert len(found.times) >= 3 and min(-v for v in found.speeds) > 0.01
+    journey = system.journey(state, 0.4, 2.0 * system.period)
+    assert len(journey.times) >= 3 and min(-v for v in journey.speeds) > 0.01
     h = 1e-6
     columns = [
         (
@@ -114,7 +114,7 @@ def test_the_derivative_is_that_of_the_motion() -> None:
         / (2.0 * h)
         for d in np.eye(4)
     ]
-    assert found.derivative == pytest.approx(np.array(columns).T, rel=1e-4, abs=1e-5)
+    assert journey.derivative == pytest.approx(np.array(columns).T, rel=1e-4, abs=1e-5)
 
 
 def test_the_period_doubling_of_the_impact_oscillator() -> None:
@@ -125,8 +125,8 @@ def test_the_period_doubling_of_the_impact_oscillator() -> None:
         return float(1.0 + closed_form(omega, 0.0, e).sum().real + e**2)
 
     def by_monodromy(omega: float) -> float:
-        _, found = exact_orbit(oscillator(omega, 0.0, e), start(omega, 0.0, e))
-        return float(np.linalg.det(found.derivative + np.eye(2)))
+        _, journey = exact_orbit(oscillator(omega, 0.0, e), start(omega, 0.0, e))
+        return float(np.linalg.det(journey.derivative + np.eye(2)))
 
     exact = brentq(by_formula, 2.55, 2.75, xtol=1e-13)
     assert brentq(by_monodromy, 2.55, 2.75, xtol=1e-13) == pytest.approx(exact, abs=DOUBLING)
@@ -139,11 +139,11 @@ def test_a_near_miss_is_reported() -> None:
     system = StoppedSystem(
         (one, zero, one), np.zeros(1, complex), 1.3, (np.array([-1.0]), 1.0), restitution=0.5
     )
-    found = system.journey(np.array([0.99, 0.0]), 0.0, 10.0)
-    assert found.times == ()
-    assert found.nearest_miss == pytest.approx(0.01, rel=1e-9)
-    found = system.journey(np.array([0.0, 1.0 + 1e-9]), 0.0, 4.0)
-    assert len(found.times) == 1 and abs(found.speeds[0]) < 1e-4
+    journey = system.journey(np.array([0.99, 0.0]), 0.0, 10.0)
+    assert journey.times == ()
+    assert journey.nearest_miss == pytest.approx(0.01, rel=1e-9)
+    journey = system.journey(np.array([0.0, 1.0 + 1e-9]), 0.0, 4.0)
+    assert len(journey.times) == 1 and abs(journey.speeds[0]) < 1e-4
 
 
 def test_chattering_is_refused() -> None:

@@ -57,9 +57,9 @@ def by_siconos(case: Case, directory: Path) -> dict[str, FloatArray]:
     """Return what Siconos makes of a case."""
     o = closed_form.assemble(case).operators
     times = case.time_step * np.arange(case.time.steps_per_period * case.n_periods + 1)
-    given, result = directory / "problem.npz", directory / "result.npz"
+    problem_file, result = directory / "problem.npz", directory / "result.npz"
     np.savez(
-        given,
+        problem_file,
         mass=o.mass.toarray(),
         damping=o.damping.toarray(),
         stiffness=o.stiffness.toarray(),
@@ -72,7 +72,7 @@ def by_siconos(case: Case, directory: Path) -> dict[str, FloatArray]:
         probes=o.probes.toarray(),
     )
     # its own process: Siconos brings its own solvers and prints as it likes
-    subprocess.run([sys.executable, SCRIPT, given, result], check=True, capture_output=True)
+    subprocess.run([sys.executable, SCRIPT, problem_file, result], check=True, capture_output=True)
     with np.load(result) as file:
         return dict(file)
 

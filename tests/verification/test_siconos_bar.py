@@ -57,9 +57,9 @@ class Both:
 
 def by_siconos(o: Operators, theta: float, directory: Path) -> dict[str, FloatArray]:
     """Return what Siconos makes of the bar."""
-    given, result = directory / "problem.npz", directory / "result.npz"
+    problem_file, result = directory / "problem.npz", directory / "result.npz"
     np.savez(
-        given,
+        problem_file,
         mass=o.mass.toarray(),
         damping=o.damping.toarray(),
         stiffness=o.stiffness.toarray(),
@@ -73,7 +73,7 @@ def by_siconos(o: Operators, theta: float, directory: Path) -> dict[str, FloatAr
         start=np.array(BAR.flying(N_DOFS - 1)),
         probes=np.eye(N_DOFS),
     )
-    subprocess.run([sys.executable, SCRIPT, given, result], check=True, capture_output=True)
+    subprocess.run([sys.executable, SCRIPT, problem_file, result], check=True, capture_output=True)
     with np.load(result) as file:
         return dict(file)
 

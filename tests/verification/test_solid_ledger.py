@@ -24,7 +24,7 @@ def test_the_ledger_of_plane_stress_closes(impulse: str, law: str, most: float) 
         "contact.impulse": impulse, "time.steps_per_period": 100, "time.periods": 2,
         "output.window_periods": 2, "output.fields_per_period": 0,
     })  # fmt: skip
-    found = run(case)
-    assert found.summary["outcome"] == "completed"
-    assert found.history.sizes["event"] > 100
-    assert found.summary["energy_residual"] < most
+    result = run(case)
+    assert result.summary["outcome"] == "completed"
+    assert result.history.sizes["event"] > 100
+    assert result.summary["energy_residual"] < most

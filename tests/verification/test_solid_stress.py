@@ -34,12 +34,12 @@ def test_bending_stress_of_a_cantilever(name: str, lamina: int) -> None:
     u = spsolve(o.stiffness.tocsc(), FORCE * o.probes[lamina].toarray().ravel())
     shape = body.shape()
     sigma = shape.recovery.stress(body.gathered(u[None], np.zeros(1))[0])
-    own, x = case.lamina[lamina], shape.points[:, 0]
-    y = shape.points[:, 1] - 0.5 * own.thickness - lamina * case.lamina[0].thickness
-    expected = -FORCE * (own.length - x) * y / (own.width * own.thickness**3 / 12.0)
-    largest = FORCE * own.length * 6.0 / (own.width * own.thickness**2)
-    chosen = (shape.lamina == lamina) & (x > 0.1 * own.length) & (x < 0.95 * own.length)
+    layer, x = case.lamina[lamina], shape.points[:, 0]
+    y = shape.points[:, 1] - 0.5 * layer.thickness - lamina * case.lamina[0].thickness
+    expected = -FORCE * (layer.length - x) * y / (layer.width * layer.thickness**3 / 12.0)
+    largest = FORCE * layer.length * 6.0 / (layer.width * layer.thickness**2)
+    chosen = (shape.lamina == lamina) & (x > 0.1 * layer.length) & (x < 0.95 * layer.length)
     assert np.abs(sigma[chosen, 0] - expected[chosen]).max() < tolerance * largest
-    at_top = chosen & (y > 0.4 * own.thickness)
+    at_top = chosen & (y > 0.4 * layer.thickness)
     assert sigma[at_top, 0].max() < 0.0, "a force upwards compresses the top"
     assert np.abs(sigma[shape.lamina != lamina]).max() < 1e-9 * largest

@@ -78,9 +78,9 @@ def test_published_numbers_of_both_models() -> None:
     free, closed = exact(0.6, 0.3), exact(0.6, 0.3, closed=True)
     assert UNIT * free.frequencies(1) == pytest.approx([16.614], abs=5e-4)
     assert UNIT * closed.frequencies(1) == pytest.approx([20.486], abs=5e-4)
-    own = case(0.6, 0.3)
-    assert UNIT * computed(own, 1) == pytest.approx([16.614], abs=5e-4)
-    assert UNIT * computed(own, 1, closed=True) == pytest.approx([20.486], abs=5e-4)
+    split_case = case(0.6, 0.3)
+    assert UNIT * computed(split_case, 1) == pytest.approx([16.614], abs=5e-4)
+    assert UNIT * computed(split_case, 1, closed=True) == pytest.approx([20.486], abs=5e-4)
 
 
 def test_opening_mode_of_a_mid_plane_delamination() -> None:
@@ -94,22 +94,22 @@ def test_frequencies_converge_at_order_four_to_the_exact_ones(closed: bool) -> N
     true = exact(0.4, 0.3, center=0.45, closed=closed).frequencies(4)
     errors = []
     for n in (20, 40):
-        own = case(0.4, 0.3, center=0.45, elements=n)
-        errors.append(computed(own, 4, closed=closed) / true - 1.0)
+        split_case = case(0.4, 0.3, center=0.45, elements=n)
+        errors.append(computed(split_case, 4, closed=closed) / true - 1.0)
     order = np.log2(errors[0] / errors[1])
     assert np.abs(errors[1]).max() < 1e-4
     assert ((order > 3.9) & (order < 4.1)).all()
 
 
 def test_weak_forms_give_the_exact_frequencies() -> None:
-    own = case(0.4, 0.3, center=0.45)
+    split_case = case(0.4, 0.3, center=0.45)
     true = exact(0.4, 0.3, center=0.45).frequencies(4)
-    assert computed(own, 4, weak=True) == pytest.approx(true, rel=1e-5)
+    assert computed(split_case, 4, weak=True) == pytest.approx(true, rel=1e-5)
 
 
 @pytest.mark.parametrize("supports", [("clamped", "free"), ("pinned", "pinned")])
 def test_two_materials_on_other_supports(supports: tuple[str, str]) -> None:
-    given = case(0.4, 0.3, center=0.45).with_overrides(
+    split_case = case(0.4, 0.3, center=0.45).with_overrides(
         {
             "support.start": supports[0],
             "support.end": supports[1],
@@ -119,7 +119,7 @@ def test_two_materials_on_other_supports(supports: tuple[str, str]) -> None:
     split = SplitBeam(
         L, B, 0.1, 0.26, (E, RHO, 0.7 * H), (210e9, 7850.0, 0.3 * H), supports=supports
     )
-    assert computed(given, 3) == pytest.approx(split.frequencies(3), rel=1e-5)
+    assert computed(split_case, 3) == pytest.approx(split.frequencies(3), rel=1e-5)
 
 
 def test_a_delamination_of_no_thickness_ratio_leaves_the_intact_beam() -> None:

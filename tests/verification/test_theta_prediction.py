@@ -27,7 +27,7 @@ def test_a_pair_is_hit_in_the_step_whose_middle_it_would_not_reach(
 ) -> None:
     """A free mass falls with 1 m/s; the gap at the start of step k + 1 is height - k STEP."""
     state = State(np.array([[height], [-1.0], [0.0]]), np.zeros(1, dtype=bool))
-    found = solve(
+    solution = solve(
         ball(2.0),
         Law("newton", restitution=0.5),
         SCHEMES["moreau-jean"],
@@ -37,9 +37,9 @@ def test_a_pair_is_hit_in_the_step_whose_middle_it_would_not_reach(
         initial=state,
         engine=engine,
     )
-    assert found.impacts.time.tolist() == [hit_in_step * STEP]
-    assert found.impacts.rate_pre.tolist() == [-1.0]
-    assert found.impacts.impulse.tolist() == [2.0 * 1.5]
+    assert solution.impacts.time.tolist() == [hit_in_step * STEP]
+    assert solution.impacts.rate_pre.tolist() == [-1.0]
+    assert solution.impacts.impulse.tolist() == [2.0 * 1.5]
     # of the step with the impulse, one half passes with the velocity before, one half after
     after = 8 - hit_in_step + 0.5
-    assert found.displacement[-1, 0] == height - STEP * (hit_in_step - 0.5) + 0.5 * STEP * after
+    assert solution.displacement[-1, 0] == height - STEP * (hit_in_step - 0.5) + 0.5 * STEP * after

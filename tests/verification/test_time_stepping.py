@@ -78,17 +78,17 @@ def test_order_two_in_the_time_step_without_contact(scheme: str) -> None:
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
 def test_matrices_are_those_in_closed_form(mass: str) -> None:
     case = preset("paper", {"time.mass": mass})
-    given, expected = forms.assemble(case).operators, closed_form.assemble(case).operators
+    operators, expected = forms.assemble(case).operators, closed_form.assemble(case).operators
     for name in ("mass", "damping", "stiffness", "gap_matrix"):
-        a, b = getattr(given, name), getattr(expected, name)
+        a, b = getattr(operators, name), getattr(expected, name)
         assert abs(a - b).max() <= SAME_MATRICES * abs(b).max(), name
     for name in ("mass", "damping", "stiffness"):
-        a, b = getattr(given.base, name), getattr(expected.base, name)
+        a, b = getattr(operators.base, name), getattr(expected.base, name)
         assert np.abs(a - b).max() <= SAME_MATRICES * max(np.abs(b).max(), 1e-300), name
-    assert given.base.corner == pytest.approx(expected.base.corner, rel=SAME_MATRICES)
-    assert given.lumped_mass == pytest.approx(expected.lumped_mass, rel=SAME_MATRICES)
-    assert abs(given.probes - expected.probes).max() == 0.0
-    assert given.gap0 == pytest.approx(expected.gap0, rel=SAME_MATRICES)
+    assert operators.base.corner == pytest.approx(expected.base.corner, rel=SAME_MATRICES)
+    assert operators.lumped_mass == pytest.approx(expected.lumped_mass, rel=SAME_MATRICES)
+    assert abs(operators.probes - expected.probes).max() == 0.0
+    assert operators.gap0 == pytest.approx(expected.gap0, rel=SAME_MATRICES)
 
 
 @pytest.mark.parametrize("law", ["newton-penalty", "newton"])

@@ -148,9 +148,9 @@ def scaled(node: Any, scale: tuple[float, ...], key: str = "") -> Any:
 
 def computed(case: dict[str, Any]) -> Any:
     """Return the history of a case."""
-    found = df.run(df.Case.checked(case, "cell"), "compiled").history
-    assert found.attrs["outcome"] == "completed"
-    return found
+    history = df.run(df.Case.checked(case, "cell"), "compiled").history
+    assert history.attrs["outcome"] == "completed"
+    return history
 
 
 def differences(one: Any, other: Any, scale: tuple[float, ...]) -> Iterator[tuple[str, float]]:

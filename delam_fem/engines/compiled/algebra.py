@@ -112,7 +112,10 @@ def _factorise(value, width):  # type: ignore[no-untyped-def]
 @njit
 def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
     """Solve A x = r by the factors of a band; `right` and `out` number the fields r and x of X."""
-    r, x, width, value = right * size, out * size, band.width, band.value
+    r = right * size
+    x = out * size
+    width = band.width
+    value = band.value
     row = 2 * width + 1
     # L y = r downwards, then U x = y upwards, both in the place of x
     for i in range(size):
@@ -130,7 +133,8 @@ def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
 @njit(forceinline=True)
 def _dense_product(value, first, X, shift, width):  # type: ignore[no-untyped-def]
     """Return the product of a dense row with a field; `width` is a multiple of eight."""
-    even, odd = splat(0.0), splat(0.0)
+    even = splat(0.0)
+    odd = splat(0.0)
     for i in range(0, width, 8):
         even = fma(load(value, first + i), load(X, shift + i), even)
         odd = fma(load(value, first + i + 4), load(X, shift + i + 4), odd)
@@ -174,7 +178,9 @@ def largest_of(values, first, n):  # type: ignore[no-untyped-def]
 @njit
 def absolute_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
     """Return the sum of |A_ij x_j| over j, where x is the field of X that begins at `shift`."""
-    result, first, last = 0.0, matrix.start[row], matrix.start[row + 1]
+    result = 0.0
+    first = matrix.start[row]
+    last = matrix.start[row + 1]
     for entry in range(first, last):
         result += abs(matrix.value[entry] * X[shift + matrix.column[entry]])
     return result
@@ -187,7 +193,8 @@ def both_products(matrix, row, X, size):  # type: ignore[no-untyped-def]
         return row_product(matrix, row, X, 0), row_product(matrix, row, X, size)
     u = v = 0.0
     for entry in range(matrix.start[row], matrix.start[row + 1]):
-        value, column = matrix.value[entry], matrix.column[entry]
+        value = matrix.value[entry]
+        column = matrix.column[entry]
         u += value * X[column]
         v += value * X[size + column]
     return u, v
@@ -248,7 +255,8 @@ def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
     """Write the gaps at the displacements u + ahead v, and the gap rates, of all pairs."""
     for k in range(system.n_pairs):
         u, v = both_products(system.gap_rows, k, X, system.size)
-        gap[k], rate[k] = system.gap0[k] + u + ahead * v, v
+        gap[k] = system.gap0[k] + u + ahead * v
+        rate[k] = v
 
 
 @njit(forceinline=True)
@@ -264,7 +272,10 @@ def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
 
     B is A for the θ-scheme, otherwise M. With lumped impulses only W_kk is computed.
     """
-    X, n_pairs, H, W = memory.X, system.n_pairs, system.gap_rows, memory.compliance
+    X = memory.X
+    n_pairs = system.n_pairs
+    H = system.gap_rows
+    W = memory.compliance
     first = system.coarseness * n_pairs * n_pairs + pair
     if law.is_coupled:
         clear(X, system.size, R)

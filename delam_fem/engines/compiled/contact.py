@@ -103,10 +103,14 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     S = H A⁻¹ Hᵀ; each product with S_PP is one solve with A. In lane order λ is the mean force over
     the step.
     """
-    X, n, pairs = memory.X, memory.counts[N_SPRINGS], memory.pairs
+    X = memory.X
+    n = memory.counts[N_SPRINGS]
+    pairs = memory.pairs
     residual, forces, direction = memory.residual, memory.forces, memory.direction
     image = memory.image
-    scheme, by_rate, field = system.scheme, law.damping, lk.V
+    scheme = system.scheme
+    by_rate = law.damping
+    field = lk.V
     softness = law.stiffness * scheme.q + law.damping * scheme.p
     if system.is_chained:  # in the middle of the step, U(θ) = U⁺ - (1-θ) Δt θ H z, U̇ = θ H z
         by_rate = law.damping * scheme.theta - law.stiffness * scheme.p * (1.0 - scheme.theta)
@@ -115,7 +119,8 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     square = 0.0
     for j in range(n):
         square += residual[j] * residual[j]
-        direction[j], forces[j] = residual[j], residual[j] if softness == 0.0 else 0.0
+        direction[j] = residual[j]
+        forces[j] = residual[j] if softness == 0.0 else 0.0
     if softness == 0.0:
         return forces
     goal = RELATIVE_RESIDUAL**2 * square
@@ -129,7 +134,9 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
             answer = _spring_rate(system, X, pairs[j], Z * system.size)
             image[j] = direction[j] + softness * answer
             curvature += direction[j] * image[j]
-        length, previous, square = square / curvature, square, 0.0
+        length = square / curvature
+        previous = square
+        square = 0.0
         for j in range(n):
             forces[j] += length * direction[j]
             residual[j] -= length * image[j]
@@ -145,13 +152,16 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
 
     In lane order Δz = -Δt A⁻¹ Hᵀ λ; in band order Δa = -A⁻¹ Hᵀ λ.
     """
-    X, size, scheme = memory.X, system.size, system.scheme
+    X = memory.X
+    size = system.size
+    scheme = system.scheme
     forces = _spring_forces(system, law, memory)
     _spread_springs(system, memory, forces, -1.0)
     solve_step(system, X)
     to_u, to_v = scheme.d1, scheme.d2
     if system.is_chained:
-        to_u, to_v = scheme.time_step * scheme.p, scheme.time_step
+        to_u = scheme.time_step * scheme.p
+        to_v = scheme.time_step
     for i in range(size):
         z = X[Z * size + i]
         X[i] += to_u * z
@@ -163,7 +173,8 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
 @njit
 def damp(system, law, memory, log):  # type: ignore[no-untyped-def]
     """Count what the dampers of the springs have taken in a step, in all and at each pair."""
-    total, factor = 0.0, system.scheme.weight * law.damping
+    total = 0.0
+    factor = system.scheme.weight * law.damping
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
         square = _spring_rate(system, memory.X, k, lk.P * system.size) ** 2
@@ -186,7 +197,9 @@ def list_springs(system, memory):  # type: ignore[no-untyped-def]
 @njit
 def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
     """Compute a from M a = f - C v - K u - Hᵀ λ at the current state."""
-    X, size, base = memory.X, system.size, memory.base
+    X = memory.X
+    size = system.size
+    base = memory.base
     for i in range(size):
         load = row_product(system.stiffness, i, X, 0) + row_product(system.damping, i, X, size)
         for j in range(3):
@@ -207,10 +220,14 @@ def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
     """Write an impact of n pairs into the event buffers."""
     memory.totals[IMPACT] += energy
     event, first = memory.counts[N_EVENTS], memory.counts[N_HITS]
-    log.event_tick[event], log.event_size[event], log.event_energy[event] = tick, n, energy
+    log.event_tick[event] = tick
+    log.event_size[event] = n
+    log.event_energy[event] = energy
     for j in range(n):
-        log.hit[first + j], log.impulse[first + j] = memory.hit[j], memory.impulse[j]
-        log.rate_pre[first + j], log.rate_post[first + j] = memory.rate_pre[j], memory.rate_post[j]
+        log.hit[first + j] = memory.hit[j]
+        log.impulse[first + j] = memory.impulse[j]
+        log.rate_pre[first + j] = memory.rate_pre[j]
+        log.rate_post[first + j] = memory.rate_post[j]
     memory.counts[N_EVENTS] = event + 1
     memory.counts[N_HITS] = first + n
 
@@ -218,7 +235,8 @@ def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
 @njit
 def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Change the velocities by impulses between two steps; return the change of energy [J]."""
-    X, size = memory.X, system.size
+    X = memory.X
+    size = system.size
     spread(system, X, memory.hit, memory.impulse, n, 1.0)
     if law.is_coupled:
         solve_mass(system, X)
@@ -239,7 +257,9 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
 @njit
 def _push_within_step(system, memory, n):  # type: ignore[no-untyped-def]
     """Add impulses to a θ-step; return the change of energy [J]."""
-    X, size, energy = memory.X, system.size, 0.0
+    X = memory.X
+    size = system.size
+    energy = 0.0
     spread(system, X, memory.hit, memory.impulse, n, 1.0)
     if system.is_modal:
         inner_points.push(system, X, R)
@@ -262,7 +282,8 @@ def widen_contact(system, memory):  # type: ignore[no-untyped-def]
 
     The gap rates without impulses, which the tolerance follows from, go to `memory.free`.
     """
-    fastest, smallest = 0.0, np.inf
+    fastest = 0.0
+    smallest = np.inf
     for k in range(system.n_pairs):
         memory.free[k] = row_product(system.gap_rows, k, memory.X, system.size)
         fastest = max(fastest, abs(memory.free[k]))
@@ -280,7 +301,10 @@ def _look(system, law, memory):  # type: ignore[no-untyped-def]
     A step of the θ-scheme has predicted the gaps from its start, with `memory.rate`, and
     `widen_contact` has written `memory.free` if pairs touch at rest.
     """
-    X, size, gap, H = memory.X, system.size, memory.gap, system.gap_rows
+    X = memory.X
+    size = system.size
+    gap = memory.gap
+    H = system.gap_rows
     if law.kind == MOREAU:
         for k in range(0 if system.is_touching else system.n_pairs):
             if gap[k] <= 0.0:
@@ -301,7 +325,10 @@ def _round_off(system, memory, n):  # type: ignore[no-untyped-def]
     Modes of equal laminae that move together have no gap at all. What the two sides of a pair do in
     modes therefore follows from the largest entry of the row and the largest coordinates.
     """
-    X, H, size, largest = memory.X, system.gap_rows, system.size, 0.0
+    X = memory.X
+    H = system.gap_rows
+    size = system.size
+    largest = 0.0
     of_place = OF_PLACE / system.scheme.time_step
     if H.width > 0:  # modes
         motion = of_place * largest_of(X, 0, size) + OF_SPEED * largest_of(X, size, size)
@@ -326,7 +353,10 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     if law.kind == NONE:
         return COMPLETED
     _look(system, law, memory)
-    n_pairs, gap, hit, resting = system.n_pairs, memory.gap, memory.hit, memory.resting
+    n_pairs = system.n_pairs
+    gap = memory.gap
+    hit = memory.hit
+    resting = memory.resting
     before, after, lacking = memory.rate_pre, memory.rate_post, memory.residual
     free = memory.free if law.kind == MOREAU else memory.rate
     n, changes = candidates(

@@ -44,7 +44,8 @@ from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 OF_BLOCK = ("u", "v", "is_divided", "frames", "contact", "resting", "damped", "levels", "ends")
 """Members of a block that compiled code writes; see `state.Log`."""
-_IMPACT, _RELEASED = LEDGER.index("impact_loss"), LEDGER.index("spring_released")
+_IMPACT = LEDGER.index("impact_loss")
+_RELEASED = LEDGER.index("spring_released")
 
 
 class Block:
@@ -60,8 +61,10 @@ class Block:
         """Allocate the arrays."""
         self.n_slots = n_slots = min(n_periods, recorder.window_periods)
         self._window_periods, self._frame_steps = recorder.window_periods, recorder.frame_steps
-        self._unknowns, self._ticks_per_step = engine.unknowns, recorder.refine
-        rows, n_frames = recorder.steps_per_period + 1, recorder.frame_steps.size
+        self._unknowns = engine.unknowns
+        self._ticks_per_step = recorder.refine
+        rows = recorder.steps_per_period + 1
+        n_frames = recorder.frame_steps.size
         size, n_seen, n_pairs = engine.system.size, engine.system.n_probes, engine.system.n_pairs
         self.u = np.empty((n_slots, rows, N_BASE + n_seen))
         self.v = np.empty((n_slots, rows, n_seen))
@@ -206,11 +209,13 @@ class Compiled(Engine):
         Raises:
             ArithmeticError: a matrix is singular.
         """
-        self.operators, self._refinement = operators, refinement
+        self.operators = operators
+        self._refinement = refinement
         self._has_acceleration = schemes[-1].has_acceleration
         built = [matrices.build(operators, scheme) for scheme in schemes]
         coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
-        self.system, self.unknowns = fine, built[-1][1]
+        self.system = fine
+        self.unknowns = built[-1][1]
         self.memory = state.memory(fine.size, operators.n_pairs)
         corner = np.array(operators.base.corner, dtype=float)
         self._problem = Problem(coarse, middle, fine, law, self.memory, corner)
@@ -225,7 +230,8 @@ class Compiled(Engine):
     def state(self) -> State:
         """Return the current state, with a from the equation of motion."""
         self.renew_acceleration()
-        fields, totals = self._fields(), self.memory.totals
+        fields = self._fields()
+        totals = self.memory.totals
         losses = float(totals[DISSIPATED]), float(totals[CONTACT_DAMPED])
         internal = fields.copy() if self.system.is_modal else None
         resting = self.memory.resting.astype(np.bool_)
@@ -237,8 +243,11 @@ class Compiled(Engine):
         The numbers of `internal` count if the motion follows from them: they have the round-off of
         the run that stored them.
         """
-        memory, fields, internal = self.memory, self._fields(), state.internal
-        memory.base[:], memory.X[:] = base_state, 0.0
+        memory = self.memory
+        fields = self._fields()
+        internal = state.internal
+        memory.base[:] = base_state
+        memory.X[:] = 0.0
         if internal is not None and internal.shape == fields.shape and self.system.is_modal:
             is_own = np.array_equal(self.unknowns.outward(internal), state.motion)
         else:
@@ -265,7 +274,8 @@ class Compiled(Engine):
         Raises:
             ArithmeticError: no impulses were found, or velocities before an impact are not finite.
         """
-        first, block = recorder.n_closed, self._block(recorder, n_periods)
+        first = recorder.n_closed
+        block = self._block(recorder, n_periods)
         block.base_states = np.ascontiguousarray(base_states)
         self._table[_OF_BLOCK] = [
             block.n_slots, block.base_states.ctypes.data, *block.addresses
@@ -289,7 +299,8 @@ class Compiled(Engine):
 
     def _block(self, recorder: Recorder, n_periods: int) -> Block:
         """Return a block with room for some periods; make the table of a new recorder."""
-        block, self._spare = self._spare, None
+        block = self._spare
+        self._spare = None
         if recorder is not self._recorder or block is None or not block.has_room(n_periods):
             block = Block(self, recorder, n_periods)
         if recorder is not self._recorder:

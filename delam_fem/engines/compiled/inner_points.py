@@ -107,7 +107,9 @@ def points_of(o: Operators, order: IntArray) -> Points | None:
     if not np.array_equal(np.sort(cell[at_node]), np.arange(n)):
         return None
     by_cell = np.lexsort((weight[:, 2], cell))
-    cell, weight, gap0 = cell[by_cell], weight[by_cell], o.gap0[by_cell]
+    cell = cell[by_cell]
+    weight = weight[by_cell]
+    gap0 = o.gap0[by_cell]
     bound = _bounds(cell, weight, gap0, n)
     place = order[2 * np.arange(n)]
     control = aligned_zeros(4 * WIDTH * -(-o.n_dofs // ROW))
@@ -121,13 +123,15 @@ def points_of(o: Operators, order: IntArray) -> Points | None:
 def _cells(o: Operators, n: int) -> tuple[IntArray, FloatArray] | None:
     """Return cell and weights of each pair, or None if a row of H has another form than P1."""
     H = o.gap_matrix.tocsr()
-    lower, upper = H[:, : 2 * n], H[:, 2 * n :].tocoo()
+    lower = H[:, : 2 * n]
+    upper = H[:, 2 * n :].tocoo()
     if abs(lower + upper).max() != 0.0 or np.any(np.diff(H.indptr) == 0):
         return None
     node = upper.col // 2
     # cell k lies between the free nodes k - 1 and k; the dofs of node k are 2 k and 2 k + 1. A row
     # of H has entries at both ends of one cell, c₁ to c₄ in the columns 2 k - 2 … 2 k + 1.
-    cell, start = np.zeros(o.n_pairs, dtype=np.int64), np.full(o.n_pairs, n)
+    cell = np.zeros(o.n_pairs, dtype=np.int64)
+    start = np.full(o.n_pairs, n)
     np.maximum.at(cell, upper.row, node)
     np.minimum.at(start, upper.row, node)
     if np.any(cell - start > 1):
@@ -146,9 +150,12 @@ def _bounds(cell: IntArray, weight: FloatArray, gap0: FloatArray, n: int) -> Flo
     at_start, by_start, at_end, by_end = weight.T
     slope = _slopes(cell, weight, gap0, n)
     value = gap0[np.searchsorted(cell, np.arange(n), side="right") - 1]
-    before, after, short = np.zeros(n), np.zeros(n), np.zeros(n)
+    before = np.zeros(n)
+    after = np.zeros(n)
+    short = np.zeros(n)
     np.maximum.at(before, cell, -by_end / at_end)
-    start, has_start = np.maximum(cell - 1, 0), at_start > 0.0
+    start = np.maximum(cell - 1, 0)
+    has_start = at_start > 0.0
     np.maximum.at(
         after, start[has_start], (by_start / np.where(has_start, at_start, 1.0))[has_start]
     )
@@ -168,7 +175,9 @@ def _slopes(cell: IntArray, weight: FloatArray, gap0: FloatArray, n: int) -> Flo
     allowed, as ε makes up for them; these are exact for cubic shapes.
     """
     _, by_start, _, by_end = weight.T
-    local, h, inside = np.ones(cell.size), np.zeros(n), by_start > 0.0
+    local = np.ones(cell.size)
+    h = np.zeros(n)
+    inside = by_start > 0.0
     # of cubic shapes: by_start = h X (1 - X)², by_end = -h X² (1 - X), so X and h follow from them
     bend = (by_start - by_end)[inside]  # h X (1 - X), where by_start = h X (1 - X)²
     local[inside] = -by_end[inside] / bend
@@ -186,15 +195,19 @@ def lowest_control(X, size, control, ahead, is_closing):  # type: ignore[no-unty
 
     If `is_closing`, min(ahead Ċ, 0) takes the place of ahead Ċ.
     """
-    least, time, zero = splat(np.inf), splat(ahead), splat(0.0)
+    least = splat(np.inf)
+    time = splat(ahead)
+    zero = splat(0.0)
     for i in range(0, size, 8):
         # 16 numbers of `control` belong to a row: G, S, -t', t at rest of its node in each chain
-        u, phi, v, omega = (
-            load(X, i), load(X, i + 4), load(X, size + i), load(X, size + i + 4)
-        )  # fmt: skip
+        u = load(X, i)
+        phi = load(X, i + 4)
+        v = load(X, size + i)
+        omega = load(X, size + i + 4)  # fmt: skip
         gap = swap_halves(u) - u + load(control, 2 * i)
         slope = swap_halves(phi) - phi + load(control, 2 * i + 4)
-        rate, turn = time * (swap_halves(v) - v), time * (swap_halves(omega) - omega)
+        rate = time * (swap_halves(v) - v)
+        turn = time * (swap_halves(omega) - omega)
         for j in range(2 * i + 8, 2 * i + 16, 4):
             shift = fma(load(control, j), turn, rate)
             if is_closing:
@@ -228,19 +241,25 @@ def measure_cells(points, size, X, ahead, is_closing, gap, rate):  # type: ignor
     Returns:
         The smallest gap.
     """
-    smallest, above, by = np.inf, np.inf, (ahead, is_closing)
+    smallest = np.inf
+    above = np.inf
+    by = (ahead, is_closing)
     U = S = dU = dS = 0.0
     for k in range(points.n):
-        at, rest = points.place[k], 4 * k
+        at = points.place[k]
+        first_bound = 4 * k
         # the upper lamina is two lanes behind the lower one; slopes are four numbers behind u
-        V, T = X[at + 2] - X[at], X[at + 6] - X[at + 4]
+        V = X[at + 2] - X[at]
+        T = X[at + 6] - X[at + 4]
         at += size
-        dV, dT = X[at + 2] - X[at], X[at + 6] - X[at + 4]
-        ends = V + points.bound[rest], T + points.bound[rest + 1]
-        below = _lowest(points.bound, rest + 2, ends, (dV, dT), by)
+        dV = X[at + 2] - X[at]
+        dT = X[at + 6] - X[at + 4]
+        ends = V + points.bound[first_bound], T + points.bound[first_bound + 1]
+        below = _lowest(points.bound, first_bound + 2, ends, (dV, dT), by)
         is_open = above > 0.0 and below > 0.0
         for j in range(points.first[k], points.first[k + 1]):
-            pair, c = points.pair[j], 4 * j
+            pair = points.pair[j]
+            c = 4 * j
             gap[pair] = np.inf
             if not is_open:
                 c1, c2 = points.weight[c], points.weight[c + 1]
@@ -249,8 +268,11 @@ def measure_cells(points, size, X, ahead, is_closing, gap, rate):  # type: ignor
                 value = points.gap0[j] + c1 * U + c2 * S + c3 * V + c4 * T
                 gap[pair] = value + _shift(rate[pair], ahead, is_closing)
                 smallest = min(smallest, gap[pair])
-        above = _lowest(points.bound, rest + 3, ends, (dV, dT), by)
-        U, S, dU, dS = V, T, dV, dT
+        above = _lowest(points.bound, first_bound + 3, ends, (dV, dT), by)
+        U = V
+        S = T
+        dU = dV
+        dS = dT
     return smallest
 
 
@@ -360,7 +382,8 @@ def is_reduced(o: Operators) -> bool:
 
 def filled_up(o: Operators) -> Operators:
     """Return diagonal operators, filled up to a multiple of `ROW` by unknowns without effect."""
-    n, size = o.n_dofs, ROW * -(-o.n_dofs // ROW)
+    n = o.n_dofs
+    size = ROW * -(-o.n_dofs // ROW)
     columns = ((0, 0), (0, size - n))
 
     def diagonal(matrix: sp.csr_matrix, filling: float) -> sp.csr_matrix:
@@ -412,7 +435,8 @@ def _transformed(o: Operators) -> tuple[Operators, Modes] | None:
     np.fill_diagonal(damping, 0.0)
     if (abs(damping) > allowed).any():
         return None
-    n, size = o.n_dofs, ROW * -(-o.n_dofs // ROW)
+    n = o.n_dofs
+    size = ROW * -(-o.n_dofs // ROW)
     Phi = np.zeros((n, size), dtype=np.longdouble)
     Phi[:, :n] = scale[:, None] * shapes
     dual = np.asarray(o.mass.astype(np.longdouble) @ Phi, dtype=float)
@@ -451,10 +475,12 @@ def _modes(K: FloatArray, M: FloatArray) -> tuple[Long, Long]:
     """
     K, M = (0.5 * (A + A.T) for A in (K, M))  # else their round-off tilts modes of one frequency
     first, vectors = eigh(K, M)
-    shapes, squares = vectors.astype(np.longdouble), first.astype(np.longdouble)
+    shapes = vectors.astype(np.longdouble)
+    squares = first.astype(np.longdouble)
     identity = np.eye(len(first), dtype=np.longdouble)
     for _ in range(_REFINEMENTS):
-        lacking, stiff = identity - _congruent(M, shapes), _congruent(K, shapes)
+        lacking = identity - _congruent(M, shapes)
+        stiff = _congruent(K, shapes)
         # with Φᵀ M Φ = I - E and S = Φᵀ K Φ, to first order: λ_i = S_ii / (1 - E_ii), and Φ (I + F)
         # is better, F_ij = (S_ij + λ_j E_ij) / (λ_j - λ_i), or E_ij / 2 for a cluster and i = j
         squares = stiff.diagonal() / (1.0 - lacking.diagonal())
@@ -475,14 +501,22 @@ def _modes(K: FloatArray, M: FloatArray) -> tuple[Long, Long]:
 def advance(system, X, base_state):  # type: ignore[no-untyped-def]
     """Compute the candidate state of a step in modes (G1 to G3 of system.py); return zᵀ C z."""
     q, dq, ddq = base_state
-    size, scheme, base, held = system.size, system.scheme, system.base, P * system.size
+    size, scheme, base, p_start = system.size, system.scheme, system.base, P * system.size
     diagonals = system.modal
-    by_q, by_dq, by_ddq = splat(-q), splat(-dq), splat(-ddq)
-    dt, ahead = splat(scheme.time_step), splat(scheme.time_step + scheme.g)
-    to_u, to_v, rho = splat(scheme.d1), splat(scheme.d2), splat(scheme.rho)
-    minus, flow = splat(-1.0), splat(0.0)
+    by_q = splat(-q)
+    by_dq = splat(-dq)
+    by_ddq = splat(-ddq)
+    dt = splat(scheme.time_step)
+    ahead = splat(scheme.time_step + scheme.g)
+    to_u = splat(scheme.d1)
+    to_v = splat(scheme.d2)
+    rho = splat(scheme.rho)
+    minus = splat(-1.0)
+    flow = splat(0.0)
     for i in range(0, size, 4):
-        u, v, c = load(X, i), load(X, size + i), load(diagonals, size + i)
+        u = load(X, i)
+        v = load(X, size + i)
+        c = load(diagonals, size + i)
         # a = (f - C v - K (u + (Δt + g) v)) / A, f = -(m q" + c q' + k q); z = v⁺ + ρ v
         right = fma(by_ddq, load(base, i), by_dq * load(base, size + i))
         right = fma(by_q, load(base, 2 * size + i), right)
@@ -493,7 +527,7 @@ def advance(system, X, base_state):  # type: ignore[no-untyped-def]
         z = fma(rho, v, after)
         store(X, i, fma(to_u, a, fma(dt, v, u)))
         store(X, size + i, after)
-        store(X, held + i, z)
+        store(X, p_start + i, z)
         flow = fma(c * z, z, flow)
     return total(flow)
 
@@ -503,14 +537,22 @@ def see(system, memory):  # type: ignore[no-untyped-def]
     """Write the gaps and gap rates of the state in modes, unless they are known."""
     if memory.counts[IS_SEEN]:
         return
-    X, size, H = memory.X, system.size, system.gap_rows.value
+    X = memory.X
+    size = system.size
+    H = system.gap_rows.value
     for k in range(system.n_pairs):
         first = k * size
-        u0, u1, v0, v1 = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+        u0 = splat(0.0)
+        u1 = splat(0.0)
+        v0 = splat(0.0)
+        v1 = splat(0.0)
         for i in range(0, size, ROW):
-            h0, h1 = load(H, first + i), load(H, first + i + 4)
-            u0, u1 = fma(h0, load(X, i), u0), fma(h1, load(X, i + 4), u1)
-            v0, v1 = fma(h0, load(X, size + i), v0), fma(h1, load(X, size + i + 4), v1)
+            h0 = load(H, first + i)
+            h1 = load(H, first + i + 4)
+            u0 = fma(h0, load(X, i), u0)
+            u1 = fma(h1, load(X, i + 4), u1)
+            v0 = fma(h0, load(X, size + i), v0)
+            v1 = fma(h1, load(X, size + i + 4), v1)
         memory.present_rate[k] = total(v0 + v1)
         memory.present_gap[k] = system.gap0[k] + total(u0 + u1)
     memory.counts[IS_SEEN] = 1
@@ -531,7 +573,8 @@ def measure(system, memory, ahead):  # type: ignore[no-untyped-def]
 @njit
 def loss(system, X):  # type: ignore[no-untyped-def]
     """Return zᵀ C z in modes, where z is the field P."""
-    size, flow = system.size, splat(0.0)
+    size = system.size
+    flow = splat(0.0)
     for i in range(0, size, 4):
         z = load(X, P * size + i)
         flow = fma(load(system.modal, size + i) * z, z, flow)
@@ -550,9 +593,11 @@ def solve(system, X, right, out):  # type: ignore[no-untyped-def]
 def push(system, X, right):  # type: ignore[no-untyped-def]
     """Change a step by impulses with the load r, the field `right`: add z = A⁻¹ r to v and P."""
     size = system.size
-    r, held, to_u = right * size, P * size, splat(system.scheme.p)
+    r = right * size
+    p_start = P * size
+    to_u = splat(system.scheme.p)
     for i in range(0, size, 4):
         z = load(X, r + i) * load(system.modal, i)
         store(X, i, fma(to_u, z, load(X, i)))
         store(X, size + i, load(X, size + i) + z)
-        store(X, held + i, load(X, held + i) + z)
+        store(X, p_start + i, load(X, p_start + i) + z)

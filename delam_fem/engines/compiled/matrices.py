@@ -82,7 +82,8 @@ class StepNumbers(NamedTuple):
     def newmark(cls, time_step: float, beta: float = 0.25, gamma: float = 0.5) -> StepNumbers:
         """Return the numbers of Newmark's scheme; β = 0 is the central difference."""
         dt = time_step
-        p, q = gamma * dt, beta * dt**2
+        p = gamma * dt
+        q = beta * dt**2
         return cls(
             dt, p, q, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, 0.0, q, p, 1.0, 0.25 * dt,
             1.0, 0.0, beta == 0.25 and gamma == 0.5,
@@ -91,7 +92,8 @@ class StepNumbers(NamedTuple):
     @classmethod
     def moreau_jean(cls, time_step: float, theta: float = 0.5) -> StepNumbers:
         """Return the numbers of the θ-scheme."""
-        dt, p = time_step, theta * time_step
+        dt = time_step
+        p = theta * time_step
         return cls(
             dt, p, p**2, 0.0, 0.0, (theta - 1.0) * dt, theta * dt**2, dt, 1.0 / theta - 1.0,
             theta * p, theta, 0.5 * dt, True,
@@ -231,13 +233,14 @@ def build(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
         if chained is not None:
             same = StepNumbers.moreau_jean(scheme.time_step, scheme.p / scheme.time_step)
             return _with_scheme(chained, same._replace(gap_ahead=scheme.gap_ahead)), chained.places
-    full, takes_modes = filled_up(o) if is_reduced(o) else None, o.base.shift is None
+    full = filled_up(o) if is_reduced(o) else None
+    takes_modes = o.base.shift is None
     if full is not None and (scheme.has_acceleration or not takes_modes):
         system = _system(full, scheme, Places(np.arange(full.n_dofs), full.n_dofs))
         return system, Places(np.arange(o.n_dofs), full.n_dofs)
-    found = in_modes(o) if takes_modes and not scheme.has_acceleration else None
-    if found is not None:
-        modal, modes = found
+    result = in_modes(o) if takes_modes and not scheme.has_acceleration else None
+    if result is not None:
+        modal, modes = result
         return _system(modal, scheme, modes), modes
     order = algebra.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
     places = Places(order, o.n_dofs)
@@ -248,7 +251,8 @@ def _system(
     o: Operators, scheme: StepNumbers, places: Coordinates, *, is_chained: bool = False
 ) -> System:
     """Return the system without its tapes (lanes.py)."""
-    is_modal, size = isinstance(places, Modes), places.size
+    is_modal = isinstance(places, Modes)
+    size = places.size
     order = np.arange(size) if isinstance(places, Modes) else places.order
     to = sp.csr_matrix((np.ones(o.n_dofs), (order, np.arange(o.n_dofs))), (size, o.n_dofs))
     mass, damping, stiffness = (to @ A @ to.T for A in (o.mass, o.damping, o.stiffness))
@@ -313,12 +317,19 @@ def _chained(o: Operators) -> _Chained | None:
         return None
     order = simd_chains.lane_order(o.n_dofs // 4)
     M, C, K = (simd_chains.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
-    damping, (rest, points) = simd_chains.rayleigh(o), _gaps(o, order)
+    damping, (rest_gaps, points) = simd_chains.rayleigh(o), _gaps(o, order)
     is_at_clamp = all(
         (order[np.flatnonzero(column)] < lk.ROW).all()
         for column in (o.base.mass, o.base.damping, o.base.stiffness)
     )
-    if M is None or C is None or K is None or damping is None or rest is None or not is_at_clamp:
+    if (
+        M is None
+        or C is None
+        or K is None
+        or damping is None
+        or rest_gaps is None
+        or not is_at_clamp
+    ):
         return None
     places = Places(order, lk.ROW * -(-o.n_dofs // lk.ROW))
     alpha, beta = (np.repeat(values, 2) for values in damping)
@@ -326,7 +337,7 @@ def _chained(o: Operators) -> _Chained | None:
         is_within=points is not NO_POINTS,
         mass_solution=simd_chains.solution_tape(M),
         form=simd_chains.form_tape(C),
-        rest=rest,
+        rest=rest_gaps,
         points=points,
     )
     return _Chained(system, places, M, K, alpha, beta, _stiffest(o))
@@ -334,8 +345,11 @@ def _chained(o: Operators) -> _Chained | None:
 
 def _with_scheme(chained: _Chained, scheme: StepNumbers) -> System:
     """Return the system with the tapes of a scheme and its size of steps."""
-    M, K, dt = chained.mass, chained.stiffness, scheme.time_step
-    c_M, c_K = 1.0 + scheme.p * chained.alpha, scheme.q + scheme.p * chained.beta
+    M = chained.mass
+    K = chained.stiffness
+    dt = scheme.time_step
+    c_M = 1.0 + scheme.p * chained.alpha
+    c_K = scheme.q + scheme.p * chained.beta
     # The acceleration has a part u/c_K with L4 and a part M⁻¹ K u with L3. The larger of these
     # parts loses more digits, so L4, which needs a diagonal M, is chosen if 1/c_K is at most the
     # norm of M⁻¹ K.
@@ -344,7 +358,8 @@ def _with_scheme(chained: _Chained, scheme: StepNumbers) -> System:
     table = coefficients.reshape(lk.N_COEFFICIENTS, simd_chains.LANES)
     table[lk.S] = c_K / (scheme.p * c_M)
     table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (scheme.theta * c_M)
-    table[lk.TO_U], table[lk.MINUS_RHO] = scheme.p, -scheme.rho
+    table[lk.TO_U] = scheme.p
+    table[lk.MINUS_RHO] = -scheme.rho
     load = (
         simd_chains.flat(np.einsum("rlii->ril", M.scaled(dt * c_M / c_K).middle))
         if is_diagonal

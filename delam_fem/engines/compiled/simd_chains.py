@@ -254,9 +254,13 @@ def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type
     """
     # Row i/8 of a field holds u in numbers i … i+3, one per lane, and φ in i+4 … i+7; row 0 alone
     # carries the load of the base, as only the nodes beside the clamps are coupled to it.
-    s, v, y = load(c, 4 * S), V * size, Y * size
-    w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
-    y0, y1 = fma(load(load_tape, 0), w0, force0), fma(load(load_tape, 4), w1, force1)
+    s = load(c, 4 * S)
+    v = V * size
+    y = Y * size
+    w0 = fma(s, load(X, v), load(X, 0))
+    w1 = fma(s, load(X, v + 4), load(X, 4))
+    y0 = fma(load(load_tape, 0), w0, force0)
+    y1 = fma(load(load_tape, 4), w1, force1)
     store(X, y, y0)
     store(X, y + 4, y1)
     for i in range(8, size, 8):
@@ -276,19 +280,26 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
 
     Each row gets y_j = r_j - L_j y_{j-1}.
     """
-    s, v, y, zero = load(c, 4 * S), V * size, Y * size, splat(0.0)
+    s = load(c, 4 * S)
+    v = V * size
+    y = Y * size
+    zero = splat(0.0)
     y0 = y1 = before0 = before1 = zero
-    r0, r1 = force0, force1
-    w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
+    r0 = force0
+    r1 = force1
+    w0 = fma(s, load(X, v), load(X, 0))
+    w1 = fma(s, load(X, v + 4), load(X, 4))
     for i in range(0, size, 8):
-        t, j = 6 * i, i + 8
+        t = 6 * i
+        j = i + 8
         # B w needs the rows before, here and after; behind the last row comes itself with its lanes
         # swapped, because chains 0 and 1, and 2 and 3, meet there
         if j < size:
             next0 = fma(s, load(X, v + j), load(X, j))
             next1 = fma(s, load(X, v + j + 4), load(X, j + 4))
         else:
-            next0, next1 = swap_neighbours(w0), swap_neighbours(w1)
+            next0 = swap_neighbours(w0)
+            next1 = swap_neighbours(w1)
         r0 = fma(load(load_tape, t), before0, r0)
         r1 = fma(load(load_tape, t + 8), before0, r1)
         r0 = fma(load(load_tape, t + 4), before1, r0)
@@ -304,7 +315,12 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
         y0, y1 = _forth(solution, t, (r0, r1), (y0, y1))
         store(X, y + i, y0)
         store(X, y + i + 4, y1)
-        before0, before1, w0, w1, r0, r1 = w0, w1, next0, next1, zero, zero
+        before0 = w0
+        before1 = w1
+        w0 = next0
+        w1 = next1
+        r0 = zero
+        r1 = zero
 
 
 @njit(forceinline=True)
@@ -317,18 +333,28 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
     Returns:
         zᵀ C z and the smallest gap.
     """
-    kappa, to_u, minus_rho = load(c, 4 * KAPPA), load(c, 4 * TO_U), load(c, 4 * MINUS_RHO)
-    y, last, h, v = Y * size, size - 8, held * size, V * size
-    next0, next1 = swap_neighbours(load(X, y + last)), swap_neighbours(load(X, y + last + 4))
+    kappa = load(c, 4 * KAPPA)
+    to_u = load(c, 4 * TO_U)
+    minus_rho = load(c, 4 * MINUS_RHO)
+    y = Y * size
+    last = size - 8
+    h = held * size
+    v = V * size
+    next0 = swap_neighbours(load(X, y + last))
+    next1 = swap_neighbours(load(X, y + last + 4))
     z0_next = z1_next = loss0 = loss1 = splat(0.0)
     gap = splat(np.inf)
     for i in range(last, -1, -8):
         # 48 numbers of `solution` and 28 of `form` belong to the 8 of a row of a field
-        t, q = 6 * i, i // 2 * 7
-        y0, y1 = load(X, y + i), load(X, y + i + 4)
+        t = 6 * i
+        q = i // 2 * 7
+        y0 = load(X, y + i)
+        y1 = load(X, y + i + 4)
         next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
-        z0, z1 = fma(kappa, load(X, h + i), next0), fma(kappa, load(X, h + i + 4), next1)
-        u0, v0_new = fma(to_u, z0, load(X, i)), fma(minus_rho, load(X, v + i), z0)
+        z0 = fma(kappa, load(X, h + i), next0)
+        z1 = fma(kappa, load(X, h + i + 4), next1)
+        u0 = fma(to_u, z0, load(X, i))
+        v0_new = fma(minus_rho, load(X, v + i), z0)
         store(X, i, u0)
         store(X, i + 4, fma(to_u, z1, load(X, i + 4)))
         store(X, v + i, v0_new)
@@ -339,10 +365,13 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
         # zᵀ C z counts the coupling of two rows at the earlier one, for both; where chains meet,
         # each lane counts its own side
         if i == last:
-            z0_next, z1_next = swap_neighbours(z0), swap_neighbours(z1)
+            z0_next = swap_neighbours(z0)
+            z1_next = swap_neighbours(z1)
         flow0, flow1 = _flow(form, q, (z0, z1), (z0_next, z1_next))
-        loss0, loss1 = fma(z0, flow0, loss0), fma(z1, flow1, loss1)
-        z0_next, z1_next = z0, z1
+        loss0 = fma(z0, flow0, loss0)
+        loss1 = fma(z1, flow1, loss1)
+        z0_next = z0
+        z1_next = z1
         # lanes 0 and 1 have the upper minus the lower lamina, plus the gap at rest; lanes 2 and 3
         # have the negative of that, but infinite gaps at rest
         gap = smaller(swap_halves(u0) - u0 + load(rest, i // 2), gap)
@@ -356,25 +385,37 @@ def step(system, X, base_state, keeps):  # type: ignore[no-untyped-def]
     `base_state` is (q, q', q'') of the base at θ. For `keeps` see `finish`.
     """
     q, dq, ddq = base_state
-    size, c, base, dt = system.size, system.coefficients, system.base, system.scheme.time_step
-    by_q, by_dq, by_ddq = splat(-dt * q), splat(-dt * dq), splat(-dt * ddq)
-    m, d, k = 0, size, 2 * size
+    size = system.size
+    c = system.coefficients
+    base = system.base
+    dt = system.scheme.time_step
+    by_q = splat(-dt * q)
+    by_dq = splat(-dt * dq)
+    by_ddq = splat(-dt * ddq)
+    m = 0
+    d = size
+    k = 2 * size
     force0 = fma(by_q, load(base, k), fma(by_dq, load(base, d), by_ddq * load(base, m)))
-    m, d, k = m + 4, d + 4, k + 4
+    m = m + 4
+    d = d + 4
+    k = k + 4
     force1 = fma(by_q, load(base, k), fma(by_dq, load(base, d), by_ddq * load(base, m)))
     if system.is_diagonal_load:
-        held = U
+        h_field = U
         eliminate_diagonal(X, size, c, system.load_tape, system.solution, force0, force1)
     else:
-        held = V
+        h_field = V
         eliminate_chained(X, size, c, system.load_tape, system.solution, force0, force1)
-    return finish(X, size, c, system.solution, system.form, system.rest, held, keeps)
+    return finish(X, size, c, system.solution, system.form, system.rest, h_field, keeps)
 
 
 @njit(forceinline=True)
 def base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
     """Write m_b·u, c_b·u, k_b·u to out[first:]; only the first row of u contributes."""
-    u0, u1, base, size = load(X, 0), load(X, 4), system.base, system.size
+    u0 = load(X, 0)
+    u1 = load(X, 4)
+    base = system.base
+    size = system.size
     for j in range(3):
         terms = fma(load(base, j * size + 4), u1, load(base, j * size) * u0)
         out[first + j] = total(terms)
@@ -390,23 +431,28 @@ def least_lane(gap):  # type: ignore[no-untyped-def]
 @njit
 def loss(X, size, form):  # type: ignore[no-untyped-def]
     """Return zᵀ C z in lane order, where z is the field P."""
-    first, last = P * size, size - 8
+    first = P * size
+    last = size - 8
     p0_next = swap_neighbours(load(X, first + last))
     p1_next = swap_neighbours(load(X, first + last + 4))
     loss0 = loss1 = splat(0.0)
     for i in range(last, -1, -8):
         q = i // 2 * 7
-        p0, p1 = load(X, first + i), load(X, first + i + 4)
+        p0 = load(X, first + i)
+        p1 = load(X, first + i + 4)
         flow0, flow1 = _flow(form, q, (p0, p1), (p0_next, p1_next))
-        loss0, loss1 = fma(p0, flow0, loss0), fma(p1, flow1, loss1)
-        p0_next, p1_next = p0, p1
+        loss0 = fma(p0, flow0, loss0)
+        loss1 = fma(p1, flow1, loss1)
+        p0_next = p0
+        p1_next = p1
     return total(loss0 + loss1)
 
 
 @njit(forceinline=True)
 def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest gap in lane order at the displacements u + ahead v."""
-    gap, time = splat(np.inf), splat(ahead)
+    gap = splat(np.inf)
+    time = splat(ahead)
     for i in range(0, size, 8):
         u = fma(time, load(X, size + i), load(X, i))
         gap = smaller(swap_halves(u) - u + load(rest, i // 2), gap)
@@ -416,9 +462,12 @@ def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
 @njit
 def smallest_approach(X, size, rest, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest U + min(ahead U̇, 0) of all pairs (refinement.py, F1)."""
-    gap, time, zero = splat(np.inf), splat(ahead), splat(0.0)
+    gap = splat(np.inf)
+    time = splat(ahead)
+    zero = splat(0.0)
     for i in range(0, size, 8):
-        u, v = load(X, i), load(X, size + i)
+        u = load(X, i)
+        v = load(X, size + i)
         shift = smaller(time * (swap_halves(v) - v), zero)
         gap = smaller(swap_halves(u) - u + load(rest, i // 2) + shift, gap)
     return least_lane(gap)
@@ -427,9 +476,12 @@ def smallest_approach(X, size, rest, ahead):  # type: ignore[no-untyped-def]
 @njit
 def smallest_margin(X, size, rest, reach):  # type: ignore[no-untyped-def]
     """Return the smallest U - reach |U̇| of all pairs: that of both signs of F1 at once."""
-    gap, time, zero = splat(np.inf), splat(-reach), splat(0.0)
+    gap = splat(np.inf)
+    time = splat(-reach)
+    zero = splat(0.0)
     for i in range(0, size, 8):
-        u, v = load(X, i), load(X, size + i)
+        u = load(X, i)
+        v = load(X, size + i)
         # U - reach |U̇| = U + min(-reach U̇, reach U̇)
         rate = swap_halves(v) - v
         shift = smaller(time * rate, zero - time * rate)
@@ -440,8 +492,10 @@ def smallest_margin(X, size, rest, reach):  # type: ignore[no-untyped-def]
 @njit
 def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
     """Solve A x = r by a solution tape; `right` and `out` number the fields r and x of X."""
-    r, x = right * size, out * size
-    y0, y1 = load(X, r), load(X, r + 4)
+    r = right * size
+    x = out * size
+    y0 = load(X, r)
+    y1 = load(X, r + 4)
     store(X, x, y0)
     store(X, x + 4, y1)
     for i in range(8, size, 8):
@@ -449,10 +503,12 @@ def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
         y0, y1 = _forth(solution, t, (load(X, r + i), load(X, r + i + 4)), (y0, y1))
         store(X, x + i, y0)
         store(X, x + i + 4, y1)
-    next0, next1 = swap_neighbours(y0), swap_neighbours(y1)
+    next0 = swap_neighbours(y0)
+    next1 = swap_neighbours(y1)
     for i in range(size - 8, -1, -8):
         t = 6 * i
-        y0, y1 = load(X, x + i), load(X, x + i + 4)
+        y0 = load(X, x + i)
+        y1 = load(X, x + i + 4)
         next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
         store(X, x + i, next0)
         store(X, x + i + 4, next1)
@@ -495,8 +551,9 @@ class Chains:
 def lane_order(n_elements: int) -> IntArray:
     """Return the place of each dof of two laminae in lane order, shape (4 n,)."""
     m = (n_elements + 1) // 2
-    lamina, rest = np.divmod(np.arange(4 * n_elements), 2 * n_elements)
-    node, component = rest // BLOCK + 1, rest % BLOCK
+    lamina, dof = np.divmod(np.arange(4 * n_elements), 2 * n_elements)
+    node = dof // BLOCK + 1
+    component = dof % BLOCK
     is_far = node > m
     row = np.where(is_far, 2 * m - node, node - 1)
     return np.asarray(row * ROW + component * LANES + 2 * lamina + is_far, dtype=np.int64)
@@ -508,12 +565,14 @@ def chains(matrix: sp.csr_matrix, order: IntArray) -> Chains | None:
     m = -(-matrix.shape[0] // (4 * BLOCK))
     entries = sp.coo_matrix(matrix)
     entries.sum_duplicates()
-    values, there = entries.data, entries.data != 0.0
+    values = entries.data
+    there = entries.data != 0.0
     (row, i, lane), (column, j, other) = (
         _place(order[index[there]]) for index in (entries.row, entries.col)
     )
     values = values[there]
-    step, is_last = column - row, (row == m - 1) & (column == m - 1)
+    step = column - row
+    is_last = (row == m - 1) & (column == m - 1)
     across = (other == (lane ^ 1)) & is_last
     kinds = {
         "before": (lane == other) & (step == -1),
@@ -540,7 +599,7 @@ def rayleigh(operators: Operators) -> tuple[FloatArray, FloatArray] | None:
     Return None if C does not have this form to round-off.
     """
     half = operators.n_dofs // 2
-    found = []
+    coefficients = []
     for part in (slice(0, half), slice(half, None)):
         C, M, K = (
             sp.csr_matrix(matrix)[part, part]
@@ -553,8 +612,8 @@ def rayleigh(operators: Operators) -> tuple[FloatArray, FloatArray] | None:
         alpha, beta = np.linalg.lstsq(normal, right, rcond=None)[0] / scales
         if abs(C - alpha * M - beta * K).max() > RAYLEIGH_TOLERANCE * (abs(C).max() or 1.0):
             return None
-        found.append((float(alpha), float(beta)))
-    return np.array(found)[:, 0], np.array(found)[:, 1]
+        coefficients.append((float(alpha), float(beta)))
+    return np.array(coefficients)[:, 0], np.array(coefficients)[:, 1]
 
 
 # -- tapes ------------------------------------------------------------------------------------
@@ -570,7 +629,8 @@ def form_tape(matrix: Chains) -> FloatArray:
 
     Each row has D00, D01 + D10, D11 and its coupling to the next row from both sides.
     """
-    D, both = matrix.middle, matrix.after.copy()
+    D = matrix.middle
+    both = matrix.after.copy()
     # x_rᵀ F_r x_{r+1} + x_{r+1}ᵀ B_{r+1} x_r is one product with F_r + B_{r+1}ᵀ
     both[:-1] += matrix.before[1:].swapaxes(-1, -2)  # at the middle each lane has its own side
     diagonal = np.stack([D[..., 0, 0], D[..., 0, 1] + D[..., 1, 0], D[..., 1, 1]], axis=1)

@@ -40,7 +40,7 @@ def _members(kind: Any) -> tuple[tuple[str, type, np.dtype[Any] | None], ...]:
     """
     hints = get_type_hints(kind).items()
     arrays = [get_args(hint) for _, hint in hints]  # of numpy.ndarray[shape, numpy.dtype[number]]
-    numbers = [np.dtype(get_args(given[1])[0]) if given else None for given in arrays]
+    numbers = [np.dtype(get_args(arguments[1])[0]) if arguments else None for arguments in arrays]
     return tuple((name, hint, of) for (name, hint), of in zip(hints, numbers, strict=True))
 
 

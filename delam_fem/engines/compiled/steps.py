@@ -43,7 +43,10 @@ OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
 @njit
 def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
     """Compute the candidate state in band order; return zᵀ C z and the smallest gap."""
-    X, size, column, scheme = memory.X, system.size, system.base, system.scheme
+    X = memory.X
+    size = system.size
+    column = system.base
+    scheme = system.scheme
     # G1: ũ and ṽ take the places of u and v; Y has ũ + g ṽ, and P begins z = v⁺ + ρ v
     q, dq, ddq = base_state
     for i in range(size):
@@ -153,9 +156,9 @@ def _base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
 @njit(forceinline=True)
 def see_base(system, memory):  # type: ignore[no-untyped-def]
     """Write m_b·u, c_b·u, k_b·u to `seen`; return the values before."""
-    seen = memory.seen
-    before = seen[0], seen[1], seen[2]
-    _base_rows(system, memory.X, seen, 0)
+    products = memory.seen
+    before = products[0], products[1], products[2]
+    _base_rows(system, memory.X, products, 0)
     return before
 
 
@@ -163,8 +166,13 @@ def see_base(system, memory):  # type: ignore[no-untyped-def]
 def observe(system, memory, log, step):  # type: ignore[no-untyped-def]
     """Record the end of a step: m_b·u, c_b·u, k_b·u and the probes of u; the probes of v."""
     row = memory.counts[SLOT] * (log.n_steps + 1) + step
-    X, base, n, u, v = memory.X, memory.base, system.n_probes, log.u, log.v
-    first_u, first_v = row * (3 + n), row * n
+    X = memory.X
+    base = memory.base
+    n = system.n_probes
+    u = log.u
+    v = log.v
+    first_u = row * (3 + n)
+    first_v = row * n
     _base_rows(system, X, u, first_u)
     if system.is_selecting:
         for k in range(n):
@@ -187,13 +195,15 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
 
     For `is_clear` see `look_ahead`.
     """
-    X, predicted = memory.X, look_ahead(system, law, memory, is_clear)
+    X = memory.X
+    predicted = look_ahead(system, law, memory, is_clear)
     base_state = mix_base(system, memory.base, new_base)
     if system.is_chained:  # z is needed for springs, and where impulses may change the step
         keeps = predicted <= 0.0 or memory.counts[N_SPRINGS] > 0
         flow, smallest = lk.step(system, X, base_state, keeps)
     elif system.is_modal:
-        flow, smallest = inner_points.advance(system, X, base_state), np.inf
+        flow = inner_points.advance(system, X, base_state)
+        smallest = np.inf
         memory.counts[IS_SEEN] = 0
         if law.kind != MOREAU:
             smallest = smallest_gap(system, X, 0.0)
@@ -213,7 +223,8 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
 @njit
 def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     """Store the whole state of a step and the contact state of each pair."""
-    size, counts = system.size, memory.counts
+    size = system.size
+    counts = memory.counts
     n = counts[SLOT] * log.n_frames + counts[N_FRAMES]
     for i in range(size):
         log.frames[2 * n * size + i] = memory.X[i]
@@ -222,7 +233,8 @@ def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     for k in range(system.n_pairs):
         log.contact[first + k] = RESTING if memory.resting[k] else OPEN
     # impacts of this step are the last ones in the buffers: go back until one is before it
-    event, last = counts[N_EVENTS] - 1, counts[N_HITS]
+    event = counts[N_EVENTS] - 1
+    last = counts[N_HITS]
     while event >= counts[OLD_EVENTS] and log.event_tick[event] > (step - 1) * log.refine:
         for j in range(last - log.event_size[event], last):
             if not memory.resting[log.hit[j]]:
@@ -289,51 +301,56 @@ def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-d
     """
     if system.is_within:
         return _mark_points(system, memory, ahead, level, slow)
-    X, has_springs = memory.X, memory.counts[N_SPRINGS] > 0
+    X = memory.X
+    has_springs = memory.counts[N_SPRINGS] > 0
     if system.is_chained and not has_springs:
         if lk.smallest_approach(X, system.size, system.rest, ahead) > 0.0:
             return False
-    found = False
+    is_fast = False
     if system.is_modal:
         inner_points.see(system, memory)
     for k in range(system.n_pairs):
         if system.is_modal:
-            gap, rate = memory.present_gap[k], memory.present_rate[k]
+            gap = memory.present_gap[k]
+            rate = memory.present_rate[k]
         else:
             gap, rate = both_products(system.gap_rows, k, X, system.size)
             gap = system.gap0[k] + gap
         if has_springs and memory.resting[k]:
-            gap, rate = -gap, -rate
+            gap = -gap
+            rate = -rate
         if gap + min(ahead * rate, 0.0) <= 0.0:
-            found |= abs(rate) > slow
+            is_fast |= abs(rate) > slow
             if level == COARSE:
                 memory.near[k] = 1
-            elif found:
+            elif is_fast:
                 return True
-    return found
+    return is_fast
 
 
 @njit
 def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
     """Return and mark the same as `_mark_near` for pairs inside the elements."""
-    X, found = memory.X, False
-    n_springs, seen = memory.counts[N_SPRINGS], memory.present_gap  # the law has `gap`
-    if inner_points.see_cells(system, X, ahead, True, 0.0, seen, memory.present_rate) <= 0.0:
+    X = memory.X
+    is_fast = False
+    n_springs = memory.counts[N_SPRINGS]
+    gaps = memory.present_gap  # the law has `gap`
+    if inner_points.see_cells(system, X, ahead, True, 0.0, gaps, memory.present_rate) <= 0.0:
         for k in range(system.n_pairs):
-            if seen[k] <= 0.0 and not (n_springs and memory.resting[k]):
-                found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
+            if gaps[k] <= 0.0 and not (n_springs and memory.resting[k]):
+                is_fast |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
                 if level == COARSE:
                     memory.near[k] = 1
-                elif found:
+                elif is_fast:
                     return True
     for j in range(n_springs):
         k = memory.pairs[j]
         gap, rate = both_products(system.gap_rows, k, X, system.size)
         if system.gap0[k] + gap + max(ahead * rate, 0.0) >= 0.0:
-            found |= abs(rate) > slow
+            is_fast |= abs(rate) > slow
             if level == COARSE:
                 memory.near[k] = 1
-    return found
+    return is_fast
 
 
 @njit
@@ -348,7 +365,8 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
         clear.
     """
     X, base = memory.X, memory.base
-    reach, is_near = 0.5 * SAFETY * system.scheme.time_step, False
+    reach = 0.5 * SAFETY * system.scheme.time_step
+    is_near = False
     for k in range(system.n_pairs if level == COARSE else 0):
         memory.near[k] = 0
     if not was_clear:
@@ -402,16 +420,22 @@ def _base_in(states, step, share, time_step):  # type: ignore[no-untyped-def]
     """Return (q, q', q'') of the base within a step; share 1 is its end."""
     if share == 1.0:
         return base_at(states, step)
-    before, after = base_at(states, step - 1), base_at(states, step)
+    before = base_at(states, step - 1)
+    after = base_at(states, step)
     return base_within(before, after, share, time_step)
 
 
 @njit(inline="always")
 def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-untyped-def]
     """Make a coarse step in smaller ones; return COMPLETED, DIVERGED or a failure of the law."""
-    effort, counts, r, m = memory.effort, memory.counts, log.refine, log.middle
+    effort = memory.effort
+    counts = memory.counts
+    r = log.refine
+    m = log.middle
     dt = r * fine.scheme.time_step
-    before, is_first, is_clear = base_at(log.base_states, step - 1), True, False
+    before = base_at(log.base_states, step - 1)
+    is_first = True
+    is_clear = False
     see_base(fine, memory)
     # m middle steps; each that is undone becomes r/m fine ones; ticks count fine steps from the
     # start of the period
@@ -457,7 +481,9 @@ def _step_of_three_sizes(p, log, step, was_clear):  # type: ignore[no-untyped-de
     Returns:
         COMPLETED, DIVERGED or a failure of the law; whether the new state is clear (`_is_clear`).
     """
-    law, memory, new_base = p.law, p.memory, base_at(log.base_states, step)
+    law = p.law
+    memory = p.memory
+    new_base = base_at(log.base_states, step)
     tick = step * log.refine
     status, is_clear = _leap(p.coarse, law, memory, log, new_base, COARSE, tick, was_clear)
     if status == COMPLETED:
@@ -474,10 +500,16 @@ def _store_level(p, log, j):  # type: ignore[no-untyped-def]
 
     They are those of the whole system, base included, in the fixed frame.
     """
-    system, memory, mass, stiffness = p.fine, p.memory, p.corner[0], p.corner[2]
-    X, size, q, dq, levels, first = (
-        memory.X, system.size, memory.base[0], memory.base[1], log.levels, 6 * j
-    )  # fmt: skip
+    system = p.fine
+    memory = p.memory
+    mass = p.corner[0]
+    stiffness = p.corner[2]
+    X = memory.X
+    size = system.size
+    q = memory.base[0]
+    dq = memory.base[1]
+    levels = log.levels
+    first = 6 * j  # fmt: skip
     momentum = attachment = 0.0
     for i in range(size):
         momentum += system.base[i] * X[size + i]
@@ -495,16 +527,25 @@ def _store_level(p, log, j):  # type: ignore[no-untyped-def]
 @njit
 def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
     """Set what is counted within a period to zero, and record its start."""
-    memory, width, width_v = p.memory, 3 + p.fine.n_probes, p.fine.n_probes
-    counts, totals, n_rows, n_pairs = memory.counts, memory.totals, log.n_steps + 1, p.fine.n_pairs
-    slot, before = j % log.n_slots, (j - 1) % log.n_slots
-    counts[SLOT], counts[N_FRAMES], counts[IS_SEEN] = slot, 0, 0
+    memory = p.memory
+    width = 3 + p.fine.n_probes
+    width_v = p.fine.n_probes
+    counts = memory.counts
+    totals = memory.totals
+    n_rows = log.n_steps + 1
+    n_pairs = p.fine.n_pairs
+    slot = j % log.n_slots
+    before = (j - 1) % log.n_slots
+    counts[SLOT] = slot
+    counts[N_FRAMES] = 0
+    counts[IS_SEEN] = 0
     counts[OLD_EVENTS], counts[OLD_HITS] = counts[N_EVENTS], counts[N_HITS]
     if j == 0:
         _store_level(p, log, 0)
         observe(p.fine, memory, log, 0)
     else:
-        first, last = slot * n_rows, (before + 1) * n_rows - 1
+        first = slot * n_rows
+        last = (before + 1) * n_rows - 1
         for i in range(width):
             log.u[first * width + i] = log.u[last * width + i]
         for i in range(width_v):
@@ -534,14 +575,15 @@ def _sum(x, first, n, least):  # type: ignore[no-untyped-def]
     if n > 128:
         half = n // 16 * 8
         return _sum(x, first, half, least) + _sum(x, first + half, n - half, least)
-    total, whole = 0.0, n // 8 * 8
-    if whole:
+    total = 0.0
+    n_blocked = n // 8 * 8
+    if n_blocked:
         r = np.zeros(8)
-        for i in range(whole):
+        for i in range(n_blocked):
             value = x[first + i]
             r[i % 8] += least if value < least else value
         total = ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]))
-    for i in range(first + whole, first + n):
+    for i in range(first + n_blocked, first + n):
         total += least if x[i] < least else x[i]
     return total
 
@@ -550,7 +592,8 @@ def _sum(x, first, n, least):  # type: ignore[no-untyped-def]
 def _end_period(p, log, first_period, j, n_steps):  # type: ignore[no-untyped-def]
     """Write the rows of a period; return whether the motion stayed within bounds."""
     memory, counts, k, slot = p.memory, p.memory.counts, first_period + j, p.memory.counts[SLOT]
-    n_rows, width = log.n_steps + 1, p.fine.n_probes
+    n_rows = log.n_steps + 1
+    width = p.fine.n_probes
     _store_level(p, log, j + 1)
     ends = n_steps, counts[N_EVENTS], counts[N_HITS]
     for i in range(3):
@@ -559,7 +602,8 @@ def _end_period(p, log, first_period, j, n_steps):  # type: ignore[no-untyped-de
         log.effort[5 * k + i] = memory.effort[i]
     if log.refine == 1:
         log.effort[5 * k] = n_steps
-    n_events, n_hits = counts[N_EVENTS] - counts[OLD_EVENTS], counts[N_HITS] - counts[OLD_HITS]
+    n_events = counts[N_EVENTS] - counts[OLD_EVENTS]
+    n_hits = counts[N_HITS] - counts[OLD_HITS]
     log.impulses[3 * k] = _sum(log.impulse, counts[OLD_HITS], n_hits, -np.inf)
     log.impulses[3 * k + 1] = n_hits
     log.impulses[3 * k + 2] = _sum(log.event_energy, counts[OLD_EVENTS], n_events, 0.0)
@@ -567,7 +611,8 @@ def _end_period(p, log, first_period, j, n_steps):  # type: ignore[no-untyped-de
     v = carray(log.v, (log.n_slots, n_rows, width))[slot, : n_steps + 1]
     base_states = carray(log.base_states, (n_rows, 3))
     is_divided = carray(log.is_divided, (log.n_slots, n_rows))[slot]
-    coupling, flows = carray(log.coupling, (4,)), carray(memory.flows, (4,))
+    coupling = carray(log.coupling, (4,))
+    flows = carray(memory.flows, (4,))
     rows = (
         carray(log.strobe, (k + 1, 2, log.n_probes))[k],
         carray(log.envelope, (k + 1, 2, log.n_probes))[k],
@@ -588,7 +633,10 @@ def _block_of(make_step: Any) -> Any:
 
     @njit
     def run_steps(p, log, first):  # type: ignore[no-untyped-def]
-        system, counts, r, is_clear = p.fine, p.memory.counts, log.refine, False
+        system = p.fine
+        counts = p.memory.counts
+        r = log.refine
+        is_clear = False
         for step in range(first, log.n_steps + 1):
             n_hits = counts[N_HITS] + r * system.n_pairs  # after this step, at most
             if counts[N_EVENTS] + r > log.n_events or n_hits > log.n_hits:
@@ -624,8 +672,10 @@ def _block_of(make_step: Any) -> Any:
 
 # -- called from Python -----------------------------------------------------------------------
 
-_problem, _log = view_at(Problem), view_at(Log)
-_plain_block, _divided_block = _block_of(_step_of_one_size), _block_of(_step_of_three_sizes)
+_problem = view_at(Problem)
+_log = view_at(Log)
+_plain_block = _block_of(_step_of_one_size)
+_divided_block = _block_of(_step_of_three_sizes)
 
 
 @kept(nogil=True, what="steps of one size, for all laws and schemes, about 15 s")
@@ -655,7 +705,8 @@ def run_divided(problem_at, log_at, first_period, begin, n_periods):  # type: ig
 
 def prepared(is_divided: bool) -> Callable[..., tuple[int, int, int]]:
     """Return `run_plain` or `run_divided`, compiled or loaded."""
-    run, number = run_divided if is_divided else run_plain, types.int64
+    run = run_divided if is_divided else run_plain
+    number = types.int64
     run.compile((number, number, number, types.UniTuple(number, 2), number))
     return run  # type: ignore[no-any-return]
 

@@ -56,7 +56,9 @@ class Dynamics:
         """
         self._is_owner = isinstance(operators, Operators)
         o = spread(operators, comm) if isinstance(operators, Operators) else operators
-        self.operators, self.time_step, self.comm = o, time_step, o.comm
+        self.operators = o
+        self.time_step = time_step
+        self.comm = o.comm
         self._blocks = [
             linear_algebra.block(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)
         ]
@@ -64,7 +66,8 @@ class Dynamics:
         self._H = matrix(o.gap_matrix, MPI.COMM_SELF)
         self.is_touching = bool((o.gap0 <= 0.0).any())
         self._absolute_H = matrix(abs(o.gap_matrix), MPI.COMM_SELF)
-        n, memory = o.n_own, np.zeros(3 * o.n_own + 3)
+        n = o.n_own
+        memory = np.zeros(3 * o.n_own + 3)
         # u, v, a and (q, q', q'') of the base in one memory, so that one product sees them all
         parts = memory, memory[: 2 * n], memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n]
         self._all, self._motion, self.u, self.v, self.a = map(linear_algebra.vector_in, parts)
@@ -96,11 +99,11 @@ class Dynamics:
     ) -> linear_algebra.Factor:
         """Return the factor of scale (M + of_damping C + of_stiffness K) (collective)."""
         mass, damping, stiffness = self._blocks
-        whole = mass.copy()
+        total = mass.copy()
         for factor, term in ((of_damping, damping), (of_stiffness, stiffness)):
             if factor:
-                whole.axpy(factor, term)
-        return linear_algebra.Factor(whole, prefix, scale, like=self.operators.stiffness)
+                total.axpy(factor, term)
+        return linear_algebra.Factor(total, prefix, scale, like=self.operators.stiffness)
 
     @property
     def dissipated(self) -> float:
@@ -126,7 +129,8 @@ class Dynamics:
         """
         if self._base_table is not base_states or base_states.flags.writeable:
             self._base_table, self._base_rows = base_states, base_states.tolist()
-        self._base_states, self._step = self._base_rows, 0
+        self._base_states = self._base_rows
+        self._step = 0
         self.damped = np.zeros_like(self.damped)  # a record keeps that of its period
         self._see()  # as a run does that continues from a file
         return self._base_rows
@@ -184,7 +188,8 @@ class Dynamics:
 
     def begin_step(self, before: BaseState, after: BaseState) -> None:
         """Begin a single step, over which the base moves between two states (q, q', q'')."""
-        self._base_states, self._step = [before, after], 0
+        self._base_states = [before, after]
+        self._step = 0
 
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs rest, shape (n_pairs,)."""
@@ -201,7 +206,8 @@ class Dynamics:
         gap, rate = self._gap_values, self._rate_values
         if self.is_resting and self.spring_stiffness:
             sign = np.where(self.resting, -1.0, 1.0)
-            gap, rate = sign * gap, sign * rate
+            gap = sign * gap
+            rate = sign * rate
         return gap, rate
 
     def nearness(self, reach: float, slow: float) -> int:
@@ -211,14 +217,16 @@ class Dynamics:
         same reach; `slow` does not change from step to step.
         """
         if self._reach != reach:
-            self._nearness, self._reach = nearness(*self.margins(), reach, slow), reach
+            self._nearness = nearness(*self.margins(), reach, slow)
+            self._reach = reach
         return self._nearness
 
     def _make_views(self) -> None:
         """Create the matrix and vectors of gaps, gap rates and recorded quantities."""
         o = self.operators
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
-        of_u, of_v = sp.vstack([rows, o.observed]), o.observed
+        of_u = sp.vstack([rows, o.observed])
+        of_v = o.observed
         blocks = [[o.gap_matrix, None], [None, o.gap_matrix], [of_u, None], [None, of_v]]
         self._view = matrix(sp.bmat(blocks), MPI.COMM_SELF)
         self._at_rest = self._view.createVecLeft()
@@ -237,7 +245,8 @@ class Dynamics:
         self._gap_vector, self._rate_vector = (
             linear_algebra.vector_in(values) for values in (self._gap_values, self._rate_values)
         )
-        self._nearness, self._reach = 0, math.nan
+        self._nearness = 0
+        self._reach = math.nan
         self._see()
 
     def _see(self) -> None:
@@ -303,10 +312,10 @@ class Dynamics:
         q, dq, _ = self._base_states[self._step]
         self._M.mult(self.v, self._load)
         with np.errstate(invalid="ignore", over="ignore"):  # the outcome tells of such a motion
-            own = [float(base.mass.dot(self.v.array)), self._load.dot(self.v)]
+            local_sums = [float(base.mass.dot(self.v.array)), self._load.dot(self.v)]
             self._K.mult(self.u, self._load)
-            own += [self._load.dot(self.u), float(base.stiffness.dot(self.u.array))]
-        momentum, of_mass, of_stiffness, attachment = linear_algebra.added(own, self.comm)
+            local_sums += [self._load.dot(self.u), float(base.stiffness.dot(self.u.array))]
+        momentum, of_mass, of_stiffness, attachment = linear_algebra.added(local_sums, self.comm)
         kinetic = 0.5 * of_mass + dq * momentum
         strain = 0.5 * of_stiffness + q * attachment
         return Energies(

@@ -96,7 +96,8 @@ class RefinedSteps(StepByStep):
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
         """Compute the steps of a period and write them into its record; see `StepByStep`."""
-        s, factor = self.stepper, self.refinement.factor
+        s = self.stepper
+        factor = self.refinement.factor
         rows = s.begin(record.base_states)
         s.observe()
         for step in range(1, len(rows)):
@@ -123,7 +124,8 @@ class RefinedSteps(StepByStep):
             None if the step was made. If not, the near pairs of a coarse step, shape (n_pairs,);
             those of a middle step are not sought.
         """
-        s, slow = self.stepper, self.refinement.slow
+        s = self.stepper
+        slow = self.refinement.slow
         s.use(level)
         reach = 0.5 * SAFETY * s.time_step
         is_fast = s.nearness(reach, slow) & AHEAD
@@ -163,8 +165,11 @@ class RefinedSteps(StepByStep):
             floor: gap below which the motion counts as diverged [m].
             ends: list that gets the rows of `add_rows`, one after the other.
         """
-        s, r, m = self.stepper, self.refinement.factor, self.refinement.middle
-        first, is_first = (step - 1) * r, True
+        s = self.stepper
+        r = self.refinement.factor
+        m = self.refinement.middle
+        first = (step - 1) * r
+        is_first = True
         within = base_rows(tuple(rows[step - 1]), tuple(rows[step]), r, self.time_step).tolist()
         ends += [*s.seen_base.tolist(), *within[0], 0.0]
         for last in range(r // m, r + 1, r // m):

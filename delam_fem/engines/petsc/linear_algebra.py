@@ -87,9 +87,9 @@ def stacked(
     of_u, of_v, of_a, of_base = (
         sp.csr_matrix(part.getValuesCSR()[::-1], part.getSize()) for part in (K, C, M, base)
     )
-    whole = sp.hstack((of_u, of_v + ahead * of_u, inertia * of_a, of_base), "csr")
-    whole.eliminate_zeros()
-    return matrix(whole, MPI.COMM_SELF)
+    combined = sp.hstack((of_u, of_v + ahead * of_u, inertia * of_a, of_base), "csr")
+    combined.eliminate_zeros()
+    return matrix(combined, MPI.COMM_SELF)
 
 
 class SpreadProduct:
@@ -208,7 +208,8 @@ class Factor:
 
     def _heed(self, given: PETSc.Options, is_symmetric: bool, like: PETSc.Mat | None) -> None:
         """Set the solver up as options say, and try it on one load (collective)."""
-        solver, kinds = self._solver, PETSc.KSP.Type
+        solver = self._solver
+        kinds = PETSc.KSP.Type
         if given.getString("pc_type", EXACT[0]) not in EXACT:
             solver.setType(kinds.CG if is_symmetric else kinds.GMRES)
         solver.setTolerances(rtol=RESIDUAL)
@@ -217,8 +218,8 @@ class Factor:
             solver.setTolerances(rtol=OF_GRADIENTS)
         shapes = like and like.getNearNullSpace()
         if shapes:
-            own = np.array([vector.array_r for vector in shapes.getVecs()])
-            with_near_null(self._matrix, own.T)
+            columns = np.array([vector.array_r for vector in shapes.getVecs()])
+            with_near_null(self._matrix, columns.T)
         x, b = self._matrix.createVecs()
         b.array[:] = np.cos(np.arange(*b.getOwnershipRange()))
         size = b.norm()
@@ -349,14 +350,18 @@ class Shared:
             places: numbers to which this rank contributes, the only ones that it sends, increasing;
                 None: all.
         """
-        self._comm, self._is_alone = comm, comm.size == 1  # asked in every step
+        self._comm = comm
+        self._is_alone = comm.size == 1  # asked in every step
         self.own = PETSc.Vec().createSeq(size)
         self._memory: FloatArray = self.own.array
         self.values, self.total = self._memory, self.own
         self._sent = np.arange(size) if places is None else places
         if not self._is_alone:
             every = comm.allgather(self._sent)
-            self._counts, self._places = [own.size for own in every], np.concatenate(every)
+            self._counts, self._places = (
+                [places_of_rank.size for places_of_rank in every],
+                np.concatenate(every),
+            )
             self._parts = np.empty(self._places.size)
             self.values = np.zeros(size)
             self.total = vector_in(self.values)
@@ -428,8 +433,8 @@ class LumpedCompliance:
     def __init__(self, operators: DistributedOperators) -> None:
         """Compute the matrix, which is sparse (collective)."""
         H, comm = operators.gap_matrix, operators.comm
-        own = (H @ sp.diags(1.0 / operators.require_lumped_mass()) @ H.T).tocsr()
-        self._W = own if comm.size == 1 else sum(comm.allgather(own), 0 * own)
+        compliance = (H @ sp.diags(1.0 / operators.require_lumped_mass()) @ H.T).tocsr()
+        self._W = compliance if comm.size == 1 else sum(comm.allgather(compliance), 0 * compliance)
         self._diagonal = self._W.diagonal()
 
     def diagonal(self, pairs: IntArray) -> FloatArray:

@@ -104,7 +104,8 @@ class Newmark(Dynamics):
         self._now = self._sizes[-1]
         self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
         self._velocities, self._kept_a = new_vector(o.n_own), new_vector(o.n_own)
-        self._kept_motion, self._kept_losses = self._motion.duplicate(), (0.0, 0.0)
+        self._kept_motion = self._motion.duplicate()
+        self._kept_losses = (0.0, 0.0)
         self._kept_damped = self.damped.copy()
         self._coupled = coupled_impulses
         inverse = 0.0 if coupled_impulses else 1.0 / o.require_lumped_mass()
@@ -117,11 +118,13 @@ class Newmark(Dynamics):
     def _size(self, time_step: float, beta: float, gamma: float) -> _Size:
         """Return a size of steps with its factor."""
         dt = time_step
-        to_u, to_v = beta * dt**2, gamma * dt
+        to_u = beta * dt**2
+        to_v = gamma * dt
         # scale -1: solving with the residual K u + C v - f gives an acceleration
         factor = self._factor(to_v, to_u, "newmark_", scale=-1.0)
         softness = self.spring_stiffness * to_u + self._spring_damping * to_v
-        keep_u, keep_v = (0.5 - beta) * dt**2, (1.0 - gamma) * dt
+        keep_u = (0.5 - beta) * dt**2
+        keep_v = (1.0 - gamma) * dt
         stack = self._stack(*(dt, -1.0) if self._is_average else (0.0, 0.0))
         return _Size(
             dt, to_u, to_v, keep_u, keep_v, softness, factor, stack, self._compliance(factor)
@@ -192,7 +195,8 @@ class Newmark(Dynamics):
 
     def _push_springs(self) -> None:
         """Correct the candidate state by the forces of the springs (N2)."""
-        drive, now = self._spring_loads(), self._now
+        drive = self._spring_loads()
+        now = self._now
         if now.resistance is not None:
             forces = now.resistance @ drive
         else:
@@ -221,7 +225,8 @@ class Newmark(Dynamics):
     def _iterate_springs(self, drive: FloatArray) -> FloatArray:
         """Solve N2 by conjugate gradients; each product with S_PP is one solve with A."""
         forces = np.zeros(drive.size)
-        residual, direction = drive.copy(), drive.copy()
+        residual = drive.copy()
+        direction = drive.copy()
         square = float(residual @ residual)
         goal = RELATIVE_RESIDUAL**2 * square
         for _ in range(2 * drive.size):
@@ -237,7 +242,8 @@ class Newmark(Dynamics):
             length = square / float(direction @ image)
             forces += length * direction
             residual -= length * image
-            previous, square = square, float(residual @ residual)
+            previous = square
+            square = float(residual @ residual)
             direction = residual + square / previous * direction
         return forces
 
@@ -253,7 +259,8 @@ class Newmark(Dynamics):
         now = self._now
         if now.pairs is self._pairs:
             return
-        now.pairs, now.resistance = self._pairs, None
+        now.pairs = self._pairs
+        now.resistance = None
         if 0 < self._pairs.size <= DIRECT_PAIRS:
             matrix = now.softness * now.S.block(self._pairs)
             if self._roots is not None:

@@ -67,7 +67,9 @@ class RayleighDamping:
             K: stiffness.
             rayleigh: α and β at the own dofs, each of shape (n_own,) [1/s, s].
         """
-        self._M, self._K, self.rayleigh = M, K, rayleigh
+        self._M = M
+        self._K = K
+        self.rayleigh = rayleigh
         n = rayleigh[0].size
         self._alpha, self._beta = (new_vector(n, values) for values in rayleigh)
         self._momentum, self._kept_momentum, self._work, self._point = (
@@ -83,7 +85,8 @@ class RayleighDamping:
         """
         alpha, beta = self.rayleigh
         share = beta / (c * beta + k)
-        n, of_inertia = share.size, alpha - share * (1.0 + c * alpha)
+        n = share.size
+        of_inertia = alpha - share * (1.0 + c * alpha)
         return new_vector(n, share / scale), new_vector(n, of_inertia)
 
     def renew(self, v: PETSc.Vec) -> None:
@@ -106,7 +109,8 @@ class RayleighDamping:
 
     def pull(self, u: PETSc.Vec, v: PETSc.Vec, ahead: float, result: PETSc.Vec) -> None:
         """Write K (u + ahead v) + C v to `result` (R1) and begin a step (collective)."""
-        self._square_start, self._cross = self._square, 0.0
+        self._square_start = self._square
+        self._cross = 0.0
         self._work.pointwiseMult(self._beta, v)
         self._point.waxpy(ahead, v, u)
         self._point.axpy(1.0, self._work)
@@ -241,7 +245,9 @@ class MoreauJean(Dynamics):
 
     def _size(self, time_step: float) -> _Size:
         """Return a size of steps with its factor, whose scale makes the residual give v⁺ - v."""
-        reach, scale, damping = self._theta * time_step, -1.0 / time_step, self._damping
+        reach = self._theta * time_step
+        scale = -1.0 / time_step
+        damping = self._damping
         factor = self._factor(reach, reach**2, "moreau_", scale)
         weights = None if damping is None else damping.weights(reach, reach**2, scale)
         stack = None if damping is not None else self._stack(reach, 0.0)
@@ -299,10 +305,14 @@ class MoreauJean(Dynamics):
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
         self.resting = self._none_resting
         self._motion.copy(self._motion_start)
-        (q, dq, ddq), rest = self._base_states[self._step], 1.0 - theta
+        (q, dq, ddq), old_share = self._base_states[self._step], 1.0 - theta
         self._step += 1
         new_q, new_dq, new_ddq = self._base_states[self._step]
-        between = theta * new_q + rest * q, theta * new_dq + rest * dq, theta * new_ddq + rest * ddq
+        between = (
+            theta * new_q + old_share * q,
+            theta * new_dq + old_share * dq,
+            theta * new_ddq + old_share * ddq,
+        )
         # K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt
         if self._damping is None:
             self._find_residual(between, self._now.stack, theta * dt)
@@ -338,9 +348,9 @@ class MoreauJean(Dynamics):
         for pair, impulse, before, after in zip(*of_hit, strict=True):  # faster than NumPy
             twice += impulse * (before + after)
             if self._has_room:
-                motion, seen = responses.get(pair) or self._respond(pair)
+                motion, reading = responses.get(pair) or self._respond(pair)
                 self._motion.axpy(impulse, motion)
-                self._seen.own.axpy(impulse, seen)
+                self._seen.own.axpy(impulse, reading)
         if self._has_room:
             self._seen.gather()
             self._reach = math.nan
@@ -363,14 +373,15 @@ class MoreauJean(Dynamics):
     def _respond(self, pair: int) -> tuple[PETSc.Vec, PETSc.Vec]:
         """Compute the responses of the present size of steps to a unit impulse on a pair."""
         self._solve_impulses(np.array([pair]), np.ones(1))
-        motion, seen = self._motion.duplicate(), self._at_rest.duplicate()
+        motion = self._motion.duplicate()
+        reading = self._at_rest.duplicate()
         by_unit = self._response.array
         # p adds Â⁻¹ Hᵀ p to v⁺ and θ Δt times that to u⁺; the factor's scale is -1/Δt, so that its
         # solution x gives v⁺ += -x/Δt and u⁺ += -θ x
         motion.array[:] = np.concatenate([-self._theta * by_unit, self._now.A.scale * by_unit])
-        self._view.mult(motion, seen)
-        self._now.responses[pair] = motion, seen
-        return motion, seen
+        self._view.mult(motion, reading)
+        self._now.responses[pair] = motion, reading
+        return motion, reading
 
     def observe(self) -> None:
         """Account for the damping of a completed step."""

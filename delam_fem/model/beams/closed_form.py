@@ -51,11 +51,12 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         return axial(case, x)
     if not case.is_apart:
         return _stack(case, network(case, x))
-    h, at_middles = np.diff(x), case.is_at_middles
+    h = np.diff(x)
+    at_middles = case.is_at_middles
     M, K, lumped = zip(
         *(
-            beam(own.flexural_rigidity, own.mass_per_length, h, at_middles=at_middles)
-            for own in case.lamina
+            beam(lamina.flexural_rigidity, lamina.mass_per_length, h, at_middles=at_middles)
+            for lamina in case.lamina
         ),
         strict=True,
     )
@@ -67,7 +68,8 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
 def _stack(case: Case, stack: Network) -> Structure:
     """Assemble a bonded stack: every group of a segment is one beam about its neutral axis."""
     sizes = (stack.n_columns, stack.n_columns)
-    mass, stiffness = sp.csr_matrix(sizes), sp.csr_matrix(sizes)
+    mass = sp.csr_matrix(sizes)
+    stiffness = sp.csr_matrix(sizes)
     lumped = np.zeros(stack.n_columns)
     for segment, group in stack.groups():
         nodes = segment.nodes
@@ -150,7 +152,8 @@ def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> Flo
     Returns:
         Diagonals, shape (n, 4) [kg, kg m2].
     """
-    m, h = np.asarray(mass_per_length, dtype=np.float64), np.asarray(h, dtype=np.float64)
+    m = np.asarray(mass_per_length, dtype=np.float64)
+    h = np.asarray(h, dtype=np.float64)
     return np.stack([m * h / 2.0, m * h**3 / 78.0] * 2, axis=-1)
 
 
@@ -178,10 +181,13 @@ def middle_masses(masses: FloatArray, h: FloatArray, *, is_tied: bool = False) -
     Raises:
         CaseError: the lengths of neighbours differ so much that a mass is negative.
     """
-    result, x, n = masses.copy(), np.cumsum(h) - 0.5 * h, h.size
+    result = masses.copy()
+    x = np.cumsum(h) - 0.5 * h
+    n = h.size
     for i, missing in enumerate(masses * h**2 / 12.0 if n > 2 else ()):
         k = min(max(i, 1), n - 2)
-        left, right = x[k] - x[k - 1], x[k + 1] - x[k]
+        left = x[k] - x[k - 1]
+        right = x[k + 1] - x[k]
         # no mass and no first moment; the second moment about the middle one is left + right
         shares = np.array([1.0 / left, -1.0 / left - 1.0 / right, 1.0 / right])
         result[k - 1 : k + 2] += missing / (left + right) * shares
@@ -229,7 +235,8 @@ def sum_elements(elements: FloatArray) -> sp.csr_matrix:
     """Assemble a chain of element matrices, shape (n, 4, 4), into one matrix of 2 (n + 1) dofs."""
     n = len(elements)
     dofs = 2 * np.arange(n)[:, None] + np.arange(4)  # (n, 4)
-    rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
+    rows = np.repeat(dofs, 4, axis=1)
+    columns = np.tile(dofs, 4)
     return sp.csr_matrix(
         (elements.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * n + 2,) * 2
     )
@@ -260,19 +267,22 @@ def _scaled(numbers: FloatArray, factor: FloatArray, h: npt.ArrayLike) -> FloatA
 
 def axial(case: Case, x: FloatArray) -> Structure:
     """Return the operators and the layout of a case of bars or points with nodes at x [m]."""
-    h, last, count = np.diff(x), x.size - 1, len(case.lamina)
+    h = np.diff(x)
+    last = x.size - 1
+    count = len(case.lamina)
     ends = ((0, case.support.start), (last, case.support.end))
     free = np.delete(np.arange(x.size), [node for node, kind in ends if kind != "free"])
     start, end = (sp.eye(last, x.size, k=k, format="csr") for k in (0, 1))  # nodes of cells
-    laminae, lumped = [], []
-    for own in case.lamina:
-        masses = sp.diags(own.mass_per_length * h)
-        k = own.axial_rigidity / h if own.stiffness is None else np.array([own.stiffness])
+    laminae = []
+    lumped = []
+    for lamina in case.lamina:
+        masses = sp.diags(lamina.mass_per_length * h)
+        k = lamina.axial_rigidity / h if lamina.stiffness is None else np.array([lamina.stiffness])
         diagonal = 0.5 * (start + end).T @ masses.diagonal()
-        if own.mass is not None:
-            diagonal = own.mass * np.eye(x.size)[last]
+        if lamina.mass is not None:
+            diagonal = lamina.mass * np.eye(x.size)[last]
         M = sum(N.T @ masses @ N for N in (start, end, start + end)) / 6.0
-        if own.mass is not None or case.time.mass == "lumped":
+        if lamina.mass is not None or case.time.mass == "lumped":
             M = sp.diags(diagonal)
         K = (end - start).T @ sp.diags(k) @ (end - start)
         laminae.append((M, K))
@@ -281,8 +291,8 @@ def axial(case: Case, x: FloatArray) -> Structure:
     dofs[..., 0] = BASE
     dofs[:, free, 0] = np.arange(count * free.size).reshape(count, free.size)
     sections = np.zeros((2, count, last))
-    sections[1] = [[own.mass_per_length] for own in case.lamina]
+    sections[1] = [[lamina.mass_per_length] for lamina in case.lamina]
     parts = parts_of(case, x, dofs, sections)
     straight = np.diag([1.0, 0.0])  # the slopes have no stiffness and no mass
-    M, K = (sp.kron(sp.block_diag(own), straight) for own in zip(*laminae, strict=True))
+    M, K = (sp.kron(sp.block_diag(blocks), straight) for blocks in zip(*laminae, strict=True))
     return side_by_side(case, parts, (M, K), np.kron(np.concatenate(lumped), straight[0]))

@@ -120,14 +120,17 @@ class Hermite:
             values: a function (input cells of shape (k,), x of shape (k,)) -> values, shape (k,).
         """
         space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", COEFFICIENT_DEGREE)
-        points, given = space.tabulate_dof_coordinates()[:, 0], self.mesh.topology
+        points = space.tabulate_dof_coordinates()[:, 0]
+        topology = self.mesh.topology
         cells = np.empty(len(points), dtype=np.int64)
-        cells[_dolfinx.cell_dofs(space)] = np.asarray(given.original_cell_index)[:, None]
+        cells[_dolfinx.cell_dofs(space)] = np.asarray(topology.original_cell_index)[:, None]
         return _dolfinx.function(space, values(cells, points))
 
     def _global_to_input(self) -> IntArray:
         """Return the input dof (fields × node + component) of each global dof, on every rank."""
-        index_map, n, rows = self.space.dofmap.index_map, self.space.num_sub_spaces, []
+        index_map = self.space.dofmap.index_map
+        n = self.space.num_sub_spaces
+        rows = []
         input_nodes = np.asarray(self.mesh.geometry.input_global_indices, dtype=np.int64)
         nodes = input_nodes[_dolfinx.cell_nodes(self.mesh)]
         for component in range(n):
@@ -185,7 +188,8 @@ def assemble(
     n = len(x) - 1
     EI = flexural_rigidity or (lambda i, x: case.lamina[i].flexural_rigidity)
     rhoA = mass_per_length or (lambda i, x: case.lamina[i].mass_per_length)
-    middle, numbers = 0.5 * (x[1:] + x[:-1]), range(len(case.lamina))
+    middle = 0.5 * (x[1:] + x[:-1])
+    numbers = range(len(case.lamina))
     sections = [[np.broadcast_to(profile(i, middle), n) for i in numbers] for profile in (EI, rhoA)]
     M, K, lumped, C = _matrices(case, comm, [x] * len(numbers), (EI, rhoA))
     return side_by_side(case, clamped_parts(case, x, np.array(sections)), (M, K), lumped, C)
@@ -218,8 +222,8 @@ def _matrices(
 
     def coefficient(profile: Profile) -> Any:
         def values(cells: IntArray, x: FloatArray) -> FloatArray:
-            own = [of_cell[cells] == i for i in range(sizes.size)]
-            return np.select(own, [profile(i, x) for i in range(sizes.size)])
+            conditions = [of_cell[cells] == i for i in range(sizes.size)]
+            return np.select(conditions, [profile(i, x) for i in range(sizes.size)])
 
         return on.coefficient(values)
 
@@ -237,9 +241,12 @@ def _matrices(
             return at_ends(factor)
         return assembled(factor * on.value(pair) * on.value(test), MASS_DEGREE)
 
-    pair, test = ufl.TrialFunction(on.space), ufl.TestFunction(on.space)
+    pair = ufl.TrialFunction(on.space)
+    test = ufl.TestFunction(on.space)
     EI, rhoA = map(coefficient, section)
-    w2, v2, C = on.curvature(pair), on.curvature(test), None
+    w2 = on.curvature(pair)
+    v2 = on.curvature(test)
+    C = None
     energy = EI * w2 * v2
     if axial is None:
         alpha, beta = (coefficient(lambda i, x, k=k: case.rayleigh(i)[k]) for k in (0, 1))  # type: ignore[misc]
@@ -257,14 +264,14 @@ Line = tuple[Segment, Group, int]
 def _stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
     """Assemble a bonded stack: each lamina of every segment is a line, and all are tied (N1)."""
     lines = [(segment, group, i) for segment, group in unknowns.groups() for i in group]
-    own = [unknowns.laminae[i] for _, _, i in lines]
+    laminae = [unknowns.laminae[i] for _, _, i in lines]
     zeta = [float(unknowns.middles[i]) - unknowns.neutral_axis(group) for _, group, i in lines]
     M, K, lumped, _ = _matrices(
         case,
         comm,
         [unknowns.x[segment.nodes] for segment, _, _ in lines],
-        (lambda i, x: own[i].flexural_rigidity, lambda i, x: own[i].mass_per_length),
-        (lambda i, x: own[i].axial_rigidity, lambda i, x: zeta[i]),
+        (lambda i, x: laminae[i].flexural_rigidity, lambda i, x: laminae[i].mass_per_length),
+        (lambda i, x: laminae[i].axial_rigidity, lambda i, x: zeta[i]),
     )
     to = _transformation(unknowns, lines)
     return structure(case, unknowns, to.T @ M @ to, to.T @ K @ to, to.T @ lumped)

@@ -201,7 +201,8 @@ class Network:
     def matrix(self, rows: Sequence[Sequence[tuple[int, float]]]) -> sp.csr_matrix:
         """Return rows that are given as columns with factors, CSR (n_rows, n_columns)."""
         entries = np.array([entry for row in rows for entry in row]).reshape(-1, 2)
-        ends, shape = np.cumsum([0, *map(len, rows)]), (len(rows), self.n_columns)
+        ends = np.cumsum([0, *map(len, rows)])
+        shape = (len(rows), self.n_columns)
         result = sp.csr_matrix((entries[:, 1], entries[:, 0].astype(np.int64), ends), shape)
         result.sum_duplicates()
         return result
@@ -223,19 +224,19 @@ def network(case: Case, x: FloatArray) -> Network:
     axial: dict[tuple[int, int], int] = {}
     n_free = n_axial = 0
     supports = {0: case.support.start, n: case.support.end}
-    inner = {node_at(x, own.position): own for own in case.support.held}
+    inner = {node_at(x, support.position): support for support in case.support.held}
     junctions = {0, *(s.last for s in segments)}
     for node in range(n + 1):
         kind = supports.get(node, "free")
         for cluster in clusters(segments, node):
-            own = [n_free, n_free + 1]
+            node_dofs = [n_free, n_free + 1]
             if kind != "free":
                 is_rigid = kind == "clamped" and case.support.rotational_stiffness is None
-                own = [BASE, FIXED if is_rigid else n_free]
+                node_dofs = [BASE, FIXED if is_rigid else n_free]
             elif node in inner and holds(inner[node], case, cluster):
-                own = [BASE, FIXED if inner[node].kind == "clamped" else n_free]
-            dofs[list(cluster), node] = own
-            n_free += sum(dof >= 0 for dof in own)
+                node_dofs = [BASE, FIXED if inner[node].kind == "clamped" else n_free]
+            dofs[list(cluster), node] = node_dofs
+            n_free += sum(dof >= 0 for dof in node_dofs)
             if node in junctions:
                 number = n_axial if kind == "free" else FIXED
                 axial |= {(node, i): number for i in cluster}
@@ -251,7 +252,9 @@ def never_opens(case: Case) -> str | None:
     """
     if not case.delamination or case.is_apart or case.excitation.acts_on != "base":
         return None
-    edges = sorted({x for own in case.delamination for x in (own.start, own.end)})
+    edges = sorted(
+        {x for delamination in case.delamination for x in (delamination.start, delamination.end)}
+    )
     stack = network(case, np.array(sorted({0.0, *edges, case.length})))
     for segment in stack.segments:
         ratios = [EI / rhoA for EI, rhoA, _ in map(stack.section, segment.groups)]
@@ -266,7 +269,7 @@ def never_opens(case: Case) -> str | None:
 
 def clusters(segments: Sequence[Segment], node: int) -> tuple[Group, ...]:
     """Return the groups of laminae that are bonded at a node, on either side of it."""
-    return joined([own.groups for own in segments if own.first <= node <= own.last])
+    return joined([segment.groups for segment in segments if segment.first <= node <= segment.last])
 
 
 def holds(support: InnerSupport, case: Case, cluster: Group) -> bool:
@@ -322,7 +325,8 @@ def surface_strain(stack: Network, parts: Sequence[Part], stiffness: sp.spmatrix
     """
     n_kept = stack.n_free + 1
     K = without_round_off(stiffness)
-    K_aa, K_ad = K[n_kept:, n_kept:].toarray(), K[n_kept:, :n_kept].toarray()
+    K_aa = K[n_kept:, n_kept:].toarray()
+    K_ad = K[n_kept:, :n_kept].toarray()
     axial = -np.linalg.pinv(K_aa, hermitian=True) @ K_ad  # (n_axial, n_kept)
 
     def of_cell(lamina: int, place: float, side: float, cell: int) -> FloatArray:
@@ -342,8 +346,8 @@ def surface_strain(stack: Network, parts: Sequence[Part], stiffness: sp.spmatrix
         return np.asarray(row)
 
     def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
-        found = [of_cell(lamina, place, side, cell) for cell in cells_at(parts[lamina], place)]
-        return sp.csr_matrix(np.mean(found, axis=0))
+        cell_rows = [of_cell(lamina, place, side, cell) for cell in cells_at(parts[lamina], place)]
+        return sp.csr_matrix(np.mean(cell_rows, axis=0))
 
     return rows
 
@@ -353,9 +357,9 @@ def without_round_off(matrix: sp.spmatrix) -> sp.csr_matrix:
     entries = sp.coo_matrix(matrix)
     entries.sum_duplicates()
     scale = np.sqrt(np.maximum(sp.csr_matrix(matrix).diagonal(), 0.0))
-    kept = np.abs(entries.data) > ROUND_OFF * scale[entries.row] * scale[entries.col]
+    is_kept = np.abs(entries.data) > ROUND_OFF * scale[entries.row] * scale[entries.col]
     return sp.csr_matrix(
-        (entries.data[kept], (entries.row[kept], entries.col[kept])), shape=entries.shape
+        (entries.data[is_kept], (entries.row[is_kept], entries.col[is_kept])), shape=entries.shape
     )
 
 
@@ -363,8 +367,12 @@ def _segments(case: Case, x: FloatArray) -> tuple[Segment, ...]:
     """Return the segments of a case between its junctions."""
     names = [lamina.name for lamina in case.lamina]
     spans = [
-        (names.index(own.between[1]), node_at(x, own.start), node_at(x, own.end))
-        for own in case.delamination
+        (
+            names.index(delamination.between[1]),
+            node_at(x, delamination.start),
+            node_at(x, delamination.end),
+        )
+        for delamination in case.delamination
     ]
     junctions = sorted({0, x.size - 1, *(node for _, *edges in spans for node in edges)})
     segments = []
@@ -387,8 +395,10 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
         CaseError: see `initial_gap` and `opening_at_rest`.
     """
     gaps = (
-        opening(case, layout, own, layout.parts[own.parts[0]].positions(own.places))
-        for own in layout.interfaces
+        opening(
+            case, layout, interface, layout.parts[interface.parts[0]].positions(interface.places)
+        )
+        for interface in layout.interfaces
     )
     return np.concatenate([np.zeros(0), *gaps])
 
@@ -401,13 +411,16 @@ def opening(case: Case, layout: Layout, interface: Interface, x: FloatArray) -> 
     """
     if case.gap is not None:
         return initial_gap(case.gap, x, case.length)
-    gap, margin = np.zeros(x.size), EDGE_TOLERANCE * case.length
+    gap = np.zeros(x.size)
+    margin = EDGE_TOLERANCE * case.length
     between = tuple(layout.names[part] for part in interface.parts)
-    for own in case.delamination:
-        if own.between == between:
-            inside = (x >= own.start - margin) & (x <= own.end + margin)
-            is_at_start = open_ends(own, case.length, case.support) == ("start",)
-            gap[inside] = opening_at_rest(own, x[inside], case.length, opens_at_start=is_at_start)
+    for delamination in case.delamination:
+        if delamination.between == between:
+            inside = (x >= delamination.start - margin) & (x <= delamination.end + margin)
+            is_at_start = open_ends(delamination, case.length, case.support) == ("start",)
+            gap[inside] = opening_at_rest(
+                delamination, x[inside], case.length, opens_at_start=is_at_start
+            )
     return gap
 
 
@@ -436,8 +449,10 @@ def completed(structure: Structure, case: Case, strain: StrainRows | None = None
         case: the case.
         strain: strains of surfaces, see `with_sensors`; None: those of laminae that are apart.
     """
-    n, structure = structure.operators.n_dofs, struck(driven(structure, case), case)
-    r, count = structure.operators.base.shift, structure.layout.n_impactors
+    n = structure.operators.n_dofs
+    structure = struck(driven(structure, case), case)
+    r = structure.operators.base.shift
+    count = structure.layout.n_impactors
     if strain is None or (r is None and not count):
         return with_sensors(structure, case, strain)
 
@@ -457,9 +472,11 @@ def driven(structure: Structure, case: Case) -> Structure:
     Raises:
         CaseError: the point of the force is held, so that the force has no effect.
     """
-    given, operators = case.excitation, structure.operators
-    name, position = getattr(given, "lamina", None), getattr(given, "position", None)
-    if given.acts_on == "base" or name is None or position is None or operators.base.is_force:
+    excitation = case.excitation
+    operators = structure.operators
+    name = getattr(excitation, "lamina", None)
+    position = getattr(excitation, "position", None)
+    if excitation.acts_on == "base" or name is None or position is None or operators.base.is_force:
         return structure
     load = point_load(structure.layout, name, position, operators.n_dofs)
     reading = structure.layout.reading
@@ -505,17 +522,18 @@ def added_mass(
         Matrix of shape (n + 1, n + 1), lumped if the case takes the lumped mass; the diagonal that
         they add to the lumped mass, shape (n + 1,) [kg].
     """
-    matrix, lumped = sp.csr_matrix((n + 1, n + 1)), np.zeros(n + 1)
-    for own in masses:
-        part = layout.parts[layout.names.index(own.lamina)]
-        place = place_of(part, case.length if own.position is None else own.position)
+    matrix = sp.csr_matrix((n + 1, n + 1))
+    lumped = np.zeros(n + 1)
+    for point_mass in masses:
+        part = layout.parts[layout.names.index(point_mass.lamina)]
+        place = place_of(part, case.length if point_mass.position is None else point_mass.position)
         row = columns_of(part, place, n)
-        matrix = matrix + own.mass * (row.T @ row)
+        matrix = matrix + point_mass.mass * (row.T @ row)
         point = min(int(place), part.n_elements - 1)
         for node, share in ((point, 1.0 - (place - point)), (point + 1, place - point)):
             dof = int(part.dofs[node, DISPLACEMENT])
             if dof >= 0 or dof == BASE:
-                lumped[dof if dof >= 0 else n] += share * own.mass
+                lumped[dof if dof >= 0 else n] += share * point_mass.mass
     return (sp.diags(lumped, format="csr") if case.time.mass == "lumped" else matrix), lumped
 
 
@@ -538,10 +556,11 @@ def side_by_side(
         damping: C of the same dofs without point masses; None: it follows from M and K.
     """
     layout = layout_of(case, parts)
-    whole = np.concatenate([part.dofs.ravel() for part in layout.parts])
-    n, moving = int(whole.max()) + 1, np.flatnonzero(whole != FIXED)
-    columns = np.where(whole == BASE, n, whole)[moving]
-    to = sp.csr_matrix((np.ones(moving.size), (moving, columns)), shape=(whole.size, n + 1))
+    dofs = np.concatenate([part.dofs.ravel() for part in layout.parts])
+    n = int(dofs.max()) + 1
+    moving = np.flatnonzero(dofs != FIXED)
+    columns = np.where(dofs == BASE, n, dofs)[moving]
+    to = sp.csr_matrix((np.ones(moving.size), (moving, columns)), shape=(dofs.size, n + 1))
     M, K = matrices
     if case.time.mass == "lumped":
         M = sp.diags(lumped, format="csr")
@@ -550,10 +569,11 @@ def side_by_side(
     M, K = (sp.csr_matrix(to.T @ matrix @ to) for matrix in of_points)
     added = []
     for lamina in case.lamina:
-        masses = [own for own in case.point_mass if own.lamina == lamina.name]
+        masses = [point_mass for point_mass in case.point_mass if point_mass.lamina == lamina.name]
         matrix, diagonal = added_mass(case, layout, n, masses)
         added.append(matrix)
-        M, lumped = sp.csr_matrix(M + matrix), lumped + diagonal
+        M = sp.csr_matrix(M + matrix)
+        lumped = lumped + diagonal
     if case.damping.rayleigh == "every mode":
         C = _of_every_mode(case, layout, M, K)
     elif damping is None or case.point_mass:
@@ -579,17 +599,20 @@ def lamina_damping(
         M: mass of the free dofs, point masses included; it may have further rows and columns.
         K: stiffness, likewise.
     """
-    lamina, own = case.lamina[i], layout.parts[i].own_dofs
+    lamina = case.lamina[i]
+    dofs = layout.parts[i].own_dofs
     if all(point_mass.lamina != lamina.name for point_mass in case.point_mass):
         return case.rayleigh(i)
-    K, M = K[own][:, own], M[own][:, own]
+    K = K[dofs][:, dofs]
+    M = M[dofs][:, dofs]
     count = n_rigid(K)
-    if own.size == count:
+    if dofs.size == count:
         return case.rayleigh(i)  # of what has no stiffness
-    omega = _TWO_PI * elastic(K, M, min(2, own.size - count), count)[0]
+    omega = _TWO_PI * elastic(K, M, min(2, dofs.size - count), count)[0]
     if case.is_of_points:
         return 0.0, 2.0 * lamina.damping_ratio / float(omega[0])
-    first, second = float(omega[0]), float(omega[-1])
+    first = float(omega[0])
+    second = float(omega[-1])
     return harmonics.coefficients(lamina.damping_ratio, first, second, case.damping.kind)
 
 
@@ -598,16 +621,17 @@ def _of_every_mode(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matri
 
     It acts on motions relative to the base.
     """
-    C, n = sp.csr_matrix(M.shape), M.shape[0] - 1
+    C = sp.csr_matrix(M.shape)
+    n = M.shape[0] - 1
     for lamina, part in zip(case.lamina, layout.parts, strict=True):
-        own = part.own_dofs
-        inertia = M[own][:, own].toarray()
-        squares, shapes = eigh(K[own][:, own].toarray(), inertia)
+        dofs = part.own_dofs
+        inertia = M[dofs][:, dofs].toarray()
+        squares, shapes = eigh(K[dofs][:, dofs].toarray(), inertia)
         momenta = inertia @ shapes
         squares[squares < _RIGID_SHARE * squares[-1]] = 0.0
         among = momenta * (2.0 * lamina.damping_ratio * np.sqrt(squares)) @ momenta.T
-        relative = np.zeros((own.size, n + 1))
-        relative[np.arange(own.size), own] = 1.0
+        relative = np.zeros((dofs.size, n + 1))
+        relative[np.arange(dofs.size), dofs] = 1.0
         if (part.dofs == BASE).any():
             relative[:, n] = -1.0
         C = C + sp.csr_matrix(relative.T @ among @ relative)
@@ -679,14 +703,14 @@ def _inner_springs(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, s
     """Return stiffness and damping of springs inside the span, with the base as last row."""
     K, C = (sp.csr_matrix((n + 1, n + 1)) for _ in range(2))
     base = sp.csr_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
-    for own, number in inner_supports(case, layout, n):
+    for support, number in inner_supports(case, layout, n):
         part = layout.parts[number]
-        place = place_of(part, own.position)
+        place = place_of(part, support.position)
         row, turn = (columns_of(part, place, n, kind) for kind in (DISPLACEMENT, SLOPE))
-        K = K + own.rotational_stiffness * turn.T @ turn
-        if own.kind == "spring":
-            K = K + (own.stiffness or 0.0) * (row - base).T @ (row - base)
-            C = C + own.damping * (row - base).T @ (row - base)
+        K = K + support.rotational_stiffness * turn.T @ turn
+        if support.kind == "spring":
+            K = K + (support.stiffness or 0.0) * (row - base).T @ (row - base)
+            C = C + support.damping * (row - base).T @ (row - base)
     return K, C
 
 
@@ -698,11 +722,13 @@ def _require_spring(support: InnerSupport, order: int, part: Part) -> None:
         order: its number among these.
         part: the part that it holds.
     """
-    h, EI = np.diff(part.x), part.flexural_rigidity
+    h = np.diff(part.x)
+    EI = part.flexural_rigidity
     of_node = {"stiffness": 24.0 * EI / h**3, "rotational_stiffness": 8.0 * EI / h}
     rigid = {"stiffness": 'kind = "pinned"', "rotational_stiffness": 'kind = "clamped"'}
     for key, of_elements in of_node.items():
-        limit, value = RIGID * float(of_elements.max()), getattr(support, key) or 0.0
+        limit = RIGID * float(of_elements.max())
+        value = getattr(support, key) or 0.0
         if value > limit:
             raise CaseError(
                 f"support.inside.{order}.{key}: expected at most {limit:.2g}, {RIGID:.0e} times "
@@ -722,15 +748,17 @@ def inner_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[InnerSu
     Raises:
         CaseError: a spring is rigid beside the elements.
     """
-    for order, own in enumerate(case.support.inside, start=1):
-        seen: set[bytes] = set()
+    for order, support in enumerate(case.support.inside, start=1):
+        turns: set[bytes] = set()
         for number, part in enumerate(layout.parts):
-            if own.lamina in (None, part.name):
-                _require_spring(own, order, part)
-                turn = columns_of(part, place_of(part, own.position), n, SLOPE).indices.tobytes()
-                if turn not in seen:  # otherwise bonded to the one before
-                    seen.add(turn)
-                    yield own, number
+            if support.lamina in (None, part.name):
+                _require_spring(support, order, part)
+                turn = columns_of(
+                    part, place_of(part, support.position), n, SLOPE
+                ).indices.tobytes()
+                if turn not in turns:  # otherwise bonded to the one before
+                    turns.add(turn)
+                    yield support, number
 
 
 def parts_of(
@@ -746,17 +774,18 @@ def parts_of(
             (2, n_laminae, n_points - 1); None: the constants of the case.
     """
     if sections is None:
-        constants = [[own.flexural_rigidity, own.mass_per_length] for own in case.lamina]
+        constants = [[lamina.flexural_rigidity, lamina.mass_per_length] for lamina in case.lamina]
         sections = np.repeat(np.transpose(constants)[..., None], x.size - 1, axis=2)
     laminae = zip(case.lamina, dofs, *sections, strict=True)
-    return tuple(Part(own.name, x, *numbers) for own, *numbers in laminae)
+    return tuple(Part(lamina.name, x, *numbers) for lamina, *numbers in laminae)
 
 
 def clamped_parts(
     case: Case, x: FloatArray, sections: FloatArray | None = None
 ) -> tuple[Part, ...]:
     """Return laminae side by side, clamped at x = 0, as parts; see `parts_of`."""
-    count, n = len(case.lamina), x.size - 1
+    count = len(case.lamina)
+    n = x.size - 1
     dofs = np.empty((count, n + 1, 2), dtype=np.int64)
     dofs[:, 0] = BASE, FIXED
     dofs[:, 1:] = np.arange(2 * n * count).reshape(count, n, 2)
@@ -778,8 +807,9 @@ def layout_of(
         reading: see `Layout`.
     """
     if interfaces is None:
-        per_element, pairs = case.contact.points_per_element, pairwise(range(len(parts)))
-        interfaces = in_order([opposite(parts, *own, per_element=per_element) for own in pairs])
+        per_element = case.contact.points_per_element
+        pairs = pairwise(range(len(parts)))
+        interfaces = in_order([opposite(parts, *pair, per_element=per_element) for pair in pairs])
     return Layout(parts, interfaces, probes_of(case, parts[0].x), reading=reading)
 
 
@@ -795,9 +825,9 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     probes = [Probe(name, i, node) for i in range(len(case.lamina))]
     names = [lamina.name for lamina in case.lamina]
     inside = () if case.is_apart and not case.is_axial else case.delamination
-    for number, own in enumerate(inside, start=1):
-        middle = _nearest(x, 0.5 * (own.start + own.end), case)
-        for side in own.between:
+    for number, delamination in enumerate(inside, start=1):
+        middle = _nearest(x, 0.5 * (delamination.start + delamination.end), case)
+        for side in delamination.between:
             part = names.index(side)
             if (part, middle) not in {(probe.part, probe.point) for probe in probes}:
                 probes.append(Probe(f"delamination-{number}-{side}", part, middle))
@@ -806,10 +836,14 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
 
 def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
     """Return node and name of the reference probes."""
-    L, kinds = case.length, {"start": case.support.start, "end": case.support.end}
-    spans = [(own.start, own.end, open_ends(own, L, case.support)) for own in case.delamination]
-    whole = 0.0, L, tuple(end for end, kind in kinds.items() if kind == "free")
-    start, end, free = max(spans or [whole], key=lambda span: span[1] - span[0])
+    L = case.length
+    kinds = {"start": case.support.start, "end": case.support.end}
+    spans = [
+        (delamination.start, delamination.end, open_ends(delamination, L, case.support))
+        for delamination in case.delamination
+    ]
+    full_span = 0.0, L, tuple(end for end, kind in kinds.items() if kind == "free")
+    start, end, free = max(spans or [full_span], key=lambda span: span[1] - span[0])
     if free:
         return {"start": 0, "end": x.size - 1}[free[-1]], "tip"
     return _nearest(x, 0.5 * (start + end), case), "middle"
@@ -818,7 +852,7 @@ def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
 def _nearest(x: FloatArray, place: float, case: Case) -> int:
     """Return the inner node nearest to a place that no support holds."""
     distance = np.abs(x[1:-1] - place)
-    distance[[node_at(x, own.position) - 1 for own in case.support.held]] += case.length
+    distance[[node_at(x, support.position) - 1 for support in case.support.held]] += case.length
     return 1 + int(np.argmin(distance))
 
 
@@ -836,8 +870,8 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
         K: stiffness of the free dofs.
     """
     S = kept_closed(layout, M.shape[0])
-    found, _ = elastic(S.T @ K @ S, S.T @ M @ S, 2, case.n_rigid)
-    first, second = (_TWO_PI * found).tolist()
+    frequencies, _ = elastic(S.T @ K @ S, S.T @ M @ S, 2, case.n_rigid)
+    first, second = (_TWO_PI * frequencies).tolist()
     return harmonics.coefficients(_damping_ratio(case), first, second, case.damping.kind)
 
 

@@ -127,7 +127,8 @@ def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
     cells = np.bincount(mesh.bodies)
     if cells.size < size:
         return None
-    load, rank_of = np.zeros(size, dtype=np.int64), np.zeros(cells.size, dtype=np.int64)
+    load = np.zeros(size, dtype=np.int64)
+    rank_of = np.zeros(cells.size, dtype=np.int64)
     for body in np.argsort(-cells, kind="stable").tolist():
         rank_of[body] = np.argmin(load)
         load[rank_of[body]] += cells[body]
@@ -148,7 +149,7 @@ def _operators(
 
     The list of M, C and K is empty afterwards.
     """
-    (touching, H), (M, C, K) = contact, (own.column for own in matrices)
+    (touching, H), (M, C, K) = contact, (matrix.column for matrix in matrices)
     corners = matrices[0].corner, matrices[1].corner, matrices[2].corner
     taken = (matrices.pop(0).rows for _ in range(3))
     further: dict[str, Any] = {
@@ -164,7 +165,7 @@ def _operators(
     if comm.size == 1:
         mass, damping, stiffness = taken
         return Operators(mass, damping, stiffness, near_null=unknowns.rigid_motions, **further)
-    mass, damping, stiffness = (distributed.matrix(own, comm) for own in taken)
+    mass, damping, stiffness = (distributed.matrix(rows, comm) for rows in taken)
     distributed.with_near_null(stiffness, unknowns.rigid_motions)
     further["is_uncoupled"] = is_uncoupled
     return DistributedOperators(mass, damping, stiffness, comm=comm, **further)
@@ -173,7 +174,8 @@ def _operators(
 def young_modulus(case: Case, mesh: SolidMesh) -> FloatArray:
     """Return Young's modulus of each cell, from EI = E b h³/12, shape (n_cells,) [Pa]."""
     of_lamina = [
-        12.0 * own.flexural_rigidity / (own.width * own.thickness**3) for own in case.lamina
+        12.0 * lamina.flexural_rigidity / (lamina.width * lamina.thickness**3)
+        for lamina in case.lamina
     ]
     return np.asarray(np.array(of_lamina)[mesh.lamina])
 
@@ -182,7 +184,7 @@ def _width(case: Case, mesh: SolidMesh) -> FloatArray:
     """Return the width of each cell in 2D, 1 in 3D, shape (n_cells,)."""
     if mesh.dim == 3:
         return np.ones(len(mesh.cells))
-    return np.asarray(np.array([own.width for own in case.lamina])[mesh.lamina])
+    return np.asarray(np.array([lamina.width for lamina in case.lamina])[mesh.lamina])
 
 
 def _matrices(
@@ -194,7 +196,7 @@ def _matrices(
     Zienkiewicz 1976). On cells whose mapping is affine the scale is the same for all cells.
     """
     solid, mesh = unknowns.solid, unknowns.solid.mesh
-    density = np.array([own.density for own in case.lamina])[mesh.lamina] * _width(case, mesh)
+    density = np.array([lamina.density for lamina in case.lamina])[mesh.lamina] * _width(case, mesh)
     matrix = solid.mass(density)
     ones, moved = matrix.createVecs()
     ones.array = np.arange(ones.array.size) % mesh.dim == 0
@@ -234,16 +236,16 @@ def _with_masses(
         raise CaseError(
             'point_mass: expected time.mass = "consistent" with laminae as solids, given "lumped"'
         )
-    for own in case.point_mass:
-        number = layout.names.index(own.lamina)
+    for point_mass in case.point_mass:
+        number = layout.names.index(point_mass.lamina)
         part = layout.parts[number]
-        place = place_of(part, case.length if own.position is None else own.position)
+        place = place_of(part, case.length if point_mass.position is None else point_mass.position)
         row = layout.of_dofs(columns_of(part, place, layout.n_numbered(0)))
-        mass = _with_product(mass, own.mass, row, number, comm)
+        mass = _with_product(mass, point_mass.mass, row, number, comm)
         load = np.abs(row[:, :-1].toarray().ravel())
         total = sum(comm.allgather(float(load.sum())))
         if lumped is not None and total:
-            lumped = lumped + own.mass * load / total
+            lumped = lumped + point_mass.mass * load / total
     return mass, lumped
 
 
@@ -259,13 +261,14 @@ def _with_product(
         number: of the lamina of which r reads.
         comm: communicator that shares the dofs.
     """
-    own, at_base = sp.csr_matrix(row[:, :-1]), float(row[0, row.shape[1] - 1])
-    whole = sp.hstack(comm.allgather(own), format="csr")
+    local_row = sp.csr_matrix(row[:, :-1])
+    at_base = float(row[0, row.shape[1] - 1])
+    full_row = sp.hstack(comm.allgather(local_row), format="csr")
     corners = matrix.corners.copy()
     corners[number] += size * at_base**2
     return Restricted(
-        sp.csr_matrix(matrix.rows + size * (own.T @ whole)),
-        matrix.column + size * at_base * own.toarray().ravel(),
+        sp.csr_matrix(matrix.rows + size * (local_row.T @ full_row)),
+        matrix.column + size * at_base * local_row.toarray().ravel(),
         corners,
     )
 
@@ -279,18 +282,19 @@ def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float
     """
     if not case.support.inside:
         return []
-    found, n = [], layout.n_numbered(0)
+    springs = []
+    n = layout.n_numbered(0)
     beams = closed_form.assemble(case.as_beams)
-    for own, number in network.inner_supports(case, beams.layout, beams.operators.n_dofs):
+    for support, number in network.inner_supports(case, beams.layout, beams.operators.n_dofs):
         part = layout.parts[number]
         row, turn = (
-            layout.of_dofs(columns_of(part, place_of(part, own.position), n, kind))
+            layout.of_dofs(columns_of(part, place_of(part, support.position), n, kind))
             for kind in (DISPLACEMENT, SLOPE)
         )
-        found.append((turn, number, own.rotational_stiffness, 0.0))
+        springs.append((turn, number, support.rotational_stiffness, 0.0))
         base = sp.csr_matrix(([1.0], ([0], [row.shape[1] - 1])), shape=row.shape)
-        found.append((row - base, number, own.stiffness or 0.0, own.damping))
-    return found
+        springs.append((row - base, number, support.stiffness or 0.0, support.damping))
+    return springs
 
 
 def _damping(
@@ -330,7 +334,9 @@ def _layout(
     case: Case, unknowns: Unknowns, x: FloatArray, touching: tuple[facing.Pairs, ...]
 ) -> Layout:
     """Return parts, interfaces and probes, with the readings of the solid."""
-    count, n, comm = len(case.lamina), x.size, unknowns.solid.comm
+    count = len(case.lamina)
+    n = x.size
+    comm = unknowns.solid.comm
     parts = parts_of(case, x, np.arange(2 * n * count).reshape(count, n, 2))
     rows = gathered(reading_rows(unknowns.solid, x), comm)
     reading = Reading(
@@ -359,8 +365,8 @@ def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:
         share = (at - near[0]) / (near[1] - near[0])
         points = middle_line(mesh, lamina, near)
         points[:, Y] += side * (0.5 - _INSIDE) * case.lamina[lamina].thickness
-        own = evaluate(solid, points, locate(mesh, points, lamina)).derivative(X, X)
-        row = gathered(sp.csr_matrix(np.array([[1.0 - share, share]])) @ own, solid.comm)
+        strain = evaluate(solid, points, locate(mesh, points, lamina)).derivative(X, X)
+        row = gathered(sp.csr_matrix(np.array([[1.0 - share, share]])) @ strain, solid.comm)
         base = sp.csr_matrix(row @ unknowns.base[:, None])
         return sp.hstack([row @ unknowns.free, base], format="csr")
 

@@ -83,19 +83,21 @@ class Body:
         Returns:
             Shape (k, n_nodes, dim) [m]; on the other ranks without nodes.
         """
-        own = np.ascontiguousarray((self.free @ vectors.T).T)
-        comm, dim = self.solid.comm, self.mesh.dim
+        values = np.ascontiguousarray((self.free @ vectors.T).T)
+        comm = self.solid.comm
+        dim = self.mesh.dim
         if comm.size > 1:
-            total = np.empty_like(own) if self.is_first else None
-            comm.Reduce(own, total, root=0)
+            total = np.empty_like(values) if self.is_first else None
+            comm.Reduce(values, total, root=0)
             if total is None:
                 return np.empty((len(vectors), 0, dim))
-            own = total
-        return np.asarray(own + base[:, None] * self.base).reshape(len(vectors), -1, dim)
+            values = total
+        return np.asarray(values + base[:, None] * self.base).reshape(len(vectors), -1, dim)
 
     def moving(self, case: Case, laminae: Sequence[int]) -> IntArray:
         """Return the free dofs that move laminae and what is bonded to them, on one rank, (n,)."""
-        mesh, at = self.mesh, edges(case)
+        mesh = self.mesh
+        at = edges(case)
         middles = mesh.points[mesh.cells].mean(axis=1)[:, 0]
         chosen = np.isin(mesh.lamina, laminae)
         for segment, group in () if case.is_apart else network(case, at).groups():
@@ -108,10 +110,15 @@ class Body:
 
     def shape(self) -> Shape:
         """Return the points and cells for output (collective)."""
-        solid, cells = self.solid, np.arange(len(self.mesh.cells))
-        own = solid.nodes_of(cells)
-        parts = solid.comm.allgather((np.flatnonzero(own[:, 0] >= 0), own[own[:, 0] >= 0]))
-        nodes = np.empty((cells.size, max(own.shape[1] for _, own in parts)), dtype=np.int64)
+        solid = self.solid
+        cells = np.arange(len(self.mesh.cells))
+        local_nodes = solid.nodes_of(cells)
+        parts = solid.comm.allgather(
+            (np.flatnonzero(local_nodes[:, 0] >= 0), local_nodes[local_nodes[:, 0] >= 0])
+        )
+        nodes = np.empty(
+            (cells.size, max(numbers.shape[1] for _, numbers in parts)), dtype=np.int64
+        )
         for where, of_rank in parts:
             nodes[where] = of_rank
         material = self.young_modulus, self.poisson, self.width
@@ -189,14 +196,19 @@ class Shape:
 
         Both surfaces of an interface have the pressure.
         """
-        mesh, places, n = self.mesh, self.reference_nodes, len(self.node)
+        mesh = self.mesh
+        places = self.reference_nodes
+        n = len(self.node)
         result = []
-        for own in self.touching:
-            width = float(self.width[list(own.facing.parts)].min()) if mesh.dim == 2 else 1.0
-            total = sp.csr_matrix((n, len(own.gap)))
-            for facets, at in ((own.facing.lower, own.lower.x), (own.facing.upper, own.upper)):
+        for pairs in self.touching:
+            width = float(self.width[list(pairs.facing.parts)].min()) if mesh.dim == 2 else 1.0
+            total = sp.csr_matrix((n, len(pairs.gap)))
+            for facets, at in (
+                (pairs.facing.lower, pairs.lower.x),
+                (pairs.facing.upper, pairs.upper),
+            ):
                 total = total + pressure(
-                    mesh, facets, at, own.lower.normals, width, places=places, cells=self.cells,
+                    mesh, facets, at, pairs.lower.normals, width, places=places, cells=self.cells,
                     n=n,
                 )  # fmt: skip
             result.append(total)
@@ -239,7 +251,8 @@ def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:
     lamina = np.repeat(np.arange(count), x.size)
     step = np.zeros(mesh.dim)
     step[0] = _BESIDE * (x[-1] - x[0])
-    first, last = line[:, 0] == x[0], line[:, 0] == x[-1]
+    first = line[:, 0] == x[0]
+    last = line[:, 0] == x[-1]
     try:
         before = locate(mesh, line - step * ~first[:, None], lamina)
         behind = locate(mesh, line + step * ~last[:, None], lamina)
@@ -274,7 +287,8 @@ def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
     upwards = np.zeros_like(origins)
     upwards[:, UP] = 1.0
     hits = meetings(corners, origins, upwards, FACET_OF[mesh.cell])
-    low, high = np.full(x.size, np.inf), np.full(x.size, -np.inf)
+    low = np.full(x.size, np.inf)
+    high = np.full(x.size, -np.inf)
     np.minimum.at(low, hits.line, hits.distance)
     np.maximum.at(high, hits.line, hits.distance)
     if not np.all(high > low):
@@ -290,7 +304,7 @@ def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
 def surface(mesh: SolidMesh, chosen: IntArray) -> IntArray:
     """Return the facets that belong to only one of the chosen cells, as vertices, (n, m)."""
     cells = mesh.cells[chosen]
-    facets = np.concatenate([cells[:, list(own)] for own in FACETS[mesh.cell]])
+    facets = np.concatenate([cells[:, list(facet)] for facet in FACETS[mesh.cell]])
     _, first, count = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
     )

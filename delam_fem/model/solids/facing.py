@@ -119,7 +119,8 @@ def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
     """
     cells, _ = mesh.cells_with(facing.lower)
     normals, shares = corner_shares(mesh, facing.lower, cells)
-    vertices, of_vertices = facing.lower.reshape(-1, 1), np.repeat(cells, facing.lower.shape[1])
+    vertices = facing.lower.reshape(-1, 1)
+    of_vertices = np.repeat(cells, facing.lower.shape[1])
     return _summed(mesh, facing, vertices, of_vertices, normals.reshape(-1, mesh.dim), shares)
 
 
@@ -133,10 +134,12 @@ def at_middles(mesh: SolidMesh, facing: Facing) -> Points:
     """
     cells, _ = mesh.cells_with(facing.lower)
     vectors, shares = corner_shares(mesh, facing.lower, cells)
-    own = ((0, 1), (1, 2), (0, 2)) if FACET_OF[mesh.cell] == "triangle" else ((0, 1, 2, 3),)
-    count, n = facing.lower.shape[1], len(own)
-    places = [facing.lower[:, [v for v in chosen if v < count]] for chosen in own]
-    normals, areas = np.tile(vectors.sum(axis=1), (n, 1)), np.tile(shares.sum(axis=1) / n, n)
+    corners = ((0, 1), (1, 2), (0, 2)) if FACET_OF[mesh.cell] == "triangle" else ((0, 1, 2, 3),)
+    count = facing.lower.shape[1]
+    n = len(corners)
+    places = [facing.lower[:, [v for v in chosen if v < count]] for chosen in corners]
+    normals = np.tile(vectors.sum(axis=1), (n, 1))
+    areas = np.tile(shares.sum(axis=1) / n, n)
     return _summed(mesh, facing, np.concatenate(places), np.tile(cells, n), normals, areas)
 
 
@@ -161,18 +164,19 @@ def _summed(
         shares: what it gives to the weight of the point, n numbers.
     """
     # cells that share a point have the same sorted vertices; `number` is its place
-    own, number = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
+    facets, number = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
     number = number.ravel()
-    normal, weight = np.zeros((len(own), mesh.dim)), np.zeros(len(own))
+    normal = np.zeros((len(facets), mesh.dim))
+    weight = np.zeros(len(facets))
     np.add.at(normal, number, normals)
     np.add.at(weight, number, shares.ravel())
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    cell = np.full(len(own), len(mesh.cells))
+    cell = np.full(len(facets), len(mesh.cells))
     np.minimum.at(cell, number, cells)
-    found = Points(mesh.points[own].mean(axis=1), cell, normal, weight)
-    is_apart = ~np.all(np.isin(own, facing.upper), axis=1)
-    order = np.lexsort([*found.x.T[::-1]])
-    return found.chosen(order[is_apart[order]])
+    points = Points(mesh.points[facets].mean(axis=1), cell, normal, weight)
+    is_apart = ~np.all(np.isin(facets, facing.upper), axis=1)
+    order = np.lexsort([*points.x.T[::-1]])
+    return points.chosen(order[is_apart[order]])
 
 
 def at_places(
@@ -207,7 +211,8 @@ def at_places(
     if np.any(first < 0):
         at = origins[int(np.flatnonzero(first < 0)[0])]
         raise ValueError(f"facing: expected the lower side above {at}, it does not reach there")
-    facet, local = hits.facet[first], hits.local[first]
+    facet = hits.facet[first]
+    local = hits.local[first]
     cells, _ = mesh.cells_with(facing.lower)
     normals, _ = corner_shares(mesh, facing.lower, cells)
     N, _ = shape_functions(FACET_OF[mesh.cell], local)
@@ -235,8 +240,8 @@ def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
     turned = np.einsum("ki,ki->k", outward.sum(axis=1)[hits.facet], points.normals[hits.line])
     distance = np.where(turned < 0.0, np.abs(hits.distance), np.inf)
     first = _first(hits, len(points.x), distance)
-    kept = np.flatnonzero(first >= 0)
-    lost = len(points.x) - kept.size
+    met = np.flatnonzero(first >= 0)
+    lost = len(points.x) - met.size
     if lost > MANY * len(points.x):
         _log.warning(
             "contact between the laminae %d and %d: %d of %d points have no facet opposite; they "
@@ -245,9 +250,9 @@ def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
             lost,
             len(points.x),
         )
-    chosen = first[kept]
+    chosen = first[met]
     gap = hits.distance[chosen]
-    lower = points.chosen(kept)
+    lower = points.chosen(met)
     upper = lower.x + gap[:, None] * lower.normals
     return Pairs(facing, lower, upper, cells[hits.facet[chosen]], gap)
 
@@ -408,7 +413,8 @@ def pressure(
     Raises:
         ValueError: a pair is not on the surface.
     """
-    kind, of_facet = FACET_OF[mesh.cell], mesh.cells_with(facets)[0]
+    kind = FACET_OF[mesh.cell]
+    of_facet = mesh.cells_with(facets)[0]
     hits = meetings(mesh.points[facets], at, normals, kind)
     chosen = _first(hits, len(at), np.abs(hits.distance))
     if np.any(chosen < 0):
@@ -422,17 +428,18 @@ def pressure(
     rows = number[hits.facet[chosen]].ravel()
     forces = sp.csr_matrix((N.ravel(), (rows, columns)), (vertices.size, len(at)))
     N, _ = shape_functions(mesh.cell, places)
-    own = mesh.cells[of_facet]
+    facet_cells = mesh.cells[of_facet]
     # the linear functions of a facet's vertices sum to 1 at points on it, to less within the cell
-    is_of_facet = (own[:, :, None] == facets[:, None, :]).any(axis=2)
+    is_of_facet = (facet_cells[:, :, None] == facets[:, None, :]).any(axis=2)
     facet, point = np.nonzero(is_of_facet @ N.T > 1.0 - ON_FACET)
     points, first = np.unique(cells[of_facet[facet], point], return_index=True)
-    facet, point = facet[first], point[first]
+    facet = facet[first]
+    point = point[first]
     rows = np.repeat(np.arange(points.size), N.shape[1])
     used = (N[point] * is_of_facet[facet]).ravel()
-    kept = np.abs(used) > ON_FACET
-    columns = np.searchsorted(vertices, own[facet].ravel()[kept])
-    to = sp.csr_matrix((used[kept], (points[rows[kept]], columns)), shape=(n, vertices.size))
+    is_used = np.abs(used) > ON_FACET
+    columns = np.searchsorted(vertices, facet_cells[facet].ravel()[is_used])
+    to = sp.csr_matrix((used[is_used], (points[rows[is_used]], columns)), shape=(n, vertices.size))
     return sp.csr_matrix(to @ sp.csr_matrix(sp.diags(1.0 / area) @ forces))
 
 
@@ -456,16 +463,20 @@ def touching(
     Returns:
         The pairs; H of all of them, columns of the own free dofs, CSR (n_pairs, n_own).
     """
-    solid, every, H = unknowns.solid, [], [sp.csr_matrix((0, unknowns.n_own))]
+    solid = unknowns.solid
+    every = []
+    H = [sp.csr_matrix((0, unknowns.n_own))]
     for sides in solid.mesh.sides:
-        found = project(solid.mesh, sides, _points(case, solid.mesh, sides, x))
-        of_all = gathered(gap_rows(solid, found), solid.comm)
+        projection = project(solid.mesh, sides, _points(case, solid.mesh, sides, x))
+        of_all = gathered(gap_rows(solid, projection), solid.comm)
         of_all.data[np.abs(of_all.data) < _ROUND_OFF] = 0.0
         rows = sp.csr_matrix(of_all @ unknowns.free)
         rows.eliminate_zeros()
-        own = np.asarray(abs(rows).sum(axis=1)).ravel()
-        moves = np.sum(solid.comm.allgather(own), axis=0) > 0.0  # which pairs any free dof moves
-        every.append(found.chosen(moves))
+        local_sums = np.asarray(abs(rows).sum(axis=1)).ravel()
+        moves = (
+            np.sum(solid.comm.allgather(local_sums), axis=0) > 0.0
+        )  # which pairs any free dof moves
+        every.append(projection.chosen(moves))
         H.append(rows[moves])
     return tuple(every), sp.vstack(H, format="csr")
 
@@ -479,7 +490,9 @@ def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> tup
         case: the case.
     """
     is_file = case.mesh.file is not None
-    return in_order([interface(parts, own.facing.parts, own.x, at_points=is_file) for own in every])
+    return in_order(
+        [interface(parts, pairs.facing.parts, pairs.x, at_points=is_file) for pairs in every]
+    )
 
 
 def weights(
@@ -496,15 +509,15 @@ def weights(
     if is_whole and dim == 2:
         return None
     result: list[FloatArray] = [np.zeros(0)]
-    for own in every:
-        lower = parts[own.facing.parts[0]]
+    for pairs in every:
+        lower = parts[pairs.facing.parts[0]]
         if is_whole:
-            _, row = np.unique(own.x, return_inverse=True)
-            result.append(own.weights / np.bincount(row, own.weights)[row])
+            _, row = np.unique(pairs.x, return_inverse=True)
+            result.append(pairs.weights / np.bincount(row, pairs.weights)[row])
             continue
         mean = (lower.x[-1] - lower.x[0]) / lower.n_elements
-        across = 1.0 if dim == 2 else min(case.lamina[i].width for i in own.facing.parts)
-        result.append(own.weights / (mean * across))
+        across = 1.0 if dim == 2 else min(case.lamina[i].width for i in pairs.facing.parts)
+        result.append(pairs.weights / (mean * across))
     return np.concatenate(result)
 
 
@@ -524,13 +537,13 @@ def gaps(case: Case, layout: Layout, every: Sequence[Pairs]) -> FloatArray:
     result = gap_at_rest(case, layout)
     if case.mesh.file is None or case.gap is not None:
         return result
-    for own, interface in zip(every, layout.interfaces, strict=True):
+    for pairs, interface in zip(every, layout.interfaces, strict=True):
         between = tuple(layout.names[i] for i in interface.parts)
         for open_place in case.delamination:
             if open_place.between == between and not _OPENINGS & open_place.model_fields_set:
-                x = own.x
+                x = pairs.x
                 is_in = (x >= open_place.start) & (x <= open_place.end)
-                result[interface.pairs][is_in] = own.gap[is_in]
+                result[interface.pairs][is_in] = pairs.gap[is_in]
     return result
 
 

@@ -83,8 +83,8 @@ class Solid:
         """
         domain = _dolfinx.create_mesh(comm, mesh.cell, mesh.points, mesh.cells, ranks)
         space = _dolfinx.vector_space(domain, degree)
-        given = np.asarray(domain.topology.original_cell_index, dtype=np.int64)
-        return cls(mesh, comm, degree, domain, space, given)
+        input_cell = np.asarray(domain.topology.original_cell_index, dtype=np.int64)
+        return cls(mesh, comm, degree, domain, space, input_cell)
 
     @property
     def dim(self) -> int:
@@ -125,11 +125,11 @@ class Solid:
         Returns:
             Rows of -1 for cells that another rank owns.
         """
-        own = self.local_nodes[: self.n_own_cells]
-        flat = np.ascontiguousarray(own.ravel(), dtype=np.int32)
-        table = np.full((len(self.mesh.cells), own.shape[1]), -1, dtype=np.int64)
+        local_nodes = self.local_nodes[: self.n_own_cells]
+        flat = np.ascontiguousarray(local_nodes.ravel(), dtype=np.int32)
+        table = np.full((len(self.mesh.cells), local_nodes.shape[1]), -1, dtype=np.int64)
         numbers = self.space.dofmap.index_map.local_to_global(flat)
-        table[self.input_cell[: self.n_own_cells]] = numbers.reshape(own.shape)
+        table[self.input_cell[: self.n_own_cells]] = numbers.reshape(local_nodes.shape)
         return table[cells]
 
     def tabulate(self, derivatives: int, points: FloatArray) -> FloatArray:
@@ -144,8 +144,8 @@ class Solid:
         """
         cells, numbers = self.mesh.cells_with(facets)
         of_facet = np.array(_dolfinx.facet_dofs(self.space, len(FACETS[self.mesh.cell])))
-        found = np.take_along_axis(self.nodes_of(cells), of_facet[numbers], axis=1)
-        everywhere = self.comm.allgather(np.unique(found[found >= 0]))
+        nodes = np.take_along_axis(self.nodes_of(cells), of_facet[numbers], axis=1)
+        everywhere = self.comm.allgather(np.unique(nodes[nodes >= 0]))
         return np.asarray(np.unique(np.concatenate(everywhere)), dtype=np.int64)
 
     @property
@@ -191,7 +191,8 @@ class Solid:
         Args:
             density: of each input cell, times the width in 2D, shape (n_cells,).
         """
-        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        u = ufl.TrialFunction(self.space)
+        v = ufl.TestFunction(self.space)
         return _dolfinx.assemble_matrix(self.of_cells(density) * ufl.inner(u, v) * self._dx())
 
     def stiffness(self, young_modulus: FloatArray, poisson: float) -> Any:
@@ -201,8 +202,10 @@ class Solid:
             young_modulus: of each input cell, times the width in 2D, shape (n_cells,).
             poisson: Poisson's ratio.
         """
-        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        E, nu = self.of_cells(young_modulus), _dolfinx.constant(self.domain, poisson)
+        u = ufl.TrialFunction(self.space)
+        v = ufl.TestFunction(self.space)
+        E = self.of_cells(young_modulus)
+        nu = _dolfinx.constant(self.domain, poisson)
         return _dolfinx.assemble_matrix(ufl.inner(stress(E, nu, u), strain(v)) * self._dx())
 
 
@@ -286,15 +289,16 @@ def evaluate(solid: Solid, points: FloatArray, cells: IntArray) -> Evaluation:
         points: shape (k, dim) [m].
         cells: the input cell in which each point is, see `locate`, shape (k,).
     """
-    mesh, nodes = solid.mesh, solid.nodes_of(cells)
-    own = np.flatnonzero(nodes[:, 0] >= 0)
-    corners = mesh.points[mesh.cells[cells[own]]]
-    X = reference_coordinates(mesh.cell, corners, points[own])
-    table = solid.tabulate(1, X) if own.size else np.zeros((1 + mesh.dim, 0, 0))
+    mesh = solid.mesh
+    nodes = solid.nodes_of(cells)
+    local_points = np.flatnonzero(nodes[:, 0] >= 0)
+    corners = mesh.points[mesh.cells[cells[local_points]]]
+    X = reference_coordinates(mesh.cell, corners, points[local_points])
+    table = solid.tabulate(1, X) if local_points.size else np.zeros((1 + mesh.dim, 0, 0))
     inverse = np.linalg.inv(jacobians_of(mesh.cell, corners, X))  # dX_k/dx_j
     gradients = np.einsum("dkb,kdj->kbj", table[1:], inverse)
-    at = nodes[own, : table.shape[2]]
-    return Evaluation(len(points), mesh.dim * solid.n_nodes, own, at, table[0], gradients)
+    at = nodes[local_points, : table.shape[2]]
+    return Evaluation(len(points), mesh.dim * solid.n_nodes, local_points, at, table[0], gradients)
 
 
 def gathered(rows: sp.csr_matrix, comm: MPI.Intracomm) -> sp.csr_matrix:
@@ -353,7 +357,8 @@ class Recovery:
             poisson: Poisson's ratio.
         """
         places, continued = sampled(mesh.cell, degree, _dolfinx.reference_nodes(mesh.cell, degree))
-        corners, k = mesh.points[mesh.cells], len(places)
+        corners = mesh.points[mesh.cells]
+        k = len(places)
         every = np.repeat(corners, k, axis=0)
         inverse = np.linalg.inv(jacobians_of(mesh.cell, every, np.tile(places, (len(corners), 1))))
         inverse = inverse.reshape(len(corners), k, mesh.dim, mesh.dim)
@@ -361,7 +366,8 @@ class Recovery:
         gradients = np.einsum("dkb,ckdj->ckbj", table, inverse)
         rows = points.ravel()
         mean = sp.csr_matrix((1.0 / np.bincount(rows)[rows], (rows, np.arange(rows.size))))
-        nu, mu = poisson, young_modulus / (2.0 * (1.0 + poisson))
+        nu = poisson
+        mu = young_modulus / (2.0 * (1.0 + poisson))
         spread = 1.0 - nu if mesh.dim == 2 else 1.0 - 2.0 * nu
         return cls(nodes, gradients, continued, mean, np.array([mu, 2.0 * mu * nu / spread]))
 

@@ -87,9 +87,9 @@ class SolidMesh:
             ("cells", self.cells.shape, (n, VERTICES[self.cell])),
             ("lamina", self.lamina.shape, (n,)),
         )
-        for name, given, expected in shapes:
-            if given != expected:
-                raise ValueError(f"solid: {name} has shape {given}, expected {expected}")
+        for name, shape, expected in shapes:
+            if shape != expected:
+                raise ValueError(f"solid: {name} has shape {shape}, expected {expected}")
         if n == 0 or self.cells.min() < 0 or self.cells.max() >= len(self.points):
             raise ValueError("solid: a cell has a vertex that does not exist, or there is no cell")
 
@@ -128,22 +128,22 @@ class SolidMesh:
         wanted[facets.ravel()] = True
         near = np.flatnonzero(wanted[self.cells].sum(axis=1) >= facets.shape[1])
         local = FACETS[self.cell]
-        found: dict[tuple[int, ...], tuple[int, int]] = {}
+        cell_by_key: dict[tuple[int, ...], tuple[int, int]] = {}
         twice: set[tuple[int, ...]] = set()
         for number, vertices in enumerate(local):
             keys = np.sort(self.cells[near][:, vertices], axis=1)
             for cell, key in zip(near.tolist(), map(tuple, keys.tolist()), strict=True):
-                if key in found:
+                if key in cell_by_key:
                     twice.add(key)
-                found[key] = (cell, number)
+                cell_by_key[key] = (cell, number)
         asked: Sequence[tuple[int, ...]] = [*map(tuple, np.sort(facets, axis=1).tolist())]
-        bad = [key for key in asked if key not in found or key in twice]
+        bad = [key for key in asked if key not in cell_by_key or key in twice]
         if bad:
             raise ValueError(
                 f"solid: expected a facet on the boundary of one cell, the facet with the vertices "
                 f"{bad[0]} is {'between two' if bad[0] in twice else 'of none'}"
             )
-        pairs = np.array([found[key] for key in asked], dtype=np.int64)
+        pairs = np.array([cell_by_key[key] for key in asked], dtype=np.int64)
         return pairs[:, 0], pairs[:, 1]
 
 
@@ -203,17 +203,19 @@ def _cells_of(mesh: SolidMesh, points: FloatArray, cells: IntArray) -> IntArray:
 
 def _candidates(corners: FloatArray, points: FloatArray) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield points with cells whose boxes contain them: numbers of both, each of shape (m,)."""
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    low = corners.min(axis=1)
+    high = corners.max(axis=1)
     margin = 1e-6 * (high - low).max(axis=0)
-    low, high = low - margin, high + margin
+    low = low - margin
+    high = high + margin
     scale = 0.5 * (high - low).max(axis=0)  # every box lies within 1 of its centre
     tree = cKDTree(0.5 * (low + high) / scale)
     step = max(1, _MOST_CANDIDATES // len(corners))
     for first in range(0, len(points), step):
         some = points[first : first + step]
         near = tree.query_ball_point(some / scale, 1.0 + 1e-9, p=np.inf)
-        point = np.repeat(np.arange(len(some)), [len(found) for found in near])
-        place = np.array([k for found in near for k in found], dtype=np.int64)
+        point = np.repeat(np.arange(len(some)), [len(candidates) for candidates in near])
+        place = np.array([k for candidates in near for k in candidates], dtype=np.int64)
         is_in = np.all((some[point] >= low[place]) & (some[point] <= high[place]), axis=1)
         yield first + point[is_in], place[is_in]
 
@@ -282,7 +284,8 @@ def volumes(mesh: SolidMesh) -> FloatArray:
     Simplices have one determinant. Others are integrated by Gauss's rule with two points each way,
     which is exact, because the determinant is at most quadratic in each coordinate.
     """
-    corners, dim = mesh.points[mesh.cells], mesh.dim
+    corners = mesh.points[mesh.cells]
+    dim = mesh.dim
     if mesh.cell not in TENSOR:
         X = np.full((len(corners), dim), 1.0 / (dim + 1))
         factor = 0.5 if dim == 2 else 1.0 / 6.0
@@ -322,12 +325,13 @@ def meetings(corners: FloatArray, origins: FloatArray, directions: FloatArray, f
         directions: unit vectors, shape (k, dim).
         facet: "interval", "triangle" or "quadrilateral".
     """
-    none, n_local = np.zeros(0, dtype=np.int64), corners.shape[2] - 1
-    found = [Hits(none, none, np.zeros(0), np.zeros((0, n_local)))]
+    none = np.zeros(0, dtype=np.int64)
+    n_local = corners.shape[2] - 1
+    hits = [Hits(none, none, np.zeros(0), np.zeros((0, n_local)))]
     for line, number in _near(corners, origins, directions):
         local, distance, is_met = _meet(corners[number], origins[line], directions[line], facet)
-        found.append(Hits(line[is_met], number[is_met], distance[is_met], local[is_met]))
-    parts = [[getattr(one, name) for one in found] for name in Hits.__dataclass_fields__]
+        hits.append(Hits(line[is_met], number[is_met], distance[is_met], local[is_met]))
+    parts = [[getattr(one, name) for one in hits] for name in Hits.__dataclass_fields__]
     return Hits(*(np.concatenate(pieces) for pieces in parts))
 
 
@@ -358,10 +362,13 @@ def _near_parallel(
 ) -> tuple[IntArray, IntArray]:
     """Return parallel lines with facets whose bounding spheres they cross: see `_near`."""
     across = np.linalg.svd(direction[None])[2][1:].T  # (dim, dim - 1), normal to the lines
-    at, places = centres @ across, origins @ across
-    found = cKDTree(at).query_ball_point(places, radii.max())
-    line = np.repeat(np.arange(len(origins)), [len(own) for own in found])
-    facet = np.fromiter((k for own in found for k in own), dtype=np.int64, count=line.size)
+    at = centres @ across
+    places = origins @ across
+    neighbours = cKDTree(at).query_ball_point(places, radii.max())
+    line = np.repeat(np.arange(len(origins)), [len(candidates) for candidates in neighbours])
+    facet = np.fromiter(
+        (k for candidates in neighbours for k in candidates), dtype=np.int64, count=line.size
+    )
     crosses = np.linalg.norm(at[facet] - places[line], axis=1) <= radii[facet]
     order = np.lexsort([facet[crosses], line[crosses]])
     return line[crosses][order], facet[crosses][order]
@@ -377,7 +384,8 @@ def _meet(
     """
     k, dim = origins.shape
     middle = 1.0 / dim if facet == "triangle" else 0.5
-    local, distance = np.full((k, dim - 1), middle), np.zeros(k)
+    local = np.full((k, dim - 1), middle)
+    distance = np.zeros(k)
     is_met = np.ones(k, dtype=np.bool_)
     for _ in range(_ITERATIONS if facet == "quadrilateral" else 2):
         N, dN = shape_functions(facet, local)

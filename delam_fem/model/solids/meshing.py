@@ -57,22 +57,22 @@ def lattice(case: Case) -> SolidMesh:
                     "your own mesh in mesh.file"
                 )
     vertices = _vertices(case, x.size, bonded, is_3d=is_3d)
-    points = np.empty((1 + max(int(own.max()) for own in vertices), 3 if is_3d else 2))
+    points = np.empty((1 + max(int(grid.max()) for grid in vertices), 3 if is_3d else 2))
     bottom = 0.0
-    for lamina, own in zip(case.lamina, vertices, strict=True):
-        y = bottom + np.linspace(0.0, lamina.thickness, own.shape[1])
+    for lamina, grid in zip(case.lamina, vertices, strict=True):
+        y = bottom + np.linspace(0.0, lamina.thickness, grid.shape[1])
         bottom += lamina.thickness
-        z = np.linspace(-0.5 * lamina.width, 0.5 * lamina.width, own.shape[2])
+        z = np.linspace(-0.5 * lamina.width, 0.5 * lamina.width, grid.shape[2])
         axes = np.meshgrid(x, y, z if is_3d else np.zeros(1), indexing="ij")
-        points[own.ravel()] = np.column_stack([axis.ravel() for axis in axes[: points.shape[1]]])
-    cells = [_cells(own) for own in vertices]
+        points[grid.ravel()] = np.column_stack([axis.ravel() for axis in axes[: points.shape[1]]])
+    cells = [_cells(grid) for grid in vertices]
     return SolidMesh(
         points,
         np.concatenate(cells),
         "hexahedron" if is_3d else "quadrilateral",
-        np.repeat(np.arange(len(cells)), [len(own) for own in cells]),
+        np.repeat(np.arange(len(cells)), [len(lamina_cells) for lamina_cells in cells]),
         {
-            name: np.concatenate([_facets(own[end]) for own in vertices])
+            name: np.concatenate([_facets(grid[end]) for grid in vertices])
             for name, end in (("start", 0), ("end", -1))
         },
         _sides(vertices, bonded),
@@ -89,8 +89,11 @@ def bonded_cells(case: Case, x: FloatArray) -> BoolArray:
     middle = 0.5 * (x[1:] + x[:-1])
     names = [lamina.name for lamina in case.lamina]
     bonded = np.full((len(names) - 1, middle.size), not case.is_apart)
-    for own in case.delamination:
-        bonded[names.index(own.between[0]), (middle > own.start) & (middle < own.end)] = False
+    for delamination in case.delamination:
+        bonded[
+            names.index(delamination.between[0]),
+            (middle > delamination.start) & (middle < delamination.end),
+        ] = False
     return bonded
 
 
@@ -100,7 +103,8 @@ def _require_size(case: Case, n: int, *, is_3d: bool) -> None:
     Raises:
         CaseError: there are more than `MOST_DOFS`.
     """
-    p, model = case.model.degree, case.model
+    p = case.model.degree
+    model = case.model
     across = (p * model.strips + 1) * 3 if is_3d else 2
     dofs = len(case.lamina) * (p * n + 1) * (p * model.layers + 1) * across
     if dofs > MOST_DOFS:
@@ -121,12 +125,12 @@ def _vertices(case: Case, n: int, bonded: BoolArray, *, is_3d: bool) -> list[Int
         if i > 0:  # a vertex is shared if a cell beside it is bonded
             is_shared[1:, 0] |= bonded[i - 1][:, None]
             is_shared[:-1, 0] |= bonded[i - 1][:, None]
-        own = np.empty(shape, dtype=np.int64)
-        own[~is_shared] = count + np.arange(np.count_nonzero(~is_shared))
+        grid = np.empty(shape, dtype=np.int64)
+        grid[~is_shared] = count + np.arange(np.count_nonzero(~is_shared))
         count += int(np.count_nonzero(~is_shared))
         if i > 0:
-            own[:, 0] = np.where(is_shared[:, 0], result[-1][:, -1], own[:, 0])
-        result.append(own)
+            grid[:, 0] = np.where(is_shared[:, 0], result[-1][:, -1], grid[:, 0])
+        result.append(grid)
     return result
 
 
@@ -158,7 +162,8 @@ def _sides(vertices: list[IntArray], bonded: BoolArray) -> tuple[Facing, ...]:
         if is_bonded.all():
             continue
         is_open = np.repeat(~is_bonded, max(vertices[i].shape[2] - 1, 1))
-        lower, upper = _facets(vertices[i][:, -1]), _facets(vertices[i + 1][:, 0])
+        lower = _facets(vertices[i][:, -1])
+        upper = _facets(vertices[i + 1][:, 0])
         sides.append(Facing((i, i + 1), lower[is_open], upper[is_open]))
     return tuple(sides)
 
@@ -225,13 +230,13 @@ class _Reader:
         self.given = given
         wanted = _OF_KIND[self.case.model.kind]
         has = {block.type for block in self.given.cells if len(block.data)}
-        found = [cell for cell in wanted if has & {*_KINDS[cell][0]}]
-        if len(found) != 1:
+        kinds = [cell for cell in wanted if has & {*_KINDS[cell][0]}]
+        if len(kinds) != 1:
             raise self._error(
                 f"expected cells of one kind, {wanted[0]}s or {wanted[1]}s, for model.kind = "
                 f'"{self.case.model.kind}", found: {", ".join(sorted(has)) or "none"}'
             )
-        self.cell = found[0]
+        self.cell = kinds[0]
 
     def mesh(self) -> SolidMesh:
         """Return the mesh; see `solid_mesh`."""
@@ -245,7 +250,7 @@ class _Reader:
             for lamina in self.case.lamina
         ]
         cells = np.concatenate(laminae)
-        lamina = np.repeat(np.arange(len(laminae)), [len(own) for own in laminae])
+        lamina = np.repeat(np.arange(len(laminae)), [len(lamina_cells) for lamina_cells in laminae])
         self._require_size(len(cells))
         if len(np.unique(np.sort(cells, axis=1), axis=0)) < len(cells):
             raise self._error("expected each cell in the group of one lamina, one is in two")
@@ -253,7 +258,9 @@ class _Reader:
         cells = np.asarray(number).reshape(cells.shape)
         points = self._points(used)
         cells = self._oriented(points, cells[:, _ORDER.get(self.cell, slice(None))])
-        low, high, length = float(points[:, 0].min()), float(points[:, 0].max()), self.case.length
+        low = float(points[:, 0].min())
+        high = float(points[:, 0].max())
+        length = self.case.length
         if max(abs(low), abs(high - length)) > NODE_TOLERANCE * length:
             raise self._error(
                 f"expected laminae from x = 0 to lamina.length = {length:g} m, given {low:g} to "
@@ -267,7 +274,7 @@ class _Reader:
             for end, kind in (("start", self.case.support.start), ("end", self.case.support.end))
             if kind != "free"
         }
-        between = {own.between for own in self.case.delamination}
+        between = {delamination.between for delamination in self.case.delamination}
         sides = tuple(
             self._sides(plain, place, k)
             for k, (lower, upper) in enumerate(pairwise(self.case.lamina))
@@ -283,7 +290,8 @@ class _Reader:
 
     def _require_size(self, n_cells: int) -> None:
         """Check that the unknowns are not too many."""
-        p, dim = self.case.model.degree, 2 if self.case.model.kind == "plane-stress" else 3
+        p = self.case.model.degree
+        dim = 2 if self.case.model.kind == "plane-stress" else 3
         of_brick = 1 if self.cell in TENSOR else {2: 2, 3: 5}[dim]
         dofs = n_cells * dim * p**dim // of_brick
         if dofs > MOST_DOFS:
@@ -301,12 +309,12 @@ class _Reader:
                 f"expected a physical group {name!r} of {types[0]} cells, found the groups: "
                 f"{listed}"
             )
-        found = [
+        blocks = [
             np.asarray(block.data[chosen], dtype=np.int64)[:, :n_vertices]
             for block, chosen in zip(self.given.cells, self._members(name), strict=True)
             if block.type in types
         ]
-        cells = np.concatenate([np.zeros((0, n_vertices), dtype=np.int64), *found])
+        cells = np.concatenate([np.zeros((0, n_vertices), dtype=np.int64), *blocks])
         if len(cells) == 0:
             raise self._error(
                 f"expected {types[0]} cells in the physical group {name!r}, found none"
@@ -320,12 +328,15 @@ class _Reader:
         sets = self.given.cell_sets.get(name)
         if sets is not None:
             nothing = np.zeros(0, dtype=np.int64)
-            return [nothing if own is None else np.asarray(own, dtype=np.int64) for own in sets]
+            return [
+                nothing if members is None else np.asarray(members, dtype=np.int64)
+                for members in sets
+            ]
         tag = int(self.given.field_data[name][0])
         tags = self.given.cell_data.get("gmsh:physical")
         if tags is None:
             raise self._error("expected physical groups, the cells have none")
-        return [np.flatnonzero(np.asarray(own) == tag) for own in tags]
+        return [np.flatnonzero(np.asarray(block_tags) == tag) for block_tags in tags]
 
     def _points(self, used: IntArray) -> FloatArray:
         """Return the coordinates of vertices, with the bottom at y = 0 and centred across."""
@@ -350,17 +361,17 @@ class _Reader:
         corners = np.eye(dim + 1, dim, -1)
         if self.cell in TENSOR:
             corners = (np.arange(2**dim)[:, None] >> np.arange(dim)) & 1
-        own = points[cells]
-        size = np.linalg.norm(np.ptp(own, axis=1), axis=1)
-        found = np.stack([
-            np.linalg.det(jacobians_of(self.cell, own, np.tile(X, (len(cells), 1))))
+        vertices = points[cells]
+        size = np.linalg.norm(np.ptp(vertices, axis=1), axis=1)
+        determinants = np.stack([
+            np.linalg.det(jacobians_of(self.cell, vertices, np.tile(X, (len(cells), 1))))
             for X in corners.astype(np.float64)
         ])  # fmt: skip
-        mixed = ~(np.all(found > 0.0, axis=0) | np.all(found < 0.0, axis=0))
-        flat = np.abs(found).min(axis=0) <= _FLAT * size**dim
+        mixed = ~(np.all(determinants > 0.0, axis=0) | np.all(determinants < 0.0, axis=0))
+        flat = np.abs(determinants).min(axis=0) <= _FLAT * size**dim
         if np.any(mixed | flat):
             worst = int(np.flatnonzero(mixed | flat)[0])
-            at = ", ".join(f"{value:g}" for value in own[worst].mean(axis=0))
+            at = ", ".join(f"{value:g}" for value in vertices[worst].mean(axis=0))
             raise self._error(
                 f"expected convex cells with a volume, the {self.cell} about ({at}) m is "
                 f"{'flat' if flat[worst] else 'folded'}"
@@ -368,7 +379,7 @@ class _Reader:
         # a cell is turned by exchanging its vertices along the first axis, or the last two vertices
         turned = np.arange(cells.shape[1])
         turned = turned ^ 1 if self.cell in TENSOR else np.append(turned[:-2], turned[:-3:-1])
-        return np.where((found[0] < 0.0)[:, None], cells[:, turned], cells)
+        return np.where((determinants[0] < 0.0)[:, None], cells[:, turned], cells)
 
     def _sides(self, mesh: SolidMesh, place: IntArray, lower: int) -> Facing:
         """Return the sides of an interface, checked against the delaminations of the case."""
@@ -377,18 +388,18 @@ class _Reader:
             self._facets(mesh, place, f"{names[0]}-{names[1]} {side}", lower + k)
             for k, side in enumerate(("lower", "upper"))
         ]
-        own = [d for d in self.case.delamination if d.between == names]
-        if own:
+        delaminations = [d for d in self.case.delamination if d.between == names]
+        if delaminations:
             reach = mesh.points[np.concatenate(sides).ravel(), 0]
-            expected = min(d.start for d in own), max(d.end for d in own)
-            given = float(reach.min()), float(reach.max())
-            if max(abs(a - b) for a, b in zip(expected, given, strict=True)) > (
+            expected = min(d.start for d in delaminations), max(d.end for d in delaminations)
+            extent = float(reach.min()), float(reach.max())
+            if max(abs(a - b) for a, b in zip(expected, extent, strict=True)) > (
                 NODE_TOLERANCE * self.case.length
             ):
                 raise self._error(
                     f"expected the sides of {names[0]}-{names[1]} to reach from "
                     f"{expected[0]:g} to {expected[1]:g} m like the delaminations of the case, "
-                    f"given {given[0]:g} to {given[1]:g} m"
+                    f"given {extent[0]:g} to {extent[1]:g} m"
                 )
         heights = [
             float(mesh.points[mesh.cells[mesh.lamina == lower + k], 1].mean()) for k in (0, 1)
@@ -430,8 +441,8 @@ class _Reader:
         """Check that every separate body is held, if any is."""
         if not mesh.supports:
             return
-        held, _ = mesh.cells_with(np.concatenate([*mesh.supports.values()]))
-        loose = np.setdiff1d(mesh.bodies, mesh.bodies[held])
+        supported, _ = mesh.cells_with(np.concatenate([*mesh.supports.values()]))
+        loose = np.setdiff1d(mesh.bodies, mesh.bodies[supported])
         if loose.size:
             cell = int(np.flatnonzero(mesh.bodies == loose[0])[0])
             name = self.case.lamina[int(mesh.lamina[cell])].name

@@ -107,15 +107,15 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
         if kind == "clamped":
             blocks.append(_at(solid, solid.nodes_on(facets)))
             continue
-        for own in _clusters(facets):
-            nodes = solid.nodes_on(facets[own])
-            axis = neutral_axis(solid.mesh, facets[own], rigidity)
-            laminae = np.unique(solid.mesh.lamina[solid.mesh.cells_with(facets[own])[0]])
+        for cluster in _clusters(facets):
+            nodes = solid.nodes_on(facets[cluster])
+            axis = neutral_axis(solid.mesh, facets[cluster], rigidity)
+            laminae = np.unique(solid.mesh.lamina[solid.mesh.cells_with(facets[cluster])[0]])
             one = int(laminae[0]) if laminae.size == 1 else SHARED
             blocks.append(_at(solid, nodes, axis, one))
     for inner in case.support.held:
         blocks += _inside(case, solid, inner)
-    every = [[getattr(own, name) for own in blocks] for name in Held.__dataclass_fields__]
+    every = [[getattr(block, name) for block in blocks] for name in Held.__dataclass_fields__]
     dofs, *others = (np.concatenate(values) for values in every)
     dofs, first = np.unique(dofs, return_index=True)
     return Held(dofs, *(values[first] for values in others))
@@ -129,8 +129,8 @@ def _inside(case: Case, solid: Solid, support: InnerSupport) -> Iterator[Held]:
     """
     lowest, highest = _of_nodes(solid, solid.mesh.lamina)
     is_there = np.abs(solid.coordinates[:, X] - support.position) <= NODE_TOLERANCE * case.length
-    own = solid.first_node + np.flatnonzero(is_there)
-    pieces = solid.comm.allgather((own, lowest[is_there], highest[is_there]))
+    numbers = solid.first_node + np.flatnonzero(is_there)
+    pieces = solid.comm.allgather((numbers, lowest[is_there], highest[is_there]))
     nodes, low, high = (np.concatenate(values) for values in zip(*pieces, strict=True))
     at = edges(case)
     for cluster in clusters(network(case, at).segments, node_at(at, support.position)):
@@ -144,7 +144,8 @@ def _inside(case: Case, solid: Solid, support: InnerSupport) -> Iterator[Held]:
             )
         none = np.full(chosen.size, -1, dtype=np.int64)
         lamina = np.full(chosen.size, cluster[0] if len(cluster) == 1 else SHARED, dtype=np.int64)
-        across, along = solid.dim * chosen + Y, solid.dim * chosen + X
+        across = solid.dim * chosen + Y
+        along = solid.dim * chosen + X
         yield Held(across, np.ones(chosen.size), np.zeros(chosen.size), none, lamina)
         if support.kind == "clamped":
             first = np.full(chosen.size, along[0])
@@ -190,7 +191,8 @@ def _at(solid: Solid, nodes: IntArray, axis: float | None = None, lamina: int = 
     dim = solid.dim
     dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
     base = np.tile(np.arange(dim) == Y, nodes.size).astype(np.float64)
-    turn, place = np.zeros(dofs.size), np.full(dofs.size, -1, dtype=np.int64)
+    turn = np.zeros(dofs.size)
+    place = np.full(dofs.size, -1, dtype=np.int64)
     if axis is not None:
         turn[X::dim] = axis - solid.fetched(solid.coordinates, nodes)[:, Y]
         place[X::dim] = dofs[X]
@@ -247,7 +249,8 @@ class Columns:
 
     def transformation(self, nodes: IntArray) -> sp.csr_matrix:
         """Return the rows of T of R1 at some nodes, the others empty, CSR (n_dofs, n_dofs)."""
-        dim, n = self.solid.dim, self.reference.size
+        dim = self.solid.dim
+        n = self.reference.size
         moved = nodes[self.reference[nodes] != nodes]
         rows = np.concatenate([nodes, moved])
         columns = np.concatenate([nodes, self.reference[moved]])
@@ -285,10 +288,10 @@ class Columns:
     ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
         """Yield rows, columns and values of the stiffness of this rank's cells, in portions."""
         solid, dim = self.solid, self.solid.dim
-        own = solid.input_cell[: solid.n_own_cells]
-        nodes = solid.nodes_of(own)
+        input_cells = solid.input_cell[: solid.n_own_cells]
+        nodes = solid.nodes_of(input_cells)
         references = self.reference[nodes]
-        corners = solid.mesh.points[solid.mesh.cells[own]]
+        corners = solid.mesh.points[solid.mesh.cells[input_cells]]
         for cells in _alike(corners, nodes, references, solid.mesh.points):
             slots, outside = _slots(nodes[cells[0]], references[cells[0]])
             K = _cell_stiffness(solid, corners[cells[0]], slots, D)
@@ -299,7 +302,7 @@ class Columns:
             step = max(1, _MOST_ENTRIES // max(i.size, 1))
             for first in range(0, len(cells), step):
                 some = slice(first, first + step)
-                E = young_modulus[own[cells[some]]]
+                E = young_modulus[input_cells[cells[some]]]
                 values = (E[:, None] * K[i, j]).ravel()
                 yield dofs[some][:, i].ravel(), dofs[some][:, j].ravel(), values
 
@@ -479,16 +482,16 @@ class Unknowns:
         dim, comm = solid.dim, solid.comm
         columns = Columns.none(solid) if columns is None else columns
         every = dim * solid.first_node + np.arange(dim * solid.n_own_nodes)
-        kept = ~np.isin(every, np.setdiff1d(held.dofs, held.place))
+        is_kept = ~np.isin(every, np.setdiff1d(held.dofs, held.place))
         order = _order(solid)
-        own = every[order][kept[order]]
-        counts = comm.allgather(own.size)
+        local_dofs = every[order][is_kept[order]]
+        counts = comm.allgather(local_dofs.size)
         first = sum(counts[: comm.rank])
-        turning = np.flatnonzero(np.isin(own, held.place))
-        number = dict(zip(own[turning].tolist(), (first + turning).tolist(), strict=True))
+        turning = np.flatnonzero(np.isin(local_dofs, held.place))
+        number = dict(zip(local_dofs[turning].tolist(), (first + turning).tolist(), strict=True))
         everywhere = {d: k for piece in comm.allgather(number) for d, k in piece.items()}
         column_of = np.array([everywhere.get(int(d), -1) for d in held.place], dtype=np.int64)
-        return cls(columns, held, own, first, sum(counts), column_of)
+        return cls(columns, held, local_dofs, first, sum(counts), column_of)
 
     @property
     def solid(self) -> Solid:
@@ -509,11 +512,13 @@ class Unknowns:
     def parts(self) -> IntArray:
         """Number of the lamina of each own free dof, or SHARED, shape (n_own,)."""
         low, high = _of_nodes(self.solid, self.solid.mesh.lamina)
-        of_nodes, nodes = np.where(low == high, low, SHARED), self.own // self.solid.dim
+        of_nodes = np.where(low == high, low, SHARED)
+        nodes = self.own // self.solid.dim
         result = of_nodes[nodes - self.solid.first_node]
         if not self.columns.is_plain:  # a reference may carry a column through several laminae
             everywhere = np.concatenate(self.solid.comm.allgather(of_nodes))
-            low, high = everywhere.copy(), everywhere.copy()
+            low = everywhere.copy()
+            high = everywhere.copy()
             np.minimum.at(low, self.columns.reference, everywhere)
             np.maximum.at(high, self.columns.reference, everywhere)
             result = np.where(low == high, everywhere, SHARED)[nodes]
@@ -542,9 +547,9 @@ class Unknowns:
         for k, (i, j) in enumerate(turns, start=dim):
             result[:, k] = np.where(component == j, at[:, i], 0.0)
             result[:, k] -= np.where(component == i, at[:, j], 0.0)
-        held = self.held
-        for of_sections, motion in ((held.turn != 1.0, dim), (held.turn == 1.0, X)):
-            places = np.isin(self.own, held.place[of_sections])
+        supported = self.held
+        for of_sections, motion in ((supported.turn != 1.0, dim), (supported.turn == 1.0, X)):
+            places = np.isin(self.own, supported.place[of_sections])
             result[places] = np.arange(result.shape[1]) == motion
         return result
 
@@ -589,7 +594,8 @@ class Unknowns:
     @cached_property
     def free(self) -> sp.csr_matrix:
         """The matrix from own free dofs to all dofs, T of R1 times T of S1, CSR (n_dofs, n_own)."""
-        first, reference = self.solid.first_node, self.columns.reference
+        first = self.solid.first_node
+        reference = self.columns.reference
         nodes = first + np.arange(self.solid.n_own_nodes)
         result = self._selection(nodes, self._numbers)[:, self.first : self.first + self.n_own]
         if self.columns.is_plain:
@@ -646,19 +652,19 @@ class Unknowns:
             raise ValueError("diagonal: expected displacements of nodes, given columns")
         start = self.solid.dim * self.solid.first_node
         stop = start + values.size
-        own = values[self.own - start]
-        held = self.held
-        here = (held.dofs >= start) & (held.dofs < stop)
-        at_held = np.zeros(held.dofs.size)
-        at_held[here] = values[held.dofs[here] - start]
+        entries = values[self.own - start]
+        supported = self.held
+        here = (supported.dofs >= start) & (supported.dofs < stop)
+        at_held = np.zeros(supported.dofs.size)
+        at_held[here] = values[supported.dofs[here] - start]
         at_held = np.sum(self.solid.comm.allgather(at_held), axis=0)
         for column in np.unique(self.column_of[self.column_of >= 0]).tolist():
             if self.first <= column < self.first + self.n_own:
                 turning = self.column_of == column
-                own[column - self.first] = held.turn[turning] ** 2 @ at_held[turning]
+                entries[column - self.first] = supported.turn[turning] ** 2 @ at_held[turning]
         columns = self.first + np.arange(self.n_own)
         rows = sp.csr_matrix(
-            (own, columns, np.arange(self.n_own + 1)), shape=(self.n_own, self.n_free)
+            (entries, columns, np.arange(self.n_own + 1)), shape=(self.n_own, self.n_free)
         )
         corners = self._by_lamina(values * self.base[start:stop] ** 2)
         return Restricted(rows, np.zeros(self.n_own), corners)
@@ -667,8 +673,8 @@ class Unknowns:
         """Return the sum of own dofs' values over each lamina, over all ranks (collective)."""
         low, _ = _of_nodes(self.solid, self.solid.mesh.lamina)
         count = int(self.solid.mesh.lamina.max()) + 1
-        own = np.bincount(np.repeat(low, self.solid.dim), values, minlength=count)
-        return np.asarray(np.sum(self.solid.comm.allgather(own), axis=0))
+        local_sums = np.bincount(np.repeat(low, self.solid.dim), values, minlength=count)
+        return np.asarray(np.sum(self.solid.comm.allgather(local_sums), axis=0))
 
 
 def _order(solid: Solid) -> IntArray:
@@ -683,7 +689,8 @@ def _order(solid: Solid) -> IntArray:
 
 def _of_nodes(solid: Solid, of_cells: IntArray) -> tuple[IntArray, IntArray]:
     """Return the lowest and highest of the numbers `of_cells` at each own node (collective)."""
-    n, ghosts = solid.n_own_nodes, solid.space.dofmap.index_map.ghosts.astype(np.int64)
+    n = solid.n_own_nodes
+    ghosts = solid.space.dofmap.index_map.ghosts.astype(np.int64)
     low = np.full(n + ghosts.size, np.iinfo(np.int64).max)
     high = np.full(n + ghosts.size, -1, dtype=np.int64)
     numbers = of_cells[solid.input_cell]
@@ -692,7 +699,7 @@ def _of_nodes(solid: Solid, of_cells: IntArray) -> tuple[IntArray, IntArray]:
         np.maximum.at(high, nodes, numbers)
     for nodes, lowest, highest in solid.comm.allgather((ghosts, low[n:], high[n:])):
         local = nodes - solid.first_node
-        own = (local >= 0) & (local < n)
-        np.minimum.at(low, local[own], lowest[own])
-        np.maximum.at(high, local[own], highest[own])
+        is_local = (local >= 0) & (local < n)
+        np.minimum.at(low, local[is_local], lowest[is_local])
+        np.maximum.at(high, local[is_local], highest[is_local])
     return low[:n], high[:n]

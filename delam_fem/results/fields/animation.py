@@ -116,7 +116,8 @@ def write_film(
         width = size[0] - 2 * EDGE
         for done, frame in enumerate(frames):
             show(frame)
-            time, period = float(times[frame]), case.period
+            time = float(times[frame])
+            period = case.period
             text = f"t = {time:.4f} s" + (f" = {time / period:.2f} T" if case.is_periodic else "")
             plotter.add_text(
                 text, position=(EDGE / SIZE[0], 0.03), viewport=True, font_size=TEXT,
@@ -164,7 +165,8 @@ def animate(
     for name, value in (("periods", periods), ("rate", rate), ("stretch", stretch)):
         if not 0.0 < value < float("inf"):
             raise CaseError(f"--{name}: expected a positive number, given {value:g}")
-    run, name = Path(run), "solid" if solid else "laminae"
+    run = Path(run)
+    name = "solid" if solid else "laminae"
     paths = [Path(path) for path in output or (run / f"{name}.gif", run / f"{name}.mp4")]
     for path in paths:
         if path.suffix not in FORMATS:
@@ -244,9 +246,9 @@ class _Scene:
             cells = np.flatnonzero(grid.cell_data["lamina"] == i % (len(names) + 1))
             if not cells.size:
                 continue
-            own = grid.extract_cells(cells)
-            plotter.add_mesh(own, color=colour, ambient=0.75, diffuse=0.3, specular=0.0)
-            self.meshes.append((own, own.point_data["vtkOriginalPointIds"]))
+            part = grid.extract_cells(cells)
+            plotter.add_mesh(part, color=colour, ambient=0.75, diffuse=0.3, specular=0.0)
+            self.meshes.append((part, part.point_data["vtkOriginalPointIds"]))
         self.clamps = [
             (end, clamp, clamp.points.copy())
             for end, clamp in zip((0, -1), self._blocks(length), strict=True)
@@ -272,9 +274,10 @@ class _Scene:
     def show(self, frame: int) -> None:
         """Move the laminae to a frame and light the pairs that touch."""
         points = self.at_rest + self.deflection * self.bodies.point_data(frame)["displacement"]
-        for mesh, own in self.meshes:
-            mesh.points = points[own]
-        faces, marks = points[: self.laminae].reshape(self.bodies.rest.shape), self.bodies.marks
+        for mesh, chosen in self.meshes:
+            mesh.points = points[chosen]
+        faces = points[: self.laminae].reshape(self.bodies.rest.shape)
+        marks = self.bodies.marks
         for end, clamp, at_rest in self.clamps:
             moved = float(self.bodies.vectors["displacement"][0, frame, end])
             clamp.points = at_rest + np.array([0.0, self.deflection * moved, 0.0])
@@ -286,8 +289,10 @@ class _Scene:
                 self.plotter.remove_actor(name, render=False)
                 continue
             between = (faces[where, node, 1] + faces[where + 1, node, 0]) / 2.0
-            own = [faces[m.lamina, m.node, 1 if m.side > 0 else 0] for m in (marks[k] for k in lit)]
-            between = np.concatenate([between, np.reshape(own, (-1, 3))])
+            chosen = [
+                faces[m.lamina, m.node, 1 if m.side > 0 else 0] for m in (marks[k] for k in lit)
+            ]
+            between = np.concatenate([between, np.reshape(chosen, (-1, 3))])
             between[:, 2] = self.edge
             spheres = pv.PolyData(between).glyph(
                 geom=pv.Sphere(radius=self.radius), scale=False, orient=False
@@ -302,7 +307,8 @@ class _Scene:
         for end, outwards in ((0, -1.0), (-1, 1.0)):
             section = self.at_rest[: self.laminae].reshape(self.bodies.rest.shape)[:, end]
             (x, low, _), (_, high, z) = section.min(axis=(0, 1)), section.max(axis=(0, 1))
-            margin, x_end = 0.015 * length, x + outwards * 0.04 * length
+            margin = 0.015 * length
+            x_end = x + outwards * 0.04 * length
             bounds = (min(x, x_end), max(x, x_end), low - margin, high + margin, -z, z)
             blocks.append(pv.Box(bounds=bounds))
         return blocks
@@ -311,7 +317,8 @@ class _Scene:
         """Point the camera at the middle of all motion."""
         u = self.deflection * history["displacement"].to_numpy()
         y = self.at_rest[: self.laminae, 1].reshape(self.bodies.rest.shape[:3])
-        low, high = float(y.min() + u.min()), float(y.max() + u.max())
+        low = float(y.min() + u.min())
+        high = float(y.max() + u.max())
         focus: FloatArray = np.array([0.5 * length, 0.0, 0.0]) + 0.5 * (low + high) * RIGHT
         half = max(0.62 * length, 0.55 * (high - low) * SIZE[1] / SIZE[0])
         _aim(self.plotter, focus, (1.0, 0.0, 0.0), 4.0 * length * TO_CAMERA, half)
@@ -322,7 +329,9 @@ def _aim(
 ) -> None:
     """Point the camera at `focus` from the distance `away`; `scale` is half the height [m]."""
     camera = plotter.camera
-    camera.focal_point, camera.up, camera.position = focus, up, focus + away
+    camera.focal_point = focus
+    camera.up = up
+    camera.position = focus + away
     plotter.enable_parallel_projection()
     camera.parallel_scale = scale
     plotter.reset_camera_clipping_range()
@@ -366,7 +375,8 @@ def render_solid(path: Path, history: xr.Dataset, case: Case, target: Path) -> P
     Raises:
         OSError: a file cannot be read or written.
     """
-    series, history = Series.read(path), drawable_frames(history)
+    series = Series.read(path)
+    history = drawable_frames(history)
     if not np.array_equal(series.times, history["frame"].to_numpy()):
         return None
     with pv.vtk_verbosity("error"), atomic(target) as temporary:
@@ -455,12 +465,14 @@ def _held(plotter: pv.Plotter, grid: pv.UnstructuredGrid, case: Case) -> None:
         plotter.add_mesh(
             outline, color="#303030", line_width=1.0, name="outline", reset_camera=False
         )
-    points, length = np.asarray(grid.points), float(case.length)
+    points = np.asarray(grid.points)
+    length = float(case.length)
     for is_held, x, outwards in zip(held_ends(case), (0.0, length), (-1.0, 1.0), strict=True):
         if is_held:
-            own = points[np.abs(points[:, 0] - x) < 0.01 * length]
-            (_, low, near), (_, high, far) = own.min(axis=0), own.max(axis=0)
-            margin, x_bounds = 0.01 * length, sorted((x, x + outwards * 0.02 * length))
+            section = points[np.abs(points[:, 0] - x) < 0.01 * length]
+            (_, low, near), (_, high, far) = section.min(axis=0), section.max(axis=0)
+            margin = 0.01 * length
+            x_bounds = sorted((x, x + outwards * 0.02 * length))
             block = pv.Box(bounds=(*x_bounds, low - margin, high + margin, near, far + 1e-6))
             plotter.add_mesh(
                 block, color="#9a9a9a", lighting=False, name=f"held {x}", reset_camera=False
@@ -469,7 +481,8 @@ def _held(plotter: pv.Plotter, grid: pv.UnstructuredGrid, case: Case) -> None:
 
 def _look(plotter: pv.Plotter, points: FloatArray, aspect: float) -> None:
     """Look at the edges of the laminae, x to the right; at solids a little from above."""
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     is_deep = high[2] > low[2]
     towards = np.array([-0.12, 0.35, 1.0]) if is_deep else np.array([0.0, 0.0, 1.0])
     span = high - low
@@ -498,7 +511,7 @@ def _solid(
         f"{case.title}\n{scales(thick, factor)}",
         position=(0.02, 0.88), viewport=True, font_size=11, color="black",
     )  # fmt: skip
-    bounds = np.concatenate([[own.min(axis=0), own.max(axis=0)] for own in every.values()])
+    bounds = np.concatenate([[points.min(axis=0), points.max(axis=0)] for points in every.values()])
     _look(plotter, bounds, SOLID_SIZE[0] / SOLID_SIZE[1])
 
     def show(frame: int) -> None:

@@ -113,7 +113,8 @@ def curvature(history: xr.Dataset) -> FloatArray:
     Returns:
         Curvatures, shape (n_laminae, n_frames, n_nodes) [1/m].
     """
-    u, phi = history["displacement"].to_numpy(), history["slope"].to_numpy()
+    u = history["displacement"].to_numpy()
+    phi = history["slope"].to_numpy()
     h = np.diff(history["x"].to_numpy())
     chord = 6.0 * (u[..., 1:] - u[..., :-1]) / h**2
     result = np.zeros_like(u)
@@ -171,7 +172,7 @@ class Frames:
         sigma = self.shape.recovery.stress(u)
         impulse = self._spread(self.impulses[frame])
         pressure = impulse / self.spans[frame] + self._spread(self.forces[frame])
-        found = {
+        arrays = {
             "displacement": _vectors(u[self.shape.node]),
             "velocity": _vectors(v[self.shape.node]),
             "stress_xx": sigma[:, 0],
@@ -179,14 +180,15 @@ class Frames:
             "contact_pressure": pressure,
             "contact_impulse": impulse,
         }
-        return {name: values.astype(np.float32) for name, values in found.items()}
+        return {name: values.astype(np.float32) for name, values in arrays.items()}
 
     def _spread(self, of_pairs: FloatArray) -> FloatArray:
         """Return values of pairs (forces or impulses) as values per area at the points."""
-        pressing, result = self.shape.pressing, np.zeros(self.shape.node.size)
+        pressing = self.shape.pressing
+        result = np.zeros(self.shape.node.size)
         ends = np.cumsum([by_forces.shape[1] for by_forces in pressing])
-        for by_forces, own in zip(pressing, np.split(of_pairs, ends), strict=False):
-            result += by_forces @ own
+        for by_forces, forces in zip(pressing, np.split(of_pairs, ends), strict=False):
+            result += by_forces @ forces
         return result
 
     @property
@@ -196,9 +198,9 @@ class Frames:
         points = _vectors(shape.points)
         top = mesh.points[mesh.cells[mesh.lamina == 0], 1].max()  # at y = 0, as of beams
         points[:, 1] += self.rise - top
-        own = subcells(mesh.cell, shape.degree, shape.reference_nodes)
-        cells = shape.cells[:, own].reshape(-1, own.shape[1])
-        lamina = np.repeat(mesh.lamina + 1, len(own)).astype(np.int8)
+        corners = subcells(mesh.cell, shape.degree, shape.reference_nodes)
+        cells = shape.cells[:, corners].reshape(-1, corners.shape[1])
+        lamina = np.repeat(mesh.lamina + 1, len(corners)).astype(np.int8)
         return vtkhdf.Grid(points, cells, mesh.cell, {"lamina": lamina}, {"rise": self.rise})
 
 
@@ -228,9 +230,10 @@ def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | 
     finite = np.flatnonzero(np.all(flags, axis=0))  # a diverged run ends without numbers
     if not finite.size:
         return None
-    kept, ticks = [states[k] for k in finite], steps[finite] * recorder.refine
-    forces = _spring_forces(structure, case, kept, contact[finite] == RESTING)
-    motion = _motion(body, kept, base[finite])
+    finite_states = [states[k] for k in finite]
+    ticks = steps[finite] * recorder.refine
+    forces = _spring_forces(structure, case, finite_states, contact[finite] == RESTING)
+    motion = _motion(body, finite_states, base[finite])
     shape = body.shape()
     if motion is None:
         return None
@@ -275,29 +278,32 @@ def _motion(
     if body.solid.comm.size == 1:
         return lambda frame: body.gathered(states[frame], base[frame])
     step = max(1, AT_ONCE // (2 * body.free.shape[0]))
-    kept: list[FloatArray] = []
+    motions: list[FloatArray] = []
     for start in range(0, len(states), step):
         some = slice(start, start + step)
-        found = body.gathered(np.concatenate(states[some]), base[some].ravel())
-        kept.extend(found.reshape(len(found) // 2, 2, *found.shape[1:]))
-    return kept.__getitem__ if body.is_first else None
+        values = body.gathered(np.concatenate(states[some]), base[some].ravel())
+        motions.extend(values.reshape(len(values) // 2, 2, *values.shape[1:]))
+    return motions.__getitem__ if body.is_first else None
 
 
 def _rise(structure: Structure, shape: Shape) -> FloatArray:
     """Return how far the gaps at rest lift each point out of the mesh, shape (n_points,) [m]."""
-    x, first = shape.points[:, 0], 0
+    x = shape.points[:, 0]
+    first = 0
     lift: dict[tuple[int, int], FloatArray] = {}
-    for own in shape.touching:
-        places, one = np.unique(own.x, return_index=True)
-        gap0 = structure.operators.gap0[first : first + own.gap.size]
-        first += own.gap.size
-        beyond = (gap0 - own.gap)[one]  # the mesh has its own distance at the pairs
-        ends = shape.mesh.points[own.facing.lower.ravel(), 0]
+    for pairs in shape.touching:
+        places, one = np.unique(pairs.x, return_index=True)
+        gap0 = structure.operators.gap0[first : first + pairs.gap.size]
+        first += pairs.gap.size
+        beyond = (gap0 - pairs.gap)[one]  # the mesh has its own distance at the pairs
+        ends = shape.mesh.points[pairs.facing.lower.ravel(), 0]
         if ends.min() < places[0]:  # held or bonded: no pair
-            places, beyond = np.append(ends.min(), places), np.append(0.0, beyond)
+            places = np.append(ends.min(), places)
+            beyond = np.append(0.0, beyond)
         if ends.max() > places[-1]:
-            places, beyond = np.append(places, ends.max()), np.append(beyond, 0.0)
-        lift[own.facing.parts] = np.interp(x, places, beyond)
+            places = np.append(places, ends.max())
+            beyond = np.append(beyond, 0.0)
+        lift[pairs.facing.parts] = np.interp(x, places, beyond)
     rise = np.zeros(x.size)
     for lower in range(int(shape.lamina.max(initial=0))):
         above = shape.lamina > lower

@@ -75,7 +75,8 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
     Returns:
         Points, shape (n_laminae, n_nodes, 4 corners, 3) [m].
     """
-    x, middle = history["x"].to_numpy(), middle_lines(history, case, enlarged)
+    x = history["x"].to_numpy()
+    middle = middle_lines(history, case, enlarged)
     points = np.empty((*middle.shape, CORNERS, 3))
     points[..., 0] = x[:, None]
     for i, lamina in enumerate(case.lamina):
@@ -115,33 +116,40 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
     The springs of Hertz's law lie behind one another, so that the first of them stands for an
     impactor. An impactor that has flown off is drawn no farther away than a picture can show.
     """
-    middle, found = middle_lines(history, case, enlarged), []
-    x, half = history["x"].to_numpy(), [0.5 * lamina.thickness for lamina in case.lamina]
-    frames, times = history["frame"].to_numpy(), history["time"].to_numpy()
+    middle = middle_lines(history, case, enlarged)
+    result = []
+    x = history["x"].to_numpy()
+    half = [0.5 * lamina.thickness for lamina in case.lamina]
+    frames = history["frame"].to_numpy()
+    times = history["time"].to_numpy()
     base = np.interp(frames, times, history["base_displacement"])
     numbers = history["stop_number"].to_numpy() if "stop_number" in history else np.zeros(0)
     for k, number in enumerate(numbers.tolist()):
         impactor = number - len(case.stop) - 1
         if impactor >= 0 and number == numbers[k - 1] and k:
             continue
-        own = history.isel(stop=k)
-        height, lamina = float(own["stop_height"]), int(own["stop_lamina"])
-        motion = float(own["stop_on_base"]) * base
+        stop = history.isel(stop=k)
+        height = float(stop["stop_height"])
+        lamina = int(stop["stop_lamina"])
+        motion = float(stop["stop_on_base"]) * base
         if impactor >= 0:
             reach = 5.0 * (abs(height) + float(np.abs(history["displacement"]).max()) + sum(half))
             moved = history["impactor_displacement"][impactor].to_numpy().clip(-reach, reach)
             motion = motion + np.interp(frames, times, moved)
-        side, node = -1 if np.signbit(height) else 1, int(own["stop_node"])
+        side = -1 if np.signbit(height) else 1
+        node = int(stop["stop_node"])
         face = float(middle[lamina, node]) + side * half[lamina] + enlarged * height
-        state, heat = own["stop_state"].to_numpy(), float(own.get("stop_heat", 0.0))
-        found.append(Mark(lamina, node, float(x[node]), side, face, motion, state, heat))
+        state = stop["stop_state"].to_numpy()
+        heat = float(stop.get("stop_heat", 0.0))
+        result.append(Mark(lamina, node, float(x[node]), side, face, motion, state, heat))
     names = [lamina.name for lamina in case.lamina]
     for support in case.support.inside:
         lamina = names.index(support.lamina) if support.lamina else 0
-        place, node = support.position, int(np.abs(x - support.position).argmin())
+        place = support.position
+        node = int(np.abs(x - support.position).argmin())
         face = float(np.interp(place, x, middle[lamina])) - half[lamina]
-        found.append(Mark(lamina, node, place, -1, face, base, np.zeros(base.size, np.int8)))
-    return found
+        result.append(Mark(lamina, node, place, -1, face, base, np.zeros(base.size, np.int8)))
+    return result
 
 
 @dataclass(frozen=True)
@@ -170,18 +178,19 @@ class Ribbons:
     def of(cls, history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Ribbons:
         """Return the ribbons of a run with the fields of its frames; see `middle_lines`."""
         half = np.array([lamina.thickness / 2.0 for lamina in case.lamina])
-        rest, own = rest_points(history, case, enlarged), marks(history, case, enlarged)
-        blocks = np.empty((len(own), 2, CORNERS, 3))
-        for mark, block in zip(own, blocks, strict=True):
-            block[:] = rest[mark.lamina, mark.node]
+        rest_positions = rest_points(history, case, enlarged)
+        all_marks = marks(history, case, enlarged)
+        blocks = np.empty((len(all_marks), 2, CORNERS, 3))
+        for mark, block in zip(all_marks, blocks, strict=True):
+            block[:] = rest_positions[mark.lamina, mark.node]
             block[..., 0] = mark.x + BLOCK_LENGTH * case.length * ENDS[:, None]
             block[..., 1] = mark.rest + mark.side * half.sum() * (1.0 + mark.side * UPWARDS)
         return cls(
-            rest,
+            rest_positions,
             half[:, None] * UPWARDS,
             {name: history[name].to_numpy() for name in ("displacement", "velocity")},
             derived.scalars_of(history, case),
-            own,
+            all_marks,
             blocks,
         )
 
@@ -194,8 +203,8 @@ class Ribbons:
         plane times the curvature [-]. Blocks have displacement, contact_state and heat.
         """
         data = {  # along y, at all corners
-            name: np.pad(np.repeat(own[:, frame].ravel(), CORNERS)[:, None], ((0, 0), (1, 1)))
-            for name, own in self.vectors.items()
+            name: np.pad(np.repeat(vectors[:, frame].ravel(), CORNERS)[:, None], ((0, 0), (1, 1)))
+            for name, vectors in self.vectors.items()
         }
         for name, values in self.scalars.items():
             data[name] = np.repeat(values[:, frame].ravel(), CORNERS)
@@ -252,7 +261,8 @@ PHASES = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 """Instants of the snapshots, in periods from the strike."""
 SIZE = (1500, 1050)
 """Width and height of the picture [px]."""
-TURN, TILT = np.radians(24.0), np.radians(14.0)
+TURN = np.radians(24.0)
+TILT = np.radians(14.0)
 """Angles by which the camera is turned from the view on the edges of the laminae, and raised."""
 TO_CAMERA = np.array([np.sin(TILT), -np.cos(TILT) * np.sin(TURN), -np.cos(TILT) * np.cos(TURN)])
 """Direction of the camera; x is up and y to the right in the picture."""
@@ -264,7 +274,8 @@ PIECES = 100
 """Pieces of one colour along a lamina."""
 SHADE = 0.7
 """Brightness of the faces towards -z."""
-BLOCK, OUTLINE = np.array([0.6, 0.6, 0.6, 1.0]), np.array([0.19, 0.19, 0.19, 1.0])
+BLOCK = np.array([0.6, 0.6, 0.6, 1.0])
+OUTLINE = np.array([0.19, 0.19, 0.19, 1.0])
 CLEAR = np.zeros(4)
 """Colours: supports, outlines, nothing."""
 ROW = 1.42
@@ -288,13 +299,15 @@ def strike_frame(history: xr.Dataset, case: Case) -> int:
         when = history["event_time"].to_numpy()[at_probes]
         strength = history["event_impulse"].to_numpy()[at_probes]
     else:
-        when, strength = history["time"].to_numpy(), -diagnostics.tip_gap(history)
+        when = history["time"].to_numpy()
+        strength = -diagnostics.tip_gap(history)
     frames = history["frame"].to_numpy()
     is_inside = (when >= frames[0] - PHASES[0] * case.period) & (
         when <= frames[-1] - PHASES[-1] * case.period
     )
     if is_inside.any():
-        when, strength = when[is_inside], strength[is_inside]
+        when = when[is_inside]
+        strength = strength[is_inside]
     strike = float(when[np.argmax(strength)])
     return max(0, int(np.searchsorted(frames, strike - 1e-6 * case.time_step)) - 1)
 
@@ -324,19 +337,22 @@ def draw(history: xr.Dataset, case: Case) -> Figure:
     frames = history["frame"].to_numpy()
     shown_strike = strike_frame(history, case)
     strike = frames[shown_strike]
-    shown = [int(np.argmin(np.abs(frames - strike - phase * case.period))) for phase in PHASES]
-    shown, length = sorted(set(shown)), case.lamina[0].length
-    limit = largest_speed(history, shown) or 1.0
-    factor = magnification(history, shown, length)
-    u, v = (history[name].to_numpy()[:, shown] for name in ("displacement", "velocity"))
+    drawn_frames = [
+        int(np.argmin(np.abs(frames - strike - phase * case.period))) for phase in PHASES
+    ]
+    drawn_frames = sorted(set(drawn_frames))
+    length = case.lamina[0].length
+    limit = largest_speed(history, drawn_frames) or 1.0
+    factor = magnification(history, drawn_frames, length)
+    u, v = (history[name].to_numpy()[:, drawn_frames] for name in ("displacement", "velocity"))
     at_rest = rest_points(history, case, factor)
     colours = ScalarMappable(Normalize(-limit, limit), COLOURS)
     name = "strike" if diagnostics.is_at_probes(history).any() else "closest"
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     polygons: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    for k, frame in enumerate(shown):
-        place = (k - (len(shown) - 1) / 2) * ROW / len(PHASES) * length * RIGHT
+    for k, frame in enumerate(drawn_frames):
+        place = (k - (len(drawn_frames) - 1) / 2) * ROW / len(PHASES) * length * RIGHT
         corners = at_rest + place
         corners[..., 1] += factor * u[:, k, :, None]
         below, beyond = _supports(case, place, factor * u[0, k])
@@ -353,8 +369,8 @@ def draw(history: xr.Dataset, case: Case) -> Figure:
     drawn = PolyCollection(shapes, linewidths=0.5)
     drawn.set(facecolors=np.array(faces), edgecolors=np.array(edges))
     axes.add_collection(drawn, autolim=False)
-    aside = -(len(shown) - 1) / 2 * ROW / len(PHASES) * length
-    _name_laminae(axes, history, shown[0], (aside, factor))
+    aside = -(len(drawn_frames) - 1) / 2 * ROW / len(PHASES) * length
+    _name_laminae(axes, history, drawn_frames[0], (aside, factor))
     scale = "true to scale" if factor == 1.0 else f"deflections and gaps × {factor:g}"
     figure.text(0.03, 0.955, f"{case.title}; {scale}, T = {case.period:.3g} s", fontsize=12)
     bar = figure.add_axes((0.89, 0.2, 0.02, 0.6), label="<colorbar>")
@@ -453,8 +469,10 @@ def _name_laminae(axes: Axes, history: xr.Dataset, frame: int, drawn: tuple[floa
     `drawn` holds the offset of the snapshot and the factor of its deflections.
     """
     offset, factor = drawn
-    node, length = diagnostics.probe_node(history), float(history["x"][-1])
-    x, at_rest = float(history["x"][node]), diagnostics.rest_positions(history)[:, node]
+    node = diagnostics.probe_node(history)
+    length = float(history["x"][-1])
+    x = float(history["x"][node])
+    at_rest = diagnostics.rest_positions(history)[:, node]
     for i, name in enumerate(history["lamina"].to_numpy()):
         y = factor * (at_rest[i] + float(history["displacement"][i, frame, node]))
         between = NAME_DISTANCE if x == length else 2.5 * NAME_DISTANCE  # beside the laminae

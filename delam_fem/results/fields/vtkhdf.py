@@ -40,8 +40,8 @@ def subcells(cell: str, degree: int, nodes: FloatArray) -> IntArray:
     """
     dim = nodes.shape[1]
     places = {tuple(key): k for k, key in enumerate(np.rint(degree * nodes).astype(int).tolist())}
-    found = _boxes(degree, dim) if cell in TENSOR_CELLS else _simplices(degree, dim)
-    return np.array([[places[corner] for corner in own] for own in found], dtype=np.int64)
+    pieces = _boxes(degree, dim) if cell in TENSOR_CELLS else _simplices(degree, dim)
+    return np.array([[places[corner] for corner in piece] for piece in pieces], dtype=np.int64)
 
 
 Corner = tuple[int, ...]
@@ -148,7 +148,8 @@ def _write_checked(root: h5py.Group, name: str, values: npt.NDArray[Any]) -> Non
 
 def _fixed(grid: Grid, times: FloatArray) -> Values:
     """Return all that is the same at every frame, and where a frame finds it: at the beginning."""
-    cells, first = grid.cells, np.zeros(times.size, dtype=np.int64)
+    cells = grid.cells
+    first = np.zeros(times.size, dtype=np.int64)
     return {
         "NumberOfPoints": np.array([len(grid.points)], dtype=np.int64),
         "NumberOfCells": np.array([len(cells)], dtype=np.int64),
@@ -174,10 +175,8 @@ def _write_point_data(
     root: h5py.Group, n_points: int, n_frames: int, point_data: Callable[[int], Values]
 ) -> None:
     """Write the fields of all frames one after the other, and where each frame begins."""
-    group, block = (
-        root.require_group("PointData"),
-        min(n_frames, max(1, POINTS_AT_ONCE // n_points)),
-    )
+    group = root.require_group("PointData")
+    block = min(n_frames, max(1, POINTS_AT_ONCE // n_points))
     for start in range(0, n_frames, block):
         frames = [point_data(k) for k in range(start, min(start + block, n_frames))]
         rows = slice(start * n_points, (start + len(frames)) * n_points)

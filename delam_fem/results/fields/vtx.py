@@ -91,7 +91,8 @@ def lines_at_rest(history: xr.Dataset) -> tuple[FloatArray, IntArray]:
     Returns:
         Nodes, shape (n_laminae n_nodes, 2) [m], and cells, shape (n_laminae (n_nodes - 1), 2).
     """
-    x, positions = history["x"].to_numpy(), diagnostics.rest_positions(history)
+    x = history["x"].to_numpy()
+    positions = diagnostics.rest_positions(history)
     points = np.vstack([np.column_stack([x, y]) for y in positions])
     line = np.column_stack([np.arange(x.size - 1), np.arange(1, x.size)])
     return points, np.vstack([line + i * x.size for i in range(len(positions))]).astype(np.int64)

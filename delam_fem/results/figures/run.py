@@ -98,10 +98,11 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
     heat = finite(np.concatenate([of_interfaces, of_stops[stopped]]))
     ratios = [8, 1] if heat.any() else [1]
     grid = figure.subplots(n, len(ratios), sharex="col", squeeze=False, width_ratios=ratios)
-    panels, x = grid[:, 0], 1e3 * history["x"].to_numpy()
+    panels = grid[:, 0]
+    x = 1e3 * history["x"].to_numpy()
     x_end = float(x[-1])
-    for axes, own in zip(grid[:, 1:].ravel(), heat, strict=False):
-        axes.fill_betweenx(x, 1e3 * own, color=VERMILLION, linewidth=0.0, step="mid")
+    for axes, lamina_heat in zip(grid[:, 1:].ravel(), heat, strict=False):
+        axes.fill_betweenx(x, 1e3 * lamina_heat, color=VERMILLION, linewidth=0.0, step="mid")
         axes.tick_params(labelleft=False)
     for lamina, axes in zip(stopped, panels[len(names) - 1 :], strict=True):
         _stop_marks(axes, history, lamina, (start, unit), len(case.stop))
@@ -134,10 +135,12 @@ def _gap_image(
     """Draw the gap of an interface as shades and its resting pairs as squares."""
     start, unit = axis
     frames = history["frame"].to_numpy()
-    shown = np.flatnonzero(frames >= start - 1e-9 * unit)
-    t, x = frames[shown] / unit, 1e3 * history["x"].to_numpy()
-    gap = 1e3 * finite(diagnostics.gap_field(history)[interface, shown]).T
-    levels, largest = GAP_LEVELS, float(np.nanmax(gap, initial=0.0))
+    columns = np.flatnonzero(frames >= start - 1e-9 * unit)
+    t = frames[columns] / unit
+    x = 1e3 * history["x"].to_numpy()
+    gap = 1e3 * finite(diagnostics.gap_field(history)[interface, columns]).T
+    levels = GAP_LEVELS
+    largest = float(np.nanmax(gap, initial=0.0))
     if 0.0 < largest < SMALL_GAP:
         levels = levels * 10.0 ** np.floor(np.log10(largest / SMALL_GAP))
     shades = ListedColormap([str(s) for s in np.linspace(0.52, 0.97, levels.size - 1)])
@@ -146,11 +149,11 @@ def _gap_image(
         shading="nearest", rasterized=True,
     )  # fmt: skip
     figure.colorbar(image, ax=axes, label="gap [mm]", pad=0.02, format="%g")
-    held = np.argwhere(by_interface(history["contact_state"])[interface, shown] == RESTING)
-    if held.size:
+    resting = np.argwhere(by_interface(history["contact_state"])[interface, columns] == RESTING)
+    if resting.size:
         axes.plot(
-            t[held[:, 0]],
-            x[held[:, 1]],
+            t[resting[:, 0]],
+            x[resting[:, 1]],
             "s",
             color=BLUE,
             markersize=3.0,
@@ -162,9 +165,9 @@ def _bonded_bands(axes: Axes, case: Case, between: tuple[str, str]) -> None:
     """Hatch where two laminae are bonded."""
     if case.is_apart:
         return
-    own = sorted((1e3 * d.start, 1e3 * d.end) for d in case.delamination if d.between == between)
-    starts = [0.0, *(end for _, end in own)]
-    ends = [*(start for start, _ in own), 1e3 * case.length]
+    spans = sorted((1e3 * d.start, 1e3 * d.end) for d in case.delamination if d.between == between)
+    starts = [0.0, *(end for _, end in spans)]
+    ends = [*(start for start, _ in spans), 1e3 * case.length]
     label = "bonded"
     for start, end in zip(starts, ends, strict=True):
         if end > start:
@@ -180,18 +183,20 @@ def _stop_marks(
 ) -> None:
     """Mark stops and impactors of a lamina, the impacts on them, and when it rests on them."""
     _, unit = axis
-    x, frames = 1e3 * history["x"].to_numpy(), history["frame"].to_numpy()
-    own = history["stop_lamina"].to_numpy() == lamina
-    nodes, strikes = history["stop_node"].to_numpy()[own], history["stop_number"][own] > n_stops
+    x = 1e3 * history["x"].to_numpy()
+    frames = history["frame"].to_numpy()
+    is_here = history["stop_lamina"].to_numpy() == lamina
+    nodes = history["stop_node"].to_numpy()[is_here]
+    strikes = history["stop_number"][is_here] > n_stops
     for label, style, those in (("stop", "-", ~strikes), ("impactor", ":", strikes)):
         for k, node in enumerate(np.unique(nodes[those])):
             name = f"_more {label}" if k else label
             axes.axhline(x[node], color="0.7", linewidth=0.8, linestyle=style, label=name)
-    held = np.argwhere(history["stop_state"].to_numpy()[:, own] == RESTING)
-    if held.size:
-        axes.plot(frames[held[:, 0]] / unit, x[nodes[held[:, 1]]], "s", color=BLUE, markersize=3.0,
+    dots = np.argwhere(history["stop_state"].to_numpy()[:, is_here] == RESTING)
+    if dots.size:
+        axes.plot(frames[dots[:, 0]] / unit, x[nodes[dots[:, 1]]], "s", color=BLUE, markersize=3.0,
                   label="in permanent contact")  # fmt: skip
-    _marks(axes, history, np.isin(history["event_stop"], np.flatnonzero(own)), axis)
+    _marks(axes, history, np.isin(history["event_stop"], np.flatnonzero(is_here)), axis)
 
 
 def _marks(
@@ -200,18 +205,18 @@ def _marks(
     """Mark some of the impacts; the area of a mark grows with the impulse, alike in all panels."""
     start, unit = axis
     when = history["event_time"].to_numpy()
-    shown = own & (when >= start)
-    if not shown.any():
+    is_shown = own & (when >= start)
+    if not is_shown.any():
         return
     impulses = np.abs(history["event_impulse"].to_numpy())
     strongest = float(impulses[when >= start].max())
-    share = impulses[shown] / max(strongest, np.finfo(np.float64).tiny)
+    share = impulses[is_shown] / max(strongest, np.finfo(np.float64).tiny)
     axes.scatter(
-        when[shown] / unit,
-        1e3 * history["x"].to_numpy()[history["event_node"].to_numpy()[shown]],
+        when[is_shown] / unit,
+        1e3 * history["x"].to_numpy()[history["event_node"].to_numpy()[is_shown]],
         s=SMALLEST_MARK + (LARGEST_MARK - SMALLEST_MARK) * share,
         facecolor=VERMILLION, edgecolor="none", alpha=0.75, zorder=3,
-        label=f"impact (area: impulse, at most {1e3 * float(impulses[shown].max()):.2g} mN s)",
+        label=f"impact (area: impulse, at most {1e3 * float(impulses[is_shown].max()):.2g} mN s)",
     )  # fmt: skip
 
 
@@ -238,13 +243,15 @@ def energy_ledger(history: xr.Dataset, case: Case) -> Figure:
 
 def _stack(axes: Axes, t: FloatArray, parts: list[tuple[FloatArray, str, str]]) -> None:
     """Stack steps of width one period, positive values upwards and negative ones downwards."""
-    up, down = np.zeros(t.size - 1), np.zeros(t.size - 1)
+    up = np.zeros(t.size - 1)
+    down = np.zeros(t.size - 1)
     for values, text, colour in parts:
         if not values.any():
             continue
         base = np.where(values >= 0.0, up, down)
         steps(axes, base + values, t, base, color=colour, label=text)
-        up, down = up + np.maximum(values, 0.0), down + np.minimum(values, 0.0)
+        up = up + np.maximum(values, 0.0)
+        down = down + np.minimum(values, 0.0)
 
 
 SHOWN_HARMONICS = 20
@@ -301,7 +308,8 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
 def probe_histories(history: xr.Dataset, case: Case) -> Figure:
     """Draw the displacements of the probes of operators over the last periods, with impacts."""
     last = diagnostics.last_periods(history, case, HISTORY_PERIODS)
-    t, unit = last["time"].to_numpy(), time_axis(case)[0]
+    t = last["time"].to_numpy()
+    unit = time_axis(case)[0]
     figure, (axes,) = stacked(1, 4.2)
     if last["base_displacement"].any() or "force" in last:
         _drive(axes, t / unit, last)
@@ -325,7 +333,9 @@ def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
     N = case.steps_per_period
     figure, panels = side_by_side(len(portrait), 4.6)
     for i, (name, colour) in enumerate(_laminae(history)):
-        axes, q, v = panels[i], 1e3 * portrait[i, 0], portrait[i, 1]
+        axes = panels[i]
+        q = 1e3 * portrait[i, 0]
+        v = portrait[i, 1]
         axes.plot(q, v, color=colour, linewidth=0.8)
         if case.is_periodic:
             at_end = slice(N - 1, None, N)
@@ -341,20 +351,22 @@ def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
 
 def spectra(history: xr.Dataset, case: Case) -> Figure:
     """Draw the amplitude spectra of all displacements with the harmonics marked."""
-    whole = diagnostics.last_periods(history, case)
-    amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(whole["tip_displacement"]))
-    n_periods = whole.sizes["time"] // case.steps_per_period
+    periods = diagnostics.last_periods(history, case)
+    amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(periods["tip_displacement"]))
+    n_periods = periods.sizes["time"] // case.steps_per_period
     orders = np.arange(amplitudes.shape[1]) / n_periods
     is_harmonic = case.is_periodic
     motion = diagnostics.ProbeMotion.of(history)
-    found = motion.harmonics(case.steps_per_period) if is_harmonic else None
-    n, unit = len(amplitudes), 1.0 if is_harmonic else 1.0 / case.period
+    harmonic_amplitudes = motion.harmonics(case.steps_per_period) if is_harmonic else None
+    n = len(amplitudes)
+    unit = 1.0 if is_harmonic else 1.0 / case.period
     figure, panels = stacked(n, 3.0 * n, sharex=True, sharey=True)
     for i, (name, colour) in enumerate(_laminae(history)):
-        axes, text = panels[i], name
+        axes = panels[i]
+        text = name
         axes.semilogy(unit * orders[1:], amplitudes[i, 1:], color=colour, linewidth=0.9)
-        if found is not None:
-            text += _mark_harmonics(axes, found[i])
+        if harmonic_amplitudes is not None:
+            text += _mark_harmonics(axes, harmonic_amplitudes[i])
         axes.set_title(text, loc="left", color=colour)
         axes.set_ylabel(f"amplitude of {symbol('q', i)} [mm]")
         axes.yaxis.set_major_locator(LogLocator(numticks=12))
@@ -422,13 +434,13 @@ def sensors(history: xr.Dataset, case: Case) -> Figure:
     figure, panels = stacked(len(names), max(4.2, 1.0 + 2.1 * len(names)))
     for axes, name in zip(panels, names, strict=True):
         values = history[name]
-        shown, factor = shown_unit(values.attrs["units"])
+        unit, factor = shown_unit(values.attrs["units"])
         time = values[str(values.dims[0])].to_numpy()
-        kept = time >= start
-        is_sparse = kept.sum() <= _DOTS_BELOW
+        is_late = time >= start
+        is_sparse = is_late.sum() <= _DOTS_BELOW
         axes.plot(
-            time[kept] / time_axis(case)[0],
-            factor * finite(values)[kept],
+            time[is_late] / time_axis(case)[0],
+            factor * finite(values)[is_late],
             color=BLACK,
             linewidth=0.9,
             marker="." if is_sparse and "sampling_rate" in values.attrs else None,
@@ -437,7 +449,7 @@ def sensors(history: xr.Dataset, case: Case) -> Figure:
         axes.set_title(
             f"{name.removeprefix(SENSOR)}: {values.attrs['long_name']}", fontsize=9, loc="left"
         )
-        axes.set_ylabel(f"[{shown}]")
+        axes.set_ylabel(f"[{unit}]")
         axes.margins(x=0.0)
     return over_time(figure, panels, case)
 
@@ -467,7 +479,8 @@ class Plots:
 
     def __init__(self, history: xr.Dataset, case: Case) -> None:
         """Keep the dataset of the run and its case."""
-        self._history, self._case = history, case
+        self._history = history
+        self._case = case
 
     def __dir__(self) -> list[str]:
         """List the names of the figures."""
@@ -475,20 +488,20 @@ class Plots:
 
     def __getattr__(self, name: str) -> Callable[[], Figure]:
         """Return the function that draws the figure of this name."""
-        found = {} if name.startswith("_") else figures_of(self._history)
-        if name not in found:
-            raise AttributeError(f"no figure {name!r}; there are {', '.join(found)}")
-        return styled()(partial(found[name], self._history, self._case))
+        figures = {} if name.startswith("_") else figures_of(self._history)
+        if name not in figures:
+            raise AttributeError(f"no figure {name!r}; there are {', '.join(figures)}")
+        return styled()(partial(figures[name], self._history, self._case))
 
 
 def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Figure]]:
     """Return the figures of a run by the names of their files."""
     if "tip_node" not in history:
         return OF_PROBES if history.sizes["lamina"] else {"energy_ledger": energy_ledger}
-    found = FIGURES | (OF_SENSORS if sensors_of(history) else {})
+    figures = FIGURES | (OF_SENSORS if sensors_of(history) else {})
     if history.sizes["lamina"] == 1 and "stop" not in history.sizes:
-        del found["contact_line"]
-    return found
+        del figures["contact_line"]
+    return figures
 
 
 def remove_figures(directory: Path, keep: Collection[str] = ()) -> None:

@@ -105,8 +105,8 @@ def steps(
     """
     from matplotlib.patches import StepPatch
 
-    given: Any = baseline  # matplotlib's types know numbers alone
-    patch: Any = StepPatch(values, edges, baseline=given, fill=True, **look)
+    untyped_baseline: Any = baseline  # matplotlib's types know numbers alone
+    patch: Any = StepPatch(values, edges, baseline=untyped_baseline, fill=True, **look)
     lowest = np.fmin.reduce(np.fmin(values, baseline))
     highest = np.fmax.reduce(np.fmax(values, baseline))
     patch.sticky_edges.y.append(baseline.min())
@@ -160,10 +160,12 @@ def edges(places: FloatArray, *, is_logarithmic: bool = False) -> FloatArray:
         places: places of the cells, in order, shape (n,).
         is_logarithmic: whether the axis is.
     """
-    own = np.log(places) if is_logarithmic else places
-    half = np.diff(own) / 2.0 if own.size > 1 else 0.01 * np.abs(own) + 1e-6
-    found = np.hstack([own[0] - half[0], (own[1:] + own[:-1]) / 2.0, own[-1] + half[-1]])
-    return np.asarray(np.exp(found) if is_logarithmic else found)
+    positions = np.log(places) if is_logarithmic else places
+    half = np.diff(positions) / 2.0 if positions.size > 1 else 0.01 * np.abs(positions) + 1e-6
+    borders = np.hstack(
+        [positions[0] - half[0], (positions[1:] + positions[:-1]) / 2.0, positions[-1] + half[-1]]
+    )
+    return np.asarray(np.exp(borders) if is_logarithmic else borders)
 
 
 def stacked(n: int, height: float, **options: Any) -> tuple[Figure, Any]:

@@ -217,8 +217,8 @@ def page(
 
 def files(folder: Path, meanings: Mapping[str, str]) -> Table:
     """Return a table of links to files of a folder with their meaning, without missing files."""
-    found = {name: meaning for name, meaning in meanings.items() if (folder / name).exists()}
-    rows = [(Link(name, name), meaning) for name, meaning in found.items()]
+    existing = {name: meaning for name, meaning in meanings.items() if (folder / name).exists()}
+    rows = [(Link(name, name), meaning) for name, meaning in existing.items()]
     return Table(("file", "content"), rows)
 
 

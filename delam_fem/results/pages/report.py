@@ -74,16 +74,19 @@ def sentence(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> str
 def _outcome(run: Run) -> str:
     """Say whether the run came to its end."""
     outcome = run.summary.get("outcome", "completed")
-    done, wanted = run.history.sizes["period"], run.case.n_periods
+    done = run.history.sizes["period"]
+    wanted = run.case.n_periods
     return "" if outcome == "completed" else f"{outcome} in period {done} of {wanted}"
 
 
 def _settled(run: Run) -> str:
     """Say whether the motion has settled, in the word of the summary, and what is missing."""
-    word, numbers = str(run.summary.get("settled") or ""), run.summary.get("settling") or {}
+    word = str(run.summary.get("settled") or "")
+    numbers = run.summary.get("settling") or {}
     if word != "not settled":
         return word
-    left, needed = numbers.get("transient"), numbers.get("periods_needed")
+    left = numbers.get("transient")
+    needed = numbers.get("periods_needed")
     parts = [] if left is None else [f"{100.0 * left:.2g} % of the amplitude is transient"]
     parts += [f"at most {needed} further periods are needed"] if needed else []
     return f"{word} ({'; '.join(parts)})" if parts else word
@@ -138,7 +141,8 @@ def _strikes(run: Run, rate: float, end: str = "") -> str:
 
 def _tips(run: Run) -> str:
     """Say how often the probes meet, and how fast."""
-    rate, gap = run.summary.get("tip_contacts_per_period"), run.summary.get("minimum_tip_gap")
+    rate = run.summary.get("tip_contacts_per_period")
+    gap = run.summary.get("minimum_tip_gap")
     if rate is None and run.history.sizes["lamina"] > 1 and "gap0" in run.history:
         return "without contact: the laminae pass through one another"
     if not rate:
@@ -146,17 +150,17 @@ def _tips(run: Run) -> str:
             return ""
         near = f" (the smallest gap is {1e3 * gap:.3g} mm)" if gap > 0.0 else ""
         return f"the {run.end}s never meet{near}"
-    found = _strongest(run)
-    speed = f" at {found[1].approach:.3g} m/s" if found else ""
+    strongest = _strongest(run)
+    speed = f" at {strongest[1].approach:.3g} m/s" if strongest else ""
     return f"{_strikes(run, rate, run.end)}{speed}"
 
 
 def _beats(run: Run) -> str:
     """Say which lamina is faster before the strikes."""
-    found = _strongest(run)
-    if not found:
+    strongest = _strongest(run)
+    if not strongest:
         return ""
-    interface, strike = found
+    interface, strike = strongest
     names = [str(name) for name in run.history["lamina"].to_numpy()[interface : interface + 2]]
     lower, upper = (abs(speed) for speed in strike.mean)
     if abs(lower - upper) <= EQUAL * max(lower, upper):
@@ -173,10 +177,11 @@ def _strongest(run: Run) -> tuple[int, diagnostics.Strikes] | None:
     """Return the interface with the fastest strikes, and these; None if there are none."""
     if not run.summary.get("tip_contacts_per_period"):
         return None
-    N, n = run.case.steps_per_period, run.history.sizes["lamina"]
-    found = [(j, diagnostics.of_interface(run.history, N, j)) for j in range(n - 1)]
-    found = [entry for entry in found if entry[1].step.size and entry[1].approach > 0.0]
-    return max(found, key=lambda entry: entry[1].approach, default=None)
+    N = run.case.steps_per_period
+    n = run.history.sizes["lamina"]
+    candidates = [(j, diagnostics.of_interface(run.history, N, j)) for j in range(n - 1)]
+    candidates = [entry for entry in candidates if entry[1].step.size and entry[1].approach > 0.0]
+    return max(candidates, key=lambda entry: entry[1].approach, default=None)
 
 
 def _often(rate: float, strike: str) -> str:
@@ -233,7 +238,8 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     last = slice(-max(1, MOST_NUMBERS // per_frame), None)
     u = history["displacement"].to_numpy()
     largest = max(float(np.abs(u).max()), float(history["gap0"].to_numpy().max(initial=0.0)))
-    thickness, factor = sum(lamina.thickness for lamina in case.lamina), 1.0
+    thickness = sum(lamina.thickness for lamina in case.lamina)
+    factor = 1.0
     if 0.0 < largest < thickness:
         factor = float(10.0 ** np.ceil(np.log10(thickness / largest)))
     y = middle_lines(history, case, factor)[:, None] + factor * u
@@ -241,11 +247,11 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     unit = float(np.abs(y).max()) / LARGEST or 1.0
     stops = [
         {
-            "x": 1e3 * own.x, "side": own.side,
-            "y": _short(1e3 * (own.rest + factor * own.motion)[last]),
-            "lit": own.state[last].tolist(),
+            "x": 1e3 * mark.x, "side": mark.side,
+            "y": _short(1e3 * (mark.rest + factor * mark.motion)[last]),
+            "lit": mark.state[last].tolist(),
         }
-        for own in marks(history, case, factor)
+        for mark in marks(history, case, factor)
     ]  # fmt: skip
     nearest = np.concatenate([[0], (nodes[:-1] + nodes[1:]) // 2 + 1])  # first of each shown node
     lit = np.maximum.reduceat(derived.contact_lights(history)[last], nearest, axis=-1)
@@ -367,10 +373,8 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     warnings = [Paragraph(str(text), "warning") for text in texts if text]
     drawn = ((directory / "figures" / f"{name}.png", text) for name, text in CAPTIONS.items())
     figures = [(picture, text) for picture, text in drawn if picture.is_file()]
-    heading, signals = (
-        ("sensor", "what it measures", "smallest", "largest", "rms"),
-        sensor_rows(history),
-    )
+    heading = ("sensor", "what it measures", "smallest", "largest", "rms")
+    signals = sensor_rows(history)
     touched = contact_rows(summary)
     sections = [
         Section("", [Paragraph(sentence(history, summary, case), "verdict"), *warnings]),
@@ -398,11 +402,12 @@ def sensor_rows(history: xr.Dataset) -> list[tuple[str, ...]]:
     """Return table rows of all sensors over the window: name, meaning, smallest, largest, rms."""
     rows = []
     for name in sensors_of(history):
-        own = history[name]
-        values, unit = own.to_numpy(), str(own.attrs["units"])
+        variable = history[name]
+        values = variable.to_numpy()
+        unit = str(variable.attrs["units"])
         numbers_of = (values.min(), values.max(), np.sqrt(np.mean(values**2)))
-        shown = (f"{value:.4g} {unit}".replace("-", "−") for value in numbers_of)
-        rows.append((name.removeprefix(SENSOR), str(own.attrs["long_name"]), *shown))
+        texts = (f"{value:.4g} {unit}".replace("-", "−") for value in numbers_of)
+        rows.append((name.removeprefix(SENSOR), str(variable.attrs["long_name"]), *texts))
     return rows
 
 
@@ -415,8 +420,11 @@ def energy_rows(history: xr.Dataset) -> list[tuple[str, str, str]]:
         column = 1e3 * sign * history[f"energy_{name}"].to_numpy()
         if column.any():
             rows.append((label, _signed(column.sum(), ".4g"), _signed(column[-1], ".4g")))
-    rest = 1e3 * history["energy_residual"].to_numpy()
-    return [*rows, ("not accounted for", _signed(rest.sum(), ".1e"), _signed(rest[-1], ".1e"))]
+    residual = 1e3 * history["energy_residual"].to_numpy()
+    return [
+        *rows,
+        ("not accounted for", _signed(residual.sum(), ".1e"), _signed(residual[-1], ".1e")),
+    ]
 
 
 def _signed(value: float, form: str) -> str:

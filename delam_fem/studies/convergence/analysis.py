@@ -146,7 +146,8 @@ class Convergence(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        case, rungs = self.ladder.case, self.ladder.rungs()
+        case = self.ladder.case
+        rungs = self.ladder.rungs()
         left = sum(rung.key not in self.results for rung in rungs)
         there = f"{len(self.results)} of {len(rungs)} runs are there."
         return Report(
@@ -203,8 +204,8 @@ class Convergence(Finding):
                 return math.nan
             reference = self.ladder.limit_of(rung.mesh)
         exact, size = self._scale(reference)
-        found = np.array([self.value(rung, q.name) for q in self.judged])
-        return float(np.abs((found - exact) / size).max())
+        values = np.array([self.value(rung, q.name) for q in self.judged])
+        return float(np.abs((values - exact) / size).max())
 
     def interval(self, rung: Rung, rungs: Sequence[Rung], by: str) -> tuple[float, float]:
         """Return the distance of a rung from the limit, and the uncertainty of this distance [-].
@@ -241,8 +242,8 @@ class Convergence(Finding):
 
     def _noise(self, rung: Rung, reference: Rung) -> float:
         """Return the largest standard error of judged numbers of a rung, in units of `_scale`."""
-        own = np.array([self.standard_error(rung, q.name) for q in self.judged])
-        return float((own / self._scale(reference)[1]).max())
+        errors = np.array([self.standard_error(rung, q.name) for q in self.judged])
+        return float((errors / self._scale(reference)[1]).max())
 
     def _scale(self, reference: Rung) -> tuple[FloatArray, FloatArray]:
         """Return the judged numbers of a rung, and the units of their distances; see `error`."""
@@ -319,12 +320,12 @@ def tables(found: Convergence) -> Iterator[Table]:
     """Yield all tables of a ladder: without contact, then every line of rungs, then the limits."""
     for direction, where, rungs in lines(found.ladder, (FREE,)):
         yield free_table(found, rungs, direction, where)
-    shown = (*found.extrema, *general(found.n_laminae))
+    quantities = (*found.extrema, *general(found.n_laminae))
     of_harmonics = amplitudes(found.n_laminae)
     steps = f"{found.ladder.limit_steps} steps per period"
     of_limit = f"rigid limit of each mesh: newton@moreau-jean with {steps}"
     for direction, where, rungs in _with_limit(found.ladder, of_limit):
-        yield contact_table(found, rungs, direction, where, shown)
+        yield contact_table(found, rungs, direction, where, quantities)
         yield contact_table(found, rungs, direction, f"{where}: harmonics", of_harmonics)
         if found.channels:
             yield contact_table(found, rungs, direction, f"{where}: channels", found.channels)
@@ -465,7 +466,7 @@ def verdict(found: Convergence) -> str:
         for mesh in ladder.meshes
         for rung in ladder.along_steps(method, mesh)
     ]
-    known = [own for own in judged if not math.isnan(own[1] + own[2])]
+    known = [entry for entry in judged if not math.isnan(entry[1] + entry[2])]
     goal = f"{100.0 * GOAL:.2g} % of the limit of the {found.what}"
     if not known:
         return (
@@ -473,16 +474,17 @@ def verdict(found: Convergence) -> str:
             "beside it in every direction that was refined."
         )
     best = min(known, key=lambda own: (own[1] + own[2], own[1]))
-    good = [own for own in known if own[1] + own[2] <= GOAL]
+    good = [entry for entry in known if entry[1] + entry[2] <= GOAL]
     chosen, away, left = min(good, key=lambda own: found.cost(own[0])) if good else best
-    away, left = 100.0 * away, 100.0 * left
+    away = 100.0 * away
+    left = 100.0 * left
     run = f"{chosen.method}, {chosen.mesh_text}, {chosen.steps} steps per period"
     cost = f"{1e3 * found.cost(chosen):.3g} ms of processor time per period"
     if good:
-        kept = (
+        remark = (
             "" if len(_directions(ladder)) == 2 else f"; only {_directions(ladder)[0]} were refined"
         )
-        return f"Within {goal}, and cheapest: {run} ({cost}), {away:.2g} ± {left:.2g} %{kept}."
+        return f"Within {goal}, and cheapest: {run} ({cost}), {away:.2g} ± {left:.2g} %{remark}."
     reason = f"the nearest that is judged, {run} ({cost}), is {away:.2g} ± {left:.2g} % away"
     if math.isinf(left):
         reason = f"errors do not shrink from rung to rung; {run}, is {away:.2g} % from the finest"
@@ -497,8 +499,8 @@ def verdict(found: Convergence) -> str:
 
 def _directions(ladder: Ladder) -> list[Direction]:
     """Return what a ladder refines: "steps", and "elements" or "points"."""
-    found: list[Direction] = ["steps"] if len(ladder.steps) > 1 else []
-    return [*found, ladder.refines] if len(ladder.meshes) > 1 else found or ["steps"]
+    directions: list[Direction] = ["steps"] if len(ladder.steps) > 1 else []
+    return [*directions, ladder.refines] if len(ladder.meshes) > 1 else directions or ["steps"]
 
 
 def _line(found: Convergence, method: Method, rung: Rung, direction: Direction) -> list[Rung]:
@@ -515,11 +517,12 @@ def _judged(found: Convergence, method: Method, rung: Rung) -> tuple[float, floa
     """Return the distance of a rung from the limit, and its uncertainty, over all directions."""
     away = left = 0.0
     for direction in _directions(found.ladder):
-        own = rung
+        line_rung = rung
         if direction != "steps":
-            own = found.ladder.rung(method, rung.mesh, found.ladder.steps[-1])
-        part = found.interval(own, _line(found, method, own, direction), direction)
-        away, left = away + part[0], left + part[1]
+            line_rung = found.ladder.rung(method, rung.mesh, found.ladder.steps[-1])
+        part = found.interval(line_rung, _line(found, method, line_rung, direction), direction)
+        away = away + part[0]
+        left = left + part[1]
     return away, left
 
 
@@ -642,13 +645,15 @@ def pictures(found: Convergence) -> dict[str, Callable[[Convergence], Figure]]:
 
 def error_over_steps(found: Convergence) -> Figure:
     """Draw the error against the rigid limit of each mesh over steps per period."""
-    label, text = "steps per period", f"error of the {found.what} [%]"
+    label = "steps per period"
+    text = f"error of the {found.what} [%]"
     return _panels(found, lambda r: r.steps, lambda r: 100.0 * found.error(r), label, text)
 
 
 def error_over_cost(found: Convergence) -> Figure:
     """Draw the error against the rigid limit of each mesh over the processor time of a period."""
-    label, text = "processor time per period [µs]", f"error of the {found.what} [%]"
+    label = "processor time per period [µs]"
+    text = f"error of the {found.what} [%]"
     return _panels(
         found, lambda r: 1e6 * found.cost(r), lambda r: 100.0 * found.error(r), label, text
     )
@@ -752,10 +757,14 @@ def free_over(found: Convergence, direction: Literal["steps", "elements"]) -> Fi
     ladder = found.ladder
     if direction == "steps":
         rungs = ladder.along_steps(FREE, ladder.meshes_of(FREE)[-1])
-        label, slope, other = "steps per period", -2.0, "elements"
+        label = "steps per period"
+        slope = -2.0
+        other = "elements"
     else:
         rungs = ladder.along_meshes(FREE, ladder.steps[-1])
-        label, slope, other = "elements per lamina", -4.0, "steps"
+        label = "elements per lamina"
+        slope = -4.0
+        other = "steps"
     figure, (axes,) = style.stacked(1, 4.6)
     n = np.array([getattr(rung, direction) for rung in rungs], dtype=float)
     errors = np.abs([found.free_errors(rung) for rung in rungs])

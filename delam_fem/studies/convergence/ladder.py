@@ -48,13 +48,13 @@ def short_waves(case: Case) -> list[tuple[float, float]]:
     Returns:
         Its length [m], and the frequency that it would have undamped [Hz].
     """
-    found = []
+    waves = []
     for i, lamina in enumerate(case.lamina):
         omega = harmonics.overdamped_from(*case.rayleigh(i))
         stiffness = lamina.flexural_rigidity / lamina.mass_per_length
         length = 2.0 * math.pi * stiffness**0.25 / math.sqrt(omega) if omega > 0.0 else math.inf
-        found.append((length, omega / (2.0 * math.pi)))
-    return found
+        waves.append((length, omega / (2.0 * math.pi)))
+    return waves
 
 
 def refinement_warnings(case: Case, points: Iterable[int]) -> list[str]:
@@ -68,7 +68,8 @@ def refinement_warnings(case: Case, points: Iterable[int]) -> list[str]:
     """
     if case.is_axial:  # both lengths are those of bending
         return []
-    numbers, waves = sorted(set(points)), zip(short_waves(case), case.lamina, strict=True)
+    numbers = sorted(set(points))
+    waves = zip(short_waves(case), case.lamina, strict=True)
     (length, frequency), lamina = max(waves, key=lambda wave: wave[0][0])
     thickest = max(case.lamina, key=lambda own: own.thickness)
     texts = []
@@ -381,7 +382,8 @@ class Ladder:
         return self.case.with_overrides(sizes)
 
     def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
-        plain, periods = _plain(mesh), self.periods
+        plain = _plain(mesh)
+        periods = self.periods
         is_file = isinstance(plain, Path)
         points: dict[str, object] = {}
         if isinstance(mesh, PointMesh):
@@ -420,5 +422,5 @@ def _elements(case: Case) -> int:
 def _require_rising(what: str, sizes: Sequence[int]) -> None:
     """Raise a CaseError unless the numbers increase."""
     if not sizes or any(a >= b for a, b in pairwise(sizes)):
-        given = ", ".join(str(size) for size in sizes) or "none"
-        raise CaseError(f"{what}: expected increasing numbers, coarse first, given {given}")
+        listing = ", ".join(str(size) for size in sizes) or "none"
+        raise CaseError(f"{what}: expected increasing numbers, coarse first, given {listing}")

@@ -100,16 +100,16 @@ def run_ladder(
         OSError: the folder cannot be written.
     """
     path = Path(directory) / RESULT
-    found = Convergence(ladder, _held(path, ladder, resume))
+    convergence = Convergence(ladder, _held(path, ladder, resume))
     path.parent.mkdir(parents=True, exist_ok=True)
     rungs = ladder.rungs()
-    missing = [rung for rung in rungs if rung.key not in found.results]
+    missing = [rung for rung in rungs if rung.key not in convergence.results]
 
     def take_in(futures: set[Future[RungResult]]) -> None:
-        found.results.update({result.key: result for result in (f.result() for f in futures)})
-        _write(path, found)
+        convergence.results.update({result.key: result for result in (f.result() for f in futures)})
+        _write(path, convergence)
         if progress is not None:
-            progress(len(rungs) - sum(r.key not in found.results for r in rungs), len(rungs))
+            progress(len(rungs) - sum(r.key not in convergence.results for r in rungs), len(rungs))
 
     name: executors.ExecutorName = "serial" if workers == 1 else executor
     if ladder.case.is_apart:
@@ -125,7 +125,7 @@ def run_ladder(
                 done, running = wait(running, return_when=FIRST_COMPLETED)
                 take_in(done)
             take_in(wait(running).done)
-    return found
+    return convergence
 
 
 def converge(
@@ -171,11 +171,11 @@ def converge(
     """
     case = find_case(case)
     directory = directory or Path("runs") / f"{case.name}-converge"
-    own = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
+    case_mesh = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
     ladder = Ladder(
         case,
         usual_methods(case) if laws is None else tuple(method(text) for text in laws),
-        (*elements, *(Path(m) if isinstance(m, str) else m for m in meshes)) or (own,),
+        (*elements, *(Path(m) if isinstance(m, str) else m for m in meshes)) or (case_mesh,),
         tuple(steps) or (case.time.steps_per_period,),
         periods,
         limit_steps,
@@ -183,8 +183,8 @@ def converge(
         tuple(judged),
         tuple(of),
     )
-    with html.reporting(progress, "run") as shown:
-        return run_ladder(ladder, directory, workers=workers, resume=resume, progress=shown)
+    with html.reporting(progress, "run") as report:
+        return run_ladder(ladder, directory, workers=workers, resume=resume, progress=report)
 
 
 def ladder_cost(ladder: Ladder, workers: int | None = None) -> Cost:
@@ -222,7 +222,8 @@ def load_results(path: Path) -> tuple[dict[str, RungResult], str]:
     """
     try:
         content = json.loads(path.read_bytes().decode("utf-8"))
-        entries, identity = content["rungs"], str(content["identity"])
+        entries = content["rungs"]
+        identity = str(content["identity"])
         intact = [entry for entry in entries if entry.pop("checksum") == _checksum(entry)]
         results = {result.key: result for result in map(_result, intact)}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -273,11 +274,13 @@ def _ladder(case: Case, given: Converge) -> Ladder:
     """Return the ladder by options of a user; sizes that are not given follow the direction."""
     if given.elements is not None and given.meshes is not None:
         raise CaseError("converge: expected --elements or --meshes, given both")
-    own = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
+    case_mesh = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
     meshes: Sequence[int | Path] = given.elements or [p.absolute() for p in given.meshes or ()]
-    steps, points, is_both = given.steps, given.points, given.direction == "both"
+    steps = given.steps
+    points = given.points
+    is_both = given.direction == "both"
     if not meshes:
-        meshes = ELEMENTS if is_both or given.direction == "elements" else (own,)
+        meshes = ELEMENTS if is_both or given.direction == "elements" else (case_mesh,)
     if steps is None:
         is_refined = is_both or given.direction == "steps"
         steps = STEPS if is_refined else (case.time.steps_per_period,)
@@ -299,9 +302,9 @@ def cost(case: Case, given: Converge, workers: int | None) -> tuple[str, Cost]:
 
 def refine(case: Case, options: Converge, context: RunContext) -> Convergence:
     """Compute a ladder with options of a user, and write all its tables."""
-    found = run_ladder(_ladder(case, options), context.folder, **context.sweeping)
-    write_text(context.folder / "tables.md", page(found, verdict(found)))
-    return found
+    convergence = run_ladder(_ladder(case, options), context.folder, **context.sweeping)
+    write_text(context.folder / "tables.md", page(convergence, verdict(convergence)))
+    return convergence
 
 
 def remove(folder: Path) -> None:

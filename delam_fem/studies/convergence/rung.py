@@ -201,7 +201,8 @@ def row_of(recorder: Recorder, n_laminae: int, opening: FloatArray) -> PeriodRow
         net energy lost in contact by impacts, springs and dampers, and the part that impacts add
         [J]; the number of steps of all sizes.
     """
-    record, k = recorder.window[-1], recorder.n_closed - 1
+    record = recorder.window[-1]
+    k = recorder.n_closed - 1
     u = record.u[1 : record.n_steps + 1, N_BASE : N_BASE + n_laminae].T
     below_nyquist = min(HARMONICS, (u.shape[1] - 1) // 2)
     coefficients = 2.0 * np.fft.rfft(u, axis=1)[:, 1 : below_nyquist + 1] / u.shape[1]
@@ -235,14 +236,14 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
     first = len(rows) % size  # whole blocks only, up to the last period
     blocks = [rows[k : k + size] for k in range(first, len(rows), size)]
     table = [_of_block(block) for block in blocks]
-    found = {
+    values = {
         name: (
             float(np.mean([entry[name] for entry in table])),
             float(np.std([entry[name] for entry in table])),
         )
         for name in table[0]
     }
-    return found | {"periodicity": (float(P or 0), 0.0), "blocks": (float(len(blocks)), 0.0)}
+    return values | {"periodicity": (float(P or 0), 0.0), "blocks": (float(len(blocks)), 0.0)}
 
 
 def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
@@ -343,7 +344,8 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     case = rung.case
     structure = assemble(case, needs_dolfinx=False)
     run = _run(case, structure, engine, _spun_up(case, engine), rung.periods)
-    periods, residual = run.recorder.n_closed, run.recorder.energy_residual()
+    periods = run.recorder.n_closed
+    residual = run.recorder.energy_residual()
     if run.outcome != "completed":
         return RungResult(
             rung.key, run.outcome, f"{run.outcome} in period {periods}", {}, run.cost, periods
@@ -351,10 +353,10 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     if is_lost(residual, case.time.integration):
         return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
     strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
-    found = statistics(run.rows, strobe.T) | {"energy_residual": (residual, 0.0)}
+    numbers = statistics(run.rows, strobe.T) | {"energy_residual": (residual, 0.0)}
     if rung.of:
-        found |= _of_channels(run, structure, rung, int(found["periodicity"][0]) or 1)
-    return RungResult(rung.key, run.outcome, "", found, run.cost, periods)
+        numbers |= _of_channels(run, structure, rung, int(numbers["periodicity"][0]) or 1)
+    return RungResult(rung.key, run.outcome, "", numbers, run.cost, periods)
 
 
 def _spun_up(case: Case, engine: EngineName) -> State:
@@ -363,7 +365,8 @@ def _spun_up(case: Case, engine: EngineName) -> State:
     A bonded stack or a single lamina runs until its slowest mode has decayed to a tenth, as that of
     laminae apart does in `SPIN_UP_TIME`. Elastic stops keep the method of the rung.
     """
-    slowest, is_usual = slowest_decay(case), case.is_apart and len(case.lamina) > 1
+    slowest = slowest_decay(case)
+    is_usual = case.is_apart and len(case.lamina) > 1
     length = SPIN_UP_TIME if is_usual or not slowest else math.log(10.0) / slowest
     periods = math.ceil(length / case.period)
     method = {} if case.is_elastic else RIGID
@@ -389,12 +392,12 @@ def _free(rung: Rung, engine: EngineName) -> RungResult:
         "amplitude": np.abs(run.rows[-1]["harmonics"][:, 0]).tolist(),
         "frequency": _frequencies(rung.case, engine),
     }
-    found: Statistics = {
+    numbers: Statistics = {
         f"{name}_{i + 1}": (value, 0.0)
         for name, values in columns.items()
         for i, value in enumerate(values)
     }
-    return RungResult(rung.key, run.outcome, "", found, run.cost, run.recorder.n_closed)
+    return RungResult(rung.key, run.outcome, "", numbers, run.cost, run.recorder.n_closed)
 
 
 def _settling_periods(case: Case) -> int:
@@ -433,7 +436,8 @@ def fitted_frequency(t: FloatArray, u: FloatArray, omega: float) -> float:
         omega: initial guess close to the result [rad/s].
     """
     for _ in range(FREQUENCY_STEPS):
-        cos, sin = np.cos(omega * t), np.sin(omega * t)
+        cos = np.cos(omega * t)
+        sin = np.sin(omega * t)
         a, b = np.linalg.lstsq(np.column_stack([cos, sin]), u, rcond=None)[0]
         columns = np.column_stack([cos, sin, t * (b * cos - a * sin)])
         change = float(np.linalg.lstsq(columns, u - a * cos - b * sin, rcond=None)[0][2])
@@ -447,7 +451,10 @@ def _run(
     case: Case, structure: Structure, engine: EngineName, initial: State | None, last: int
 ) -> _Run:
     """Run a case, time its periods, and reduce each of its `last` ones to numbers."""
-    opening, rows, seconds, begin = openings(case, structure), [], [], 0.0
+    opening = openings(case, structure)
+    rows = []
+    seconds = []
+    begin = 0.0
     with session_of(case, structure.operators, initial=initial, engine=engine) as opened:
         recorder = opened.recorder
 

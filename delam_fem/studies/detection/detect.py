@@ -157,9 +157,11 @@ def simulated(
     """
     if not case.is_periodic:
         raise CaseError('detect: expected a harmonic excitation, given another "excitation.kind"')
-    f, tones = case.excitation.top_frequency, [case] if pump is None else [pump, case]
+    f = case.excitation.top_frequency
+    tones = [case] if pump is None else [pump, case]
     turns = 1 if pump is None else common_turns(pump.excitation.top_frequency, f)
-    samples, x = samples_of(scan, f), scan_positions(case.length, scan.spacing, scan.first)
+    samples = samples_of(scan, f)
+    x = scan_positions(case.length, scan.spacing, scan.first)
     N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
     structure = assemble(case, needs_dolfinx=False)
     periods = math.ceil(settling_periods(case) / turns) + scan.periods
@@ -172,11 +174,11 @@ def simulated(
         frames_per_period=samples * turns,
     )
     table = np.sum(
-        [by_period(drive(own.excitation), span, is_periodic=True)(0) for own in tones], axis=0
+        [by_period(drive(tone.excitation), span, is_periodic=True)(0) for tone in tones], axis=0
     )
-    found = [steady_motion(own, structure) for own in tones]
-    closed = [own for own in found if own is not None]
-    motion = np.sum([own.motion for own in closed], axis=0)
+    motions = [steady_motion(tone, structure) for tone in tones]
+    closed = [solution for solution in motions if solution is not None]
+    motion = np.sum([solution.motion for solution in closed], axis=0)
     start = replace(closed[0], motion=motion) if closed else None
     with session(
         structure.operators, law_of(case), scheme_of(case), lambda _: table, span, initial=start,
@@ -204,13 +206,14 @@ def drive_responses(
     """
     structure = assemble(case, needs_dolfinx=False)
     base = np.array([1.0 if case.excitation.acts_on == "base" else 0.0, 0.0])
-    found, S = {}, keeping_closed(structure)
+    responses = {}
+    S = keeping_closed(structure)
     for k in orders:
         if k > 1.0:
             U = response(structure.operators, k * frequency, S)
             real, imag = at_points(structure, lamina, x, np.stack([U.real, U.imag]), base)
-            found[k] = real + 1j * imag
-    return found
+            responses[k] = real + 1j * imag
+    return responses
 
 
 def read_field(
@@ -241,24 +244,25 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
     Raises:
         CaseError: fewer than five points are measured, or the record is of another frequency.
     """
-    found = read_field(files, options, scan.quantity, surface_of(case, scan.lamina))
-    field, x = found.to_numpy(), found["position"].to_numpy()
+    dataset = read_field(files, options, scan.quantity, surface_of(case, scan.lamina))
+    field = dataset.to_numpy()
+    x = dataset["position"].to_numpy()
     if x.size < 5 or not np.all(np.diff(x) > 0.0):
         raise CaseError(
             f"measured: expected {scan.quantity} at 5 or more different positions on the lamina "
             f"{surface_of(case, scan.lamina)!r}, given {x.tolist()}"
         )
-    whole = np.isfinite(field).all(axis=1)
-    times = found["time"].to_numpy()[whole]
+    is_complete = np.isfinite(field).all(axis=1)
+    times = dataset["time"].to_numpy()[is_complete]
     drive = case.excitation.top_frequency
-    frequency = strongest_frequency(times, field[whole].T, SLOWEST * drive) or drive
+    frequency = strongest_frequency(times, field[is_complete].T, SLOWEST * drive) or drive
     if abs(frequency / drive - 1.0) > SAME_FREQUENCY:
         raise CaseError(
             f"measured: expected a record of {drive:.6g} Hz, the excitation of case {case.name}, "
             f"given one of {frequency:.6g} Hz; was it --set excitation.frequency={frequency:.6g}?"
         )
     is_same = abs(frequency - drive) * (times[-1] - times[0]) < UNCERTAIN
-    return Measurement(times, x, field[whole], drive if is_same else frequency)
+    return Measurement(times, x, field[is_complete], drive if is_same else frequency)
 
 
 def intact(case: Case) -> Case:
@@ -319,7 +323,7 @@ class Detection(Finding):
         """Start and end of each delamination of the case [m]."""
         if self.case.gap is not None:
             return [(0.0, self.case.length)]
-        return [(own.start, own.end) for own in self.case.delamination]
+        return [(delamination.start, delamination.end) for delamination in self.case.delamination]
 
     def contrast(self, name: str) -> float:
         """Return the largest value within the delaminations over that outside; NaN without any.
@@ -358,16 +362,16 @@ class Detection(Finding):
         main, again = self.mark, self.repeated
         indices = {
             name: {
-                "detected": found.is_detected,
-                "start": _number(found.start),
-                "end": _number(found.end),
+                "detected": index_mark.is_detected,
+                "start": _number(index_mark.start),
+                "end": _number(index_mark.end),
                 "contrast": _number(self.contrast(name)),
                 "intact_called": self.intact_marks[name].is_detected,
-                "x": found.x.tolist(),
-                "values": found.values.tolist(),
-                "limits": found.limits.tolist(),
+                "x": index_mark.x.tolist(),
+                "values": index_mark.values.tolist(),
+                "limits": index_mark.limits.tolist(),
             }
-            for name, found in self.marks.items()
+            for name, index_mark in self.marks.items()
         }
         numbers = {
             "case": self.case.name,
@@ -392,13 +396,13 @@ class Detection(Finding):
         rows = [
             (
                 name,
-                "yes" if found.is_detected else "no",
-                number(found.start),
-                number(found.end),
+                "yes" if index_mark.is_detected else "no",
+                number(index_mark.start),
+                number(index_mark.end),
                 number(self.contrast(name), ".1f"),
                 "yes" if self.intact_marks[name].is_detected else "no",
             )
-            for name, found in self.marks.items()
+            for name, index_mark in self.marks.items()
         ]
         return Report(
             name="detection",
@@ -452,37 +456,39 @@ def detect(
         CaseError: the case, the scan or the record is not valid.
     """
     options = options or Detect()
-    scan, index = options.part(Scan), options.index
-    whole, surface = intact(case), surface_of(case, scan.lamina)
+    scan = options.part(Scan)
+    index = options.index
+    intact_case = intact(case)
+    surface = surface_of(case, scan.lamina)
     if case.is_apart:
         raise CaseError("detect: expected a case with [[delamination]], given laminae apart")
-    without = simulated(whole, scan, kept)
+    without = simulated(intact_case, scan, kept)
 
     def shapes(own: Measurement) -> Shapes:
-        responses = drive_responses(whole, surface, own.x, own.frequency)
+        responses = drive_responses(intact_case, surface, own.x, own.frequency)
         try:
-            found = shapes_of(own.field, own.times, own.frequency, own.x)
+            extracted = shapes_of(own.field, own.times, own.frequency, own.x)
         except ValueError as error:  # the record is too short
             raise CaseError(str(error)) from None
-        return found.without_drive(responses)
+        return extracted.without_drive(responses)
 
     noise: float | FloatArray
     if measured is None:
         pure = simulated(case, scan, kept)
         noise = pure.noise_of(scan)
-        found = shapes(pure.noisy(noise, scan.seed))
+        scan_shapes = shapes(pure.noisy(noise, scan.seed))
         clean = replace(shapes(pure), noise=per_shape(noise, pure.times.size))
     else:
-        clean = found = shapes(measured)
-        noise = per_sample(found.noise, measured.times.size)
-    there = np.interp(without.x, found.x, np.broadcast_to(noise, found.x.shape))
+        clean = scan_shapes = shapes(measured)
+        noise = per_sample(scan_shapes.noise, measured.times.size)
+    there = np.interp(without.x, scan_shapes.x, np.broadcast_to(noise, scan_shapes.x.shape))
     return Detection(
         case,
         scan,
         measured is not None,
         index,
-        found,
-        _marks(found),
+        scan_shapes,
+        _marks(scan_shapes),
         _marks(shapes(without.noisy(there, scan.seed + INTACT_SEED))),
         repeated(index, clean, clean.noise, repetitions=repetitions, seed=scan.seed),
         _rms(noise),
@@ -548,13 +554,17 @@ def beside_intact(case: Case, own: Mark, whole: Mark, *, title: str, **look: Any
 def detection_figure(found: Detection) -> Figure:
     """Draw the index that calls, with and without the delamination, and the marked interval."""
     figure, panels = style.stacked(2, 6.0, sharex=True)
-    for axes, own, text in (
+    for axes, index_mark, text in (
         (panels[0], found.mark, "measured" if found.is_measured else "with the delamination"),
         (panels[1], found.intact_marks[found.index], "the same structure without delamination"),
     ):
         _spans(axes, found)
-        _index(axes, own)
-        called = f"called, {own.start:.4g} to {own.end:.4g} m" if own.is_detected else "not called"
+        _index(axes, index_mark)
+        called = (
+            f"called, {index_mark.start:.4g} to {index_mark.end:.4g} m"
+            if index_mark.is_detected
+            else "not called"
+        )
         axes.set_title(f"{text}: {called}", loc="left")
         axes.set_ylabel(_TITLES[found.index])
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
@@ -570,9 +580,9 @@ def detection_figure(found: Detection) -> Figure:
 def indices_figure(found: Detection) -> Figure:
     """Draw all indices with their limits."""
     figure, panels = style.side_by_side(len(found.marks), 2.3, above=0.6, sharex=True)
-    for axes, (name, own) in zip(panels, found.marks.items(), strict=True):
+    for axes, (name, index_mark) in zip(panels, found.marks.items(), strict=True):
         _spans(axes, found)
-        _index(axes, own)
+        _index(axes, index_mark)
         contrast = found.contrast(name)
         more = f", contrast {contrast:.1f}" if np.isfinite(contrast) else ""
         axes.set_title(_TITLES[name] + more, loc="left")

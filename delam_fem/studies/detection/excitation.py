@@ -97,8 +97,8 @@ class ExcitationMap(Finding):
         nearly as large outside as inside wherever it is above its limit.
         """
         near = np.abs(2.0 * self.frequencies[:, None] / self.beam_modes - 1.0) < NEAR
-        seen = self.visibility > 1.0
-        poor = seen.any(axis=0) & ~(seen & (self.contrast >= MISLEADS)).any(axis=0)
+        is_visible = self.visibility > 1.0
+        poor = is_visible.any(axis=0) & ~(is_visible & (self.contrast >= MISLEADS)).any(axis=0)
         return np.asarray(near.any(axis=1) | poor)
 
     @property
@@ -144,7 +144,8 @@ class ExcitationMap(Finding):
                 f"{self.noise_db:g} dB; the best is called in {100.0 * self.calls.max():.0f} %."
                 + less
             )
-        f, ratio = float(self.frequencies[best[1]]), float(self.ratios[best[0]])
+        f = float(self.frequencies[best[1]])
+        ratio = float(self.ratios[best[0]])
         opening = f", g0/A = {ratio:g}" if math.isfinite(ratio) else ""
         return (
             f"{f:g} Hz{opening}: in simulated scans there and at the neighbouring frequencies the "
@@ -242,7 +243,7 @@ def excitation_map(
     if not case.delamination:
         raise CaseError("excite: expected a case with [[delamination]], given none")
     # g₀/A, NaN without an opening or under a force
-    opening = max(own.opening for own in case.delamination)
+    opening = max(delamination.opening for delamination in case.delamination)
     is_map = opening > 0.0 and case.excitation.acts_on == "base"
     ratios = np.array(RATIOS if is_map else (math.nan,))
     settling = settling_periods(case, SETTLED) / case.excitation.top_frequency
@@ -260,18 +261,20 @@ def excitation_map(
     )  # fmt: skip
     values = data["scan_real"].to_numpy() + 1j * data["scan_imag"].to_numpy()
     orders = tuple(data["order"].to_numpy().tolist())
-    x, noise = data["scan_x"].to_numpy(), per_shape(1.0, PERIODS * SAMPLES)
-    whole, surface = intact(case), surface_of(case, None)
-    responses = [drive_responses(whole, surface, x, f) for f in frequencies.tolist()]
+    x = data["scan_x"].to_numpy()
+    noise = per_shape(1.0, PERIODS * SAMPLES)
+    intact_case = intact(case)
+    surface = surface_of(case, None)
+    responses = [drive_responses(intact_case, surface, x, f) for f in frequencies.tolist()]
     with np.errstate(invalid="ignore"):  # NaN where a motion failed
         judged = [
             _judged(
                 case,
-                Shapes(x, f, orders, own, between).without_drive(response),
+                Shapes(x, f, orders, shape_values, between).without_drive(response),
                 noise * rms,
                 noise_db,
             )
-            for own, between, rms, f, response in zip(
+            for shape_values, between, rms, f, response in zip(
                 values,
                 data["scan_between"].to_numpy(),
                 data["scan_rms"].to_numpy(),
@@ -281,7 +284,7 @@ def excitation_map(
             )
         ]
     shape = (ratios.size, frequencies.size)
-    numbers = np.array([found[1] for found in judged]).reshape(*shape, 4)
+    numbers = np.array([entry[1] for entry in judged]).reshape(*shape, 4)
     structure = assemble(case, needs_dolfinx=False)
     free = structure_modes(structure, case, N_MODES, kind="free")
     contrast, visibility, calls, error = np.moveaxis(numbers, -1, 0)
@@ -291,7 +294,7 @@ def excitation_map(
         frequencies,
         ratios,
         x[1:-1],
-        np.array([found[0] for found in judged]).reshape(*shape, x.size - 2),
+        np.array([entry[0] for entry in judged]).reshape(*shape, x.size - 2),
         contrast,
         visibility,
         calls,
@@ -306,8 +309,8 @@ def _judged(
 ) -> tuple[FloatArray, tuple[float, float, float, float]]:
     """Return the index over its limit, and contrast, visibility, calls and error of a scan."""
     noise = np.hypot(per_rms * 10.0 ** (-noise_db / 20.0), pure.noise)
-    start = min(own.start for own in case.delamination)
-    end = max(own.end for own in case.delamination)
+    start = min(delamination.start for delamination in case.delamination)
+    end = max(delamination.end for delamination in case.delamination)
     limited = mark("curvature", replace(pure, noise=noise))
     visible = limited.over_limits
     inside = (limited.x >= start - 1e-9) & (limited.x <= end + 1e-9)
@@ -326,8 +329,8 @@ def excitation_figure(found: ExcitationMap) -> Figure:
     row = best[0] if best is not None else int(found.visibility.max(axis=1).argmax())
     figure, panels = style.stacked(2, 8.0, sharex=True, height_ratios=(3, 2))
     _map(panels[0], found, found.x, found.index[row].T, "2f-curvature over its limit of noise")
-    for own in found.case.delamination:
-        for edge in (own.start, own.end):
+    for delamination in found.case.delamination:
+        for edge in (delamination.start, delamination.end):
             panels[0].axhline(edge, color="white", linestyle="--", linewidth=1.0)
     panels[0].set(ylabel="x [m]")
     _lines(panels[1], found, row)
@@ -353,9 +356,9 @@ def _map(
     axes: Axes, found: ExcitationMap, rows: FloatArray, values: FloatArray, label: str
 ) -> None:
     """Draw values over frequency and rows, shape (n_rows, n_frequencies)."""
-    shown = np.clip(values, 1.0, TOP)
+    clipped = np.clip(values, 1.0, TOP)
     picture = axes.pcolormesh(
-        style.edges(found.frequencies), style.edges(rows), shown, norm=LogNorm(1.0, TOP)
+        style.edges(found.frequencies), style.edges(rows), clipped, norm=LogNorm(1.0, TOP)
     )
     axes.grid(visible=False)
     axes.figure.colorbar(picture, ax=axes, label=label)

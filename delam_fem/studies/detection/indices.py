@@ -102,7 +102,8 @@ def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2
     Source: A. K. Pandey, M. Biswas, M. M. Samman, "Damage detection from changes in curvature mode
     shapes", J. Sound Vib. 145 (1991), for modes; here the shape is that of the second harmonic.
     """
-    x, V = shapes.x, shapes.order(order)
+    x = shapes.x
+    V = shapes.order(order)
     h1, h2 = np.diff(x)[:-1], np.diff(x)[1:]
     weights = 2.0 / np.stack([h1 * (h1 + h2), -h1 * h2, h2 * (h1 + h2)])
     values = np.abs(weights[0] * V[:-2] + weights[1] * V[1:-1] + weights[2] * V[2:])
@@ -147,8 +148,10 @@ def distortion(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
 
     Source: I. Müller, eq. 2 (the 1 is subtracted outside the root).
     """
-    found = thd(shapes, false_calls)
-    return Mark(found.x, np.sqrt(1.0 + found.values**2) - 1.0, np.sqrt(1.0 + found.limits**2) - 1.0)
+    thd_mark = thd(shapes, false_calls)
+    return Mark(
+        thd_mark.x, np.sqrt(1.0 + thd_mark.values**2) - 1.0, np.sqrt(1.0 + thd_mark.limits**2) - 1.0
+    )
 
 
 INDICES: dict[str, Callable[[Shapes, float], Mark]] = {
@@ -180,8 +183,8 @@ def sideband_ratio(field: FloatArray, times: FloatArray, pump: float, probe: flo
     and its use for nondestructive testing", NDT&E Int. 34 (2001).
     """
     harmonics = [k * pump for k in range(1, 1 + math.ceil(probe / pump) + 1)]
-    found = np.abs(amplitudes(field, times, [probe, probe - pump, probe + pump, *harmonics]))
-    return np.asarray((found[1] + found[2]) / found[0])
+    sizes = np.abs(amplitudes(field, times, [probe, probe - pump, probe + pump, *harmonics]))
+    return np.asarray((sizes[1] + sizes[2]) / sizes[0])
 
 
 def frequency_drift(field: FloatArray, times: FloatArray) -> FloatArray:
@@ -282,11 +285,11 @@ def repeated(
         seed: seed of the random numbers.
     """
     rng = np.random.default_rng(seed)
-    found = [
+    marks = [
         mark(name, replace(shapes.noisy(noise, rng), noise=noise, n_lines=shapes.n_lines))
         for _ in range(repetitions)
     ]
-    ends = [(own.start, own.end) for own in found if own.is_detected]
+    ends = [(index_mark.start, index_mark.end) for index_mark in marks if index_mark.is_detected]
     shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))
     found_ends = np.quantile(ends, shares, axis=0) if ends else np.full((3, 2), np.nan)
     bounds = found_ends[[0, 2]] + np.diff(shapes.x).max() * np.array([[-1.0], [1.0]])

@@ -63,7 +63,8 @@ def prior_of(case: Case) -> FloatArray:
 
     They are in proportion to the case.
     """
-    L, h = case.length, sum(own.thickness or 0.0 for own in case.lamina)
+    L = case.length
+    h = sum(lamina.thickness or 0.0 for lamina in case.lamina)
     return np.array([(0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h)])
 
 
@@ -137,7 +138,9 @@ class Knowledge:
     def _observed(self, scans: tuple[Shapes, ...]) -> FloatArray:
         """Return the statistics of scans."""
         every = zip(scans, self.bases, self.sensors, strict=True)
-        return np.concatenate([_statistics(s.without_drive(own.drive), b) for s, b, own in every])
+        return np.concatenate(
+            [_statistics(s.without_drive(sensor.drive), b) for s, b, sensor in every]
+        )
 
 
 def knowledge(
@@ -155,13 +158,14 @@ def knowledge(
     """
     n = len(parameters)
     numbers = np.arange(len(found.specimens)).reshape(-1, n)
-    whole = np.isfinite(found.rms[numbers]).all(axis=0)
+    is_complete = np.isfinite(found.rms[numbers]).all(axis=0)
     rng = np.random.default_rng(seed)
-    columns, bases = [], []
-    for row, own in zip(numbers, sensors, strict=True):
+    columns = []
+    bases = []
+    for row, sensor in zip(numbers, sensors, strict=True):
         noisy = [
-            found.shapes(int(k), own.noise_db, rng, own.n_lines).without_drive(own.drive)
-            for k in row[whole]
+            found.shapes(int(k), sensor.noise_db, rng, sensor.n_lines).without_drive(sensor.drive)
+            for k in row[is_complete]
         ]
         profiles = np.stack([_profile(shapes) for shapes in noisy])
         mean = profiles.mean(axis=0)
@@ -169,7 +173,7 @@ def knowledge(
         bases.append(np.vstack([mean, components[:COMPONENTS]]))
         columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
-    table = statistics.Table(parameters[whole], np.concatenate(columns, axis=1), prior)
+    table = statistics.Table(parameters[is_complete], np.concatenate(columns, axis=1), prior)
     return Knowledge(table, tuple(bases), frequencies, sensors)
 
 
@@ -237,7 +241,8 @@ class Inferred(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        middle, bounds = self.posterior.quantile(0.5), self.posterior.interval()
+        middle = self.posterior.quantile(0.5)
+        bounds = self.posterior.interval()
         prior = np.quantile(self.prior, (0.05, 0.95), axis=0).T
         is_identified = self.posterior.is_identified(prior)
         sentences = [f"{self.n_structures} structures from the prior."]
@@ -249,7 +254,7 @@ class Inferred(Finding):
         numbers = {
             "case": self.case.name,
             "structures": self.n_structures,
-            "uncertain": [asdict(own) for own in self.uncertain],
+            "uncertain": [asdict(unknown) for unknown in self.uncertain],
             "is_measured": self.is_measured,
             "mismatch": self.mismatch,
             "parameter": NAMES,
@@ -287,7 +292,8 @@ class Inferred(Finding):
         """Draw the marginal distributions within the prior, and start against end."""
         figure = Figure(figsize=(style.WIDTH, 6.0), layout="constrained")
         panels = figure.subplots(2, 2).ravel()
-        samples, weights = 1e3 * self.posterior.samples, self.posterior.weights
+        samples = 1e3 * self.posterior.samples
+        weights = self.posterior.weights
         prior = 1e3 * self.prior
         for k, (axes, name) in enumerate(zip(panels, NAMES, strict=False)):
             bins = np.linspace(prior[:, k].min(), prior[:, k].max(), 60)
@@ -330,13 +336,17 @@ def compute(case: Case, options: Infer, context: RunContext) -> Inferred:
     runs = population(
         case, specimens, context.folder, spacing=spacing, first=first, also=also, **context.sweeping
     ).at_first(n_points)
-    whole, surface = intact(case), surface_of(case, None)
-    drives = [drive_responses(whole, surface, runs.x, f, (2.0,)) for f in frequencies]
+    intact_case = intact(case)
+    surface = surface_of(case, None)
+    drives = [drive_responses(intact_case, surface, runs.x, f, (2.0,)) for f in frequencies]
     if measured is None:
-        seen, folder = observed(case, frequencies), context.folder / "observation"
-        own = population(case, seen, folder, "serial", resume=context.resume)
+        observed_specimens = observed(case, frequencies)
+        folder = context.folder / "observation"
+        observed_runs = population(
+            case, observed_specimens, folder, "serial", resume=context.resume
+        )
         rng = np.random.default_rng(1)
-        scans = tuple(own.shapes(k, noise_db, rng) for k in range(len(frequencies)))
+        scans = tuple(observed_runs.shapes(k, noise_db, rng) for k in range(len(frequencies)))
         sensors = tuple(Sensor(noise_db, drive=drive) for drive in drives)
     else:
         scans = tuple(shapes_of(m.field, m.times, m.frequency, m.x) for m in measured)
@@ -375,20 +385,21 @@ def _grid(measured: Sequence[Measurement] | None) -> tuple[float, float, int | N
     x = measured[0].x
     spacing = float(np.diff(x).mean())
     expected = x[0] + spacing * np.arange(x.size)
-    for own in measured:
-        if own.x.size != x.size or np.abs(own.x - expected).max() > SAME_PLACE * spacing:
+    for scan in measured:
+        if scan.x.size != x.size or np.abs(scan.x - expected).max() > SAME_PLACE * spacing:
             raise CaseError(
                 "measured: expected equidistant points, the same in every scan, given "
-                f"{own.x.tolist()}"
+                f"{scan.x.tolist()}"
             )
     return spacing, float(x[0]), int(x.size)
 
 
 def truth_of(case: Case) -> FloatArray:
     """Return start, end and depth of the delamination of a case, shape (3,) [m]."""
-    own, surface = case.delamination[0], surface_of(case, None)
+    delamination = case.delamination[0]
+    surface = surface_of(case, None)
     depth = next(lamina.thickness for lamina in case.lamina if lamina.name == surface)
-    return np.array([own.start, own.end, depth], dtype=np.float64)
+    return np.array([delamination.start, delamination.end, depth], dtype=np.float64)
 
 
 def observed(case: Case, frequencies: tuple[float, ...]) -> list[Specimen]:

@@ -87,32 +87,34 @@ class Modulation(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        f, own, whole = self.case.excitation.top_frequency, self.mark, self.intact_mark
+        f = self.case.excitation.top_frequency
+        mark = self.mark
+        intact_mark = self.intact_mark
         verdict = (
             f"Sidebands of {f:g} Hz at ±{self.pump:g} Hz: "
-            f"{'above' if own.is_over.any() else 'not above'} the limit of noise; median ratio "
-            f"{np.median(own.values):.3g}, {self.gain:.3g} times that of the intact structure."
+            f"{'above' if mark.is_over.any() else 'not above'} the limit of noise; median ratio "
+            f"{np.median(mark.values):.3g}, {self.gain:.3g} times that of the intact structure."
         )
         numbers = {
             "case": self.case.name,
             "pump_frequency": self.pump,
             "pump_amplitude": self.pump_amplitude,
             "probe_frequency": f,
-            "called": bool(own.is_over.any()),
-            "intact_called": bool(whole.is_over.any()),
+            "called": bool(mark.is_over.any()),
+            "intact_called": bool(intact_mark.is_over.any()),
             "false_call_rate": FALSE_CALLS,
-            "median": float(np.median(own.values)),
-            "intact_median": float(np.median(whole.values)),
+            "median": float(np.median(mark.values)),
+            "intact_median": float(np.median(intact_mark.values)),
             "gain": self.gain,
-            "x": own.x.tolist(),
-            "sideband_ratio": own.values.tolist(),
-            "intact_sideband_ratio": whole.values.tolist(),
-            "ratio_to_intact": (own.values / whole.values).tolist(),
-            "limits": own.limits.tolist(),
+            "x": mark.x.tolist(),
+            "sideband_ratio": mark.values.tolist(),
+            "intact_sideband_ratio": intact_mark.values.tolist(),
+            "ratio_to_intact": (mark.values / intact_mark.values).tolist(),
+            "limits": mark.limits.tolist(),
             "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
         }
         draw = partial(
-            beside_intact, self.case, own, whole,
+            beside_intact, self.case, mark, intact_mark,
             title=f"{self.case.name}, {f:g} Hz ± {self.pump:g} Hz", ylabel="sideband ratio [-]",
             yscale="log",
         )  # fmt: skip
@@ -143,23 +145,26 @@ def modulation(case: Case, options: Modulate, context: RunContext | None = None)
         seed=options.seed,
     )  # fmt: skip
     frequency, amplitude = options.pump_frequency, options.pump_amplitude
-    whole = intact(case)
+    intact_case = intact(case)
     pump = pump_of(case, frequency, amplitude)
-    kept = None if context is None else context.kept
-    pure = simulated(case, scan, kept, pump=pump)
-    bare = simulated(whole, scan, kept, pump=intact(pump))
+    checkpoint_folder = None if context is None else context.kept
+    pure = simulated(case, scan, checkpoint_folder, pump=pump)
+    bare = simulated(intact_case, scan, checkpoint_folder, pump=intact(pump))
     noise = pure.noise_of(scan)
     inside = np.ptp(pure.field, axis=0) > 1e-9 * np.ptp(pure.field)  # a clamp may be at rest
 
     def ratio(measured: Measurement, seed: int) -> FloatArray:
-        own = measured.noisy(noise, seed)
-        return sideband_ratio(own.field[:, inside], own.times, frequency, own.frequency)
+        noisy_scan = measured.noisy(noise, seed)
+        return sideband_ratio(
+            noisy_scan.field[:, inside], noisy_scan.times, frequency, noisy_scan.frequency
+        )
 
     again = [ratio(bare, scan.seed + INTACT_SEED + 1 + k) for k in range(_REPETITIONS)]
     typical = np.median(again, axis=0)
     maxima = [np.max(one / typical) for one in again]
     largest = np.quantile(maxima, 1.0 - FALSE_CALLS, method="weibull")  # of one more record
-    x, limits = pure.x[inside], typical * largest
+    x = pure.x[inside]
+    limits = typical * largest
     return Modulation(
         case,
         frequency,

@@ -166,22 +166,23 @@ def population(
             f"{len(case.lamina)} and {len(case.delamination)}"
         )
     surface = surface_of(case, None)
-    other = next(own.name for own in case.lamina if own.name != surface)
-    total = sum(own.thickness or 0.0 for own in case.lamina)
+    other = next(lamina.name for lamina in case.lamina if lamina.name != surface)
+    total = sum(lamina.thickness or 0.0 for lamina in case.lamina)
     settling = {
         kind: settling_periods(intact(case.with_overrides({"support.end": kind})), SETTLED)
         / case.excitation.top_frequency
-        for kind in sorted({own.support for own in specimens})
+        for kind in sorted({specimen.support for specimen in specimens})
     }
     columns: dict[str, list[float | int | str]] = {
-        "delamination.1.start": [own.start for own in specimens],
-        "delamination.1.end": [own.end for own in specimens],
-        f"lamina.{surface}.thickness": [own.thickness for own in specimens],
-        f"lamina.{other}.thickness": [total - own.thickness for own in specimens],
-        "support.end": [own.support for own in specimens],
-        "excitation.frequency": [own.frequency for own in specimens],
+        "delamination.1.start": [specimen.start for specimen in specimens],
+        "delamination.1.end": [specimen.end for specimen in specimens],
+        f"lamina.{surface}.thickness": [specimen.thickness for specimen in specimens],
+        f"lamina.{other}.thickness": [total - specimen.thickness for specimen in specimens],
+        "support.end": [specimen.support for specimen in specimens],
+        "excitation.frequency": [specimen.frequency for specimen in specimens],
         "time.periods": [
-            PERIODS + math.ceil(settling[own.support] * own.frequency) for own in specimens
+            PERIODS + math.ceil(settling[specimen.support] * specimen.frequency)
+            for specimen in specimens
         ],
         **{key: values.tolist() for key, values in (also or {}).items()},
     }
@@ -312,16 +313,16 @@ def logistic(a: FloatArray, hit: BoolArray) -> Curve:
     columns = np.stack([np.ones_like(a), np.log(a)], axis=-1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = GLM(hit.astype(np.float64), columns, family=families.Binomial()).fit()
-    if not np.isfinite(found.bse).all():
+        fit = GLM(hit.astype(np.float64), columns, family=families.Binomial()).fit()
+    if not np.isfinite(fit.bse).all():
         return nothing
-    return Curve(np.asarray(found.params), np.asarray(found.cov_params()))
+    return Curve(np.asarray(fit.params), np.asarray(fit.cov_params()))
 
 
 def grid(case: Case, supports: Sequence[str], frequencies: Sequence[float]) -> list[Specimen]:
     """Return the specimens of the grid: supports, frequencies, lengths, depths, positions."""
     L = case.length
-    h = sum(own.thickness or 0.0 for own in case.lamina)
+    h = sum(lamina.thickness or 0.0 for lamina in case.lamina)
     return [
         Specimen(L * (m - 0.5 * a), L * (m + 0.5 * a), h * depth, support, frequency)
         for support, frequency, a, depth, m in product(
@@ -350,29 +351,34 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.
         nothing is called [m]; `support` and `frequency` [Hz]; `hit`, whether the marked interval
         overlaps the delamination; `score`, the largest index over its limit of noise.
     """
-    rng, surface = np.random.default_rng(seed), surface_of(case, None)
+    rng = np.random.default_rng(seed)
+    surface = surface_of(case, None)
     drives = {
         key: drive_responses(_whole(case, *key), surface, found.x, key[1], (2.0,))
-        for key in {(own.support, own.frequency) for own in found.specimens}
+        for key in {(specimen.support, specimen.frequency) for specimen in found.specimens}
     }
     n = len(found.specimens)
     start, end, score = (np.full(n, np.nan) for _ in range(3))
     hit = np.zeros(n, dtype=np.bool_)
-    for k, own in enumerate(found.specimens):
+    for k, specimen in enumerate(found.specimens):
         if not np.isfinite(found.rms[k]):  # its run failed
             continue
-        noisy = found.shapes(k, noise_db, rng).without_drive(drives[own.support, own.frequency])
+        noisy = found.shapes(k, noise_db, rng).without_drive(
+            drives[specimen.support, specimen.frequency]
+        )
         called = mark("curvature", noisy)
         start[k], end[k] = called.start, called.end
         score[k] = float(called.over_limits.max())
-        hit[k] = called.is_detected and called.start <= own.end and called.end >= own.start
+        hit[k] = (
+            called.is_detected and called.start <= specimen.end and called.end >= specimen.start
+        )
     columns = {
-        "start": [own.start for own in found.specimens],
-        "end": [own.end for own in found.specimens],
-        "depth": [own.thickness for own in found.specimens],
-        "length": [own.length for own in found.specimens],
-        "support": [own.support for own in found.specimens],
-        "frequency": [own.frequency for own in found.specimens],
+        "start": [specimen.start for specimen in found.specimens],
+        "end": [specimen.end for specimen in found.specimens],
+        "depth": [specimen.thickness for specimen in found.specimens],
+        "length": [specimen.length for specimen in found.specimens],
+        "support": [specimen.support for specimen in found.specimens],
+        "frequency": [specimen.frequency for specimen in found.specimens],
         "marked_start": start, "marked_end": end, "hit": hit, "score": score,
     }  # fmt: skip
     return xr.Dataset(
@@ -396,10 +402,10 @@ def intact_scores(
     The noise is in the samples, and the limit follows from the noise between the harmonics, as it
     does in a measurement. A beam is called if its score is above 1.
     """
-    whole = _whole(case, support, frequency)
+    intact_case = _whole(case, support, frequency)
     scan = Scan(noise_db=noise_db, periods=PERIODS, sampling_rate=SAMPLES * frequency)
-    pure = simulated(whole, scan)
-    drive = drive_responses(whole, surface_of(case, None), pure.x, frequency, (2.0,))
+    pure = simulated(intact_case, scan)
+    drive = drive_responses(intact_case, surface_of(case, None), pure.x, frequency, (2.0,))
     noise = pure.noise_of(scan)
     scores = []
     for k in range(n):
@@ -516,7 +522,8 @@ class PodStudy(Finding):
         L = self.case.length
         a = np.linspace(0.01, 0.45, 200) * L
         for axes, line in panels:
-            every, hit = line.trials["length"].to_numpy(), line.trials["hit"].to_numpy()
+            every = line.trials["length"].to_numpy()
+            hit = line.trials["hit"].to_numpy()
             lengths = np.unique(every.round(9))
             rates = [hit[np.isclose(every, length)].mean() for length in lengths]
             axes.plot(
@@ -577,20 +584,21 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
     The recommended frequency of a support and a noise is that with the most hits; of equal ones the
     lowest. False calls are counted there.
     """
-    lines, recommended = [], {}
-    supports = sorted({own.support for own in found.specimens})
-    frequencies = sorted({own.frequency for own in found.specimens})
+    lines = []
+    recommended = {}
+    supports = sorted({specimen.support for specimen in found.specimens})
+    frequencies = sorted({specimen.frequency for specimen in found.specimens})
     for noise in noises:
-        whole = trials(case, found, noise)
+        all_trials = trials(case, found, noise)
         for support in supports:
-            of_support = whole.isel(specimen=(whole["support"] == support).to_numpy())
-            own = {
+            of_support = all_trials.isel(specimen=(all_trials["support"] == support).to_numpy())
+            by_frequency = {
                 f: of_support.isel(specimen=(of_support["frequency"] == f).to_numpy())
                 for f in frequencies
             }
-            best = max(frequencies, key=lambda f: (int(own[f]["hit"].sum()), -f))
+            best = max(frequencies, key=lambda f: (int(by_frequency[f]["hit"].sum()), -f))
             recommended[support, noise] = best
-            for f, judged in own.items():
+            for f, judged in by_frequency.items():
                 scores = intact_scores(case, support, f, noise) if f == best else np.empty(0)
                 curve = logistic(judged["length"].to_numpy(), judged["hit"].to_numpy())
                 lines.append(Line(support, f, judged, curve, scores))
@@ -600,43 +608,43 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
 
 def _row(line: Line, L: float) -> tuple[str, ...]:
     """Return the table row of a result."""
-    own = line.trials
+    line_trials = line.trials
     return (
         line.support,
-        f"{own.attrs['noise_db']:g}",
+        f"{line_trials.attrs['noise_db']:g}",
         f"{line.frequency:g}",
-        f"{int(own['hit'].sum())} of {own['hit'].size}",
+        f"{int(line_trials['hit'].sum())} of {line_trials['hit'].size}",
         f"{line.a90 / L:.3f}",
         f"{line.a90_95 / L:.3f}",
-        f"{end_error(own) / L:.4f}",
+        f"{end_error(line_trials) / L:.4f}",
         f"{int((line.intact > 1.0).sum())} of {line.intact.size}",
     )
 
 
 def _numbers(line: Line) -> dict[str, object]:
     """Return the numbers of a result for pod.json."""
-    own = line.trials
+    line_trials = line.trials
     return {
         "support": line.support,
         "frequency": line.frequency,
-        "noise_db": own.attrs["noise_db"],
-        "hits": int(own["hit"].sum()),
-        "specimens": own["hit"].size,
+        "noise_db": line_trials.attrs["noise_db"],
+        "hits": int(line_trials["hit"].sum()),
+        "specimens": line_trials["hit"].size,
         "beta": line.curve.beta,
         "a90": line.a90,
         "a90_95": line.a90_95,
-        "median_end_error": end_error(own),
+        "median_end_error": end_error(line_trials),
         "false_calls": int((line.intact > 1.0).sum()) if line.intact.size else None,
         "intact_beams": line.intact.size,
-        "length": own["length"].to_numpy(),
-        "depth": own["depth"].to_numpy(),
-        "middle": 0.5 * (own["start"] + own["end"]).to_numpy(),
-        "hit": own["hit"].to_numpy(),
+        "length": line_trials["length"].to_numpy(),
+        "depth": line_trials["depth"].to_numpy(),
+        "middle": 0.5 * (line_trials["start"] + line_trials["end"]).to_numpy(),
+        "hit": line_trials["hit"].to_numpy(),
     }
 
 
 def compute(case: Case, options: Pod, context: RunContext) -> PodStudy:
     """Compute the structures of the grid with options of a user, and judge them."""
     specimens = grid(case, options.supports, options.frequencies)
-    found = population(case, specimens, context.folder, name="pod", **context.sweeping)
-    return pod(case, found, options.noise_db)
+    runs = population(case, specimens, context.folder, name="pod", **context.sweeping)
+    return pod(case, runs, options.noise_db)

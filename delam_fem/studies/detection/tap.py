@@ -53,7 +53,8 @@ def lengths(force: FloatArray, times: FloatArray) -> FloatArray:
         force: forces of the taps, shape (time, point) [N].
         times: equidistant times, shape (time,) [s].
     """
-    step, found = float(times[1] - times[0]), np.empty(force.shape[1])
+    step = float(times[1] - times[0])
+    durations = np.empty(force.shape[1])
     for k, tap in enumerate(force.T):
         peak = int(tap.argmax())
         # the pulse lies between the last low sample before the peak and the first one after it
@@ -61,8 +62,8 @@ def lengths(force: FloatArray, times: FloatArray) -> FloatArray:
         first = fallen[fallen < peak].max(initial=-1) + 1
         last = fallen[fallen > peak].min(initial=tap.size)
         pulse = tap[first:last]
-        found[k] = step * pulse.sum() ** 2 / np.sum(pulse**2)
-    return found
+        durations[k] = step * pulse.sum() ** 2 / np.sum(pulse**2)
+    return durations
 
 
 def index(lengths: FloatArray, sound: FloatArray) -> FloatArray:
@@ -126,7 +127,8 @@ class Taps(Finding):
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
         x, marked = self.mark.x, self.mark.x[self.mark.is_over]
-        start, end = min(marked, default=math.nan), max(marked, default=math.nan)
+        start = min(marked, default=math.nan)
+        end = max(marked, default=math.nan)
         called = f"marks {start:.4g} to {end:.4g} m" if marked.size else "calls nothing"
         is_intact_called = bool(self.intact_mark.is_over.any())
         verdict = (
@@ -184,7 +186,8 @@ def taps(case: Case, lamina: str, x: FloatArray) -> tuple[FloatArray, FloatArray
     keys: dict[str, object] = {"sensor": [sensor], "impactor.1.lamina": lamina}
     if case.is_periodic:
         keys |= {"output.window_periods": case.n_periods, "output.fields_per_period": 0}
-    forces, times = [], np.zeros(0)
+    forces = []
+    times = np.zeros(0)
     for place in x.tolist():
         tapped = case.with_overrides({**keys, "impactor.1.position": place})
         structure = assemble(tapped, needs_dolfinx=False)
@@ -209,28 +212,33 @@ def tap(case: Case, options: Tap, context: RunContext | None = None) -> Taps:
     Raises:
         CaseError: the case has no delamination or not one impactor, or the points do not fit.
     """
-    lamina, whole = surface_of(case, options.lamina), intact(case)
+    lamina = surface_of(case, options.lamina)
+    intact_case = intact(case)
     if case.is_apart:
         raise CaseError("tap: expected a case with [[delamination]], given laminae apart")
     if options.measured:
         field = read_field(options.measured, options, "force", lamina)
-        x, when, force = field["position"].to_numpy(), field["time"].to_numpy(), field.to_numpy()
+        x = field["position"].to_numpy()
+        when = field["time"].to_numpy()
+        force = field.to_numpy()
     else:
         x = scan_positions(case.length, options.spacing, options.first)
         x = x[(x > 0.0) & (x < case.length)]
         when, force = taps(case, lamina, x)
-    times, without = taps(whole, lamina, x)
-    sound, rng = lengths(without, times), np.random.default_rng(options.seed)
+    times, without = taps(intact_case, lamina, x)
+    sound = lengths(without, times)
+    rng = np.random.default_rng(options.seed)
     limit = limits(without, times, options.noise_db, rng)
     if not options.measured:
         force = noisy(force, options.noise_db, rng)
-    found, one_more = lengths(force, when), lengths(noisy(without, options.noise_db, rng), times)
+    durations = lengths(force, when)
+    one_more = lengths(noisy(without, options.noise_db, rng), times)
     return Taps(
         case,
         lamina,
         bool(options.measured),
-        found,
+        durations,
         sound,
-        Mark(x, index(found, sound), limit),
+        Mark(x, index(durations, sound), limit),
         Mark(x, index(one_more, sound), limit),
     )

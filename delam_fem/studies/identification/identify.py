@@ -98,23 +98,23 @@ class Unknown:
 
 def require_values(unknowns: Sequence[Unknown]) -> None:
     """Raise a CaseError if a sought key is given by multiples of the value of the case."""
-    for own in unknowns:
-        if own.is_relative:
+    for unknown in unknowns:
+        if unknown.is_relative:
             raise CaseError(
-                f"unknown: {own.key}: expected values of the key, given multiples of its own; "
+                f"unknown: {unknown.key}: expected values of the key, given multiples of its own; "
                 "only --uncertain takes them"
             )
 
 
 def value_of(case: Case, key: str) -> float:
     """Return the number of a case at a key; NaN where there is none."""
-    found: object = case
+    value: object = case
     for part in key.split("."):
-        if isinstance(found, tuple):
-            found = next((entry for entry in found if entry.name == part), None)
+        if isinstance(value, tuple):
+            value = next((entry for entry in value if entry.name == part), None)
         else:
-            found = getattr(found, part, None)
-    return float(found) if isinstance(found, int | float) else math.nan
+            value = getattr(value, part, None)
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def drawn(unknowns: Sequence[Unknown], case: Case, n: int, seed: int) -> dict[str, FloatArray]:
@@ -123,14 +123,17 @@ def drawn(unknowns: Sequence[Unknown], case: Case, n: int, seed: int) -> dict[st
     Raises:
         CaseError: a lowest value is not above 0.
     """
-    rng, found = np.random.default_rng(seed), {}
-    for own in unknowns:
-        if not own.low > 0.0:
-            raise CaseError(f"uncertain: {own.key}: expected values above 0, given {own.low:g}")
-        values = own.low * (own.high / own.low) ** rng.uniform(size=n)
-        for key in own.keys(case):
-            found[key] = values * (value_of(case, key) if own.is_relative else 1.0)
-    return found
+    rng = np.random.default_rng(seed)
+    samples = {}
+    for unknown in unknowns:
+        if not unknown.low > 0.0:
+            raise CaseError(
+                f"uncertain: {unknown.key}: expected values above 0, given {unknown.low:g}"
+            )
+        values = unknown.low * (unknown.high / unknown.low) ** rng.uniform(size=n)
+        for key in unknown.keys(case):
+            samples[key] = values * (value_of(case, key) if unknown.is_relative else 1.0)
+    return samples
 
 
 def doubts_of(case: Case, given: Sequence[str] | None) -> tuple[Unknown, ...]:
@@ -140,17 +143,19 @@ def doubts_of(case: Case, given: Sequence[str] | None) -> tuple[Unknown, ...]:
 
 def of_rig(case: Case) -> tuple[Unknown, ...]:
     """Return the keys in which a rig usually differs from its case: stiffness, damping, clamps."""
-    given = any(lamina.bending_stiffness is not None for lamina in case.lamina)
-    modulus = "bending_stiffness" if given else "young_modulus"
-    found = [
+    has_stiffness = any(lamina.bending_stiffness is not None for lamina in case.lamina)
+    modulus = "bending_stiffness" if has_stiffness else "young_modulus"
+    unknowns = [
         Unknown(f"{EVERY}{modulus}", *STIFFNESS, is_relative=True),
         Unknown(f"{EVERY}damping_ratio", *DAMPING, is_relative=True),
     ]
     if not case.is_apart and "clamped" in (case.support.start, case.support.end):
-        whole = network(case, np.array([0.0, case.length])).section(tuple(range(len(case.lamina))))
-        low, high = (factor * whole[0] / case.length for factor in CLAMP)
-        found.append(Unknown("support.rotational_stiffness", low, high))
-    return tuple(found)
+        section = network(case, np.array([0.0, case.length])).section(
+            tuple(range(len(case.lamina)))
+        )
+        low, high = (factor * section[0] / case.length for factor in CLAMP)
+        unknowns.append(Unknown("support.rotational_stiffness", low, high))
+    return tuple(unknowns)
 
 
 BINS = 24
@@ -173,11 +178,14 @@ def posterior_figure(
     """
     n = len(unknowns)
     # axes that hold nearly all samples and the truth
-    low, high = posterior.quantile(TAIL), posterior.quantile(1.0 - TAIL)
+    low = posterior.quantile(TAIL)
+    high = posterior.quantile(1.0 - TAIL)
     if truth is not None:
-        low, high = np.minimum(low, truth), np.maximum(high, truth)
+        low = np.minimum(low, truth)
+        high = np.maximum(high, truth)
     margin = 0.08 * (high - low)  # no end of the samples is an edge of a bar
-    low, high = low - margin, high + margin
+    low = low - margin
+    high = high + margin
     figure = Figure(figsize=(PANEL * n, PANEL * n))
     axes = figure.subplots(n, n, squeeze=False)
     for i, row in enumerate(unknowns):
@@ -279,10 +287,10 @@ def of_history(
     below_nyquist = math.ceil(0.5 / (frequency * float(np.median(np.diff(time))))) - 1
     most = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
     frequencies = frequency * np.arange(1, max(HARMONICS, most) + 1)
-    found = amplitudes(tips.T, time, frequencies.tolist())
-    rest = tips - (found.T @ np.exp(2j * math.pi * np.outer(frequencies, time))).real
+    coefficients = amplitudes(tips.T, time, frequencies.tolist())
+    residual = tips - (coefficients.T @ np.exp(2j * math.pi * np.outer(frequencies, time))).real
     freedom = 1.0 - (2 * frequencies.size + 1) / time.size
-    return 1j * found[:HARMONICS].T, math.sqrt(float(rest.var(axis=1).mean()) / freedom)
+    return 1j * coefficients[:HARMONICS].T, math.sqrt(float(residual.var(axis=1).mean()) / freedom)
 
 
 def invariant(harmonics: beams.ComplexArray) -> FloatArray:
@@ -375,8 +383,8 @@ class Experiment:
     @property
     def error(self) -> float:
         """Standard deviation of the real and of the imaginary part of a harmonic [m]."""
-        own = self.case.n_window_periods * self.case.steps_per_period
-        return self.noise * math.sqrt(2.0 / (self.n_samples or own))
+        window_samples = self.case.n_window_periods * self.case.steps_per_period
+        return self.noise * math.sqrt(2.0 / (self.n_samples or window_samples))
 
     def sweep(
         self, frequency: float, parameters: FloatArray, also: Mapping[str, FloatArray] | None = None
@@ -428,7 +436,8 @@ class Experiment:
             CaseError: the first set of parameters is not a valid case.
             KeyboardInterrupt: a sweep was interrupted; its points are kept.
         """
-        found, total = [], len(parameters) * len(self.frequencies)
+        results = []
+        total = len(parameters) * len(self.frequencies)
         for number, frequency in enumerate(self.frequencies):
 
             def report(done: int, _: int, before: int = number * len(parameters)) -> None:
@@ -439,8 +448,8 @@ class Experiment:
                 self.sweep(frequency, parameters, also), directory / f"{frequency:g}-Hz", executor,
                 workers=workers, resume=True, progress=report, is_confirmed=True,
             )  # fmt: skip
-            found.append(of_points(swept))
-        return np.stack(found, axis=1)
+            results.append(of_points(swept))
+        return np.stack(results, axis=1)
 
     def table(
         self, harmonics: beams.ComplexArray, parameters: FloatArray, seed: int,
@@ -483,15 +492,15 @@ def _discrepancy(
 ) -> beams.ComplexArray:
     """Return the change of all simulations that finer ones stand for; see `Experiment.table`."""
     change = finer - harmonics[: len(finer)]
-    whole = np.flatnonzero(np.isfinite(change).reshape(len(change), -1).all(axis=1))
-    if whole.size == 0:
+    complete = np.flatnonzero(np.isfinite(change).reshape(len(change), -1).all(axis=1))
+    if complete.size == 0:
         return np.zeros_like(harmonics)
     places = parameters / parameters.std(axis=0)
-    distance = np.linalg.norm(places[:, None] - places[None, whole], axis=2)
+    distance = np.linalg.norm(places[:, None] - places[None, complete], axis=2)
     like = np.argsort(distance, axis=1)[:, :LIKE]
     chosen = like[np.arange(len(like)), rng.integers(like.shape[1], size=len(like))]
     share = rng.uniform(0.0, BEYOND, size=(len(like), 1, 1, 1))
-    return np.asarray(share * change[whole[chosen]])
+    return np.asarray(share * change[complete[chosen]])
 
 
 HEADING = ("key", "median", "90 % interval", "prior", "identified", "truth", "covered")
@@ -536,13 +545,15 @@ class Identification(Finding):
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
         experiment, posterior, truth = self.experiment, self.posterior, self.truth
-        middle, interval = posterior.quantile(0.5), posterior.interval(0.9)
-        correlation, keys = posterior.correlation(), experiment.unknowns
+        middle = posterior.quantile(0.5)
+        interval = posterior.interval(0.9)
+        correlation = posterior.correlation()
+        keys = experiment.unknowns
         is_identified = posterior.is_identified(self.prior)
-        found: dict[str, dict[str, Any]] = {}
+        entries: dict[str, dict[str, Any]] = {}
         rows = []
         for k, unknown in enumerate(keys):
-            found[unknown.key] = {
+            entries[unknown.key] = {
                 "median": middle[k],
                 "interval_90": interval[k],
                 "prior": [unknown.low, unknown.high],
@@ -570,13 +581,13 @@ class Identification(Finding):
             )
         text = " ".join(sentences) or "These motions separate the unknowns."
         numbers = {
-            "unknowns": found,
+            "unknowns": entries,
             "correlation": correlation,
             "frequencies_hz": experiment.frequencies,
             "noise_m": experiment.noise,
             "simulations": self.completed,
             "checks": self.checks,
-            "uncertain": [asdict(own) for own in experiment.uncertain],
+            "uncertain": [asdict(unknown) for unknown in experiment.uncertain],
             "mismatch": self.mismatch,
         }
         draw = partial(posterior_figure, posterior, experiment.unknowns, truth)
@@ -629,7 +640,8 @@ def identify(
     also = drawn(experiment.uncertain, experiment.case, simulations, seed + 3)
     simulate = partial(experiment.simulate, executor=executor, workers=workers, progress=progress)
     harmonics = simulate(parameters, directory / "simulations", also=also)
-    finer, repeated = min(finer, simulations), None
+    finer = min(finer, simulations)
+    repeated = None
     if finer:
         some = {key: values[:finer] for key, values in also.items()}
         repeated = simulate(
@@ -638,8 +650,8 @@ def identify(
     if observed is None:
         truth = np.array([experiment.truth])
         exact = experiment.simulate(truth, directory / "observation", executor="serial")[0]
-        own = noisy(exact, experiment.error, np.random.default_rng(seed + 1))
-        observed = invariant(own).ravel()
+        observation = noisy(exact, experiment.error, np.random.default_rng(seed + 1))
+        observed = invariant(observation).ravel()
     table = experiment.table(harmonics, parameters, seed + 2, repeated)
     checks = min(checks, len(table.parameters))
     covered = table.coverage(np.arange(checks)) if checks else None
@@ -673,7 +685,9 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
             f"--measured: expected one file per frequency, given {len(files)} files and "
             f"{len(experiment.frequencies)} frequencies"
         )
-    rows, noise, samples = [], [], []
+    rows = []
+    noise = []
+    samples = []
     for path, frequency in zip(files, experiment.frequencies, strict=True):
         time, tips = tips_of(experiment.case, path)
         harmonics, scatter = of_history(time, tips, frequency)

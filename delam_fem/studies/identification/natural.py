@@ -62,20 +62,22 @@ class Followed(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        keys = [own.key for own in self.unknowns]
+        keys = [unknown.key for unknown in self.unknowns]
         numbers = {
             "time_s": self.time,
             "frequency_hz": self.frequency,
             "frequency_error_hz": self.error,
             "unknowns": {
-                key: dict(zip(("low", "median", "high"), own.T, strict=True))
-                for key, own in zip(keys, self.quantiles.T.swapaxes(1, 2), strict=True)
+                key: dict(zip(("low", "median", "high"), quantiles.T, strict=True))
+                for key, quantiles in zip(keys, self.quantiles.T.swapaxes(1, 2), strict=True)
             },
-            "uncertain": [asdict(own) for own in self.uncertain],
+            "uncertain": [asdict(unknown) for unknown in self.uncertain],
         }
         rows = []
-        for t, f, e, own in zip(self.time, self.frequency, self.error, self.quantiles, strict=True):
-            spans = [f"{middle:.4g} ({low:.4g} … {high:.4g})" for low, middle, high in own.T]
+        for t, f, e, quantiles in zip(
+            self.time, self.frequency, self.error, self.quantiles, strict=True
+        ):
+            spans = [f"{middle:.4g} ({low:.4g} … {high:.4g})" for low, middle, high in quantiles.T]
             rows.append((f"{t:.4g}", f"{f:.6g} ± {e:.1g}", *spans))
         heading = ("time [s]", "frequency [Hz]", *(f"{key} (90 %)" for key in keys))
         return Report(
@@ -93,19 +95,20 @@ class Followed(Finding):
             self.time, self.frequency, 2.0 * self.error, fmt=".", color=style.VERMILLION
         )
         panels[0].set_ylabel("frequency [Hz]\n± two errors")
-        for axes, own, (low, middle, high) in zip(
+        for axes, unknown, (low, middle, high) in zip(
             panels[1:], self.unknowns, self.quantiles.T, strict=True
         ):
             axes.fill_between(self.time, low, high, color=style.BLUE, alpha=0.3, linewidth=0.0)
             axes.plot(self.time, middle, ".", color=style.BLUE)
-            axes.set(ylabel=f"{own.key}\nmedian, 90 %", ylim=(own.low, own.high))
+            axes.set(ylabel=f"{unknown.key}\nmedian, 90 %", ylim=(unknown.low, unknown.high))
         style.label_x(panels, "time [s]")
         return figure
 
 
 def compute(case: Case, options: Natural, context: RunContext) -> Followed:
     """Identify keys over time with options of a user."""
-    data, n = read_measured(options.measured), options.simulations
+    data = read_measured(options.measured)
+    n = options.simulations
     if "free_frequency" in data:
         data = data.isel(free_time=np.flatnonzero(np.isfinite(data["free_frequency_error"])))
     if not data.sizes.get("free_time"):
@@ -125,31 +128,35 @@ def compute(case: Case, options: Natural, context: RunContext) -> Followed:
         if context.progress is not None:
             context.progress(j + 1, n)
     columns, many = _prior(case, unknowns, doubts, DRAWS, options.seed + 1)
-    many, places = (own / np.ptp(places, axis=0) for own in (many, places))
+    many, places = (points / np.ptp(places, axis=0) for points in (many, places))
     interpolated = RBFInterpolator(places, simulated, kernel="cubic")(many)
     # error of the interpolation: every other simulation is interpolated from the rest
     half = RBFInterpolator(places[::2], simulated[::2], kernel="cubic")(places[1::2])
     rough = float(np.sqrt(np.mean((half - simulated[1::2]) ** 2)))  # all together have less
-    sought = np.array([columns[own.keys(case)[0]] for own in unknowns]).T
+    sought = np.array([columns[unknown.keys(case)[0]] for unknown in unknowns]).T
     names = "time", "frequency", "frequency_error"
     time, frequency, error = (data[f"free_{name}"].to_numpy() for name in names)
-    rng, found = np.random.default_rng(options.seed), []
+    rng = np.random.default_rng(options.seed)
+    quantiles = []
     for f, e in zip(frequency, error, strict=True):
         off = interpolated - f + np.hypot(e, rough) * rng.standard_normal(DRAWS)
         near = np.argsort(np.abs(off))[:NEAREST]  # then a regression moves them to off = 0
         line = np.column_stack([np.ones(NEAREST), off[near]])
         slope = np.linalg.lstsq(line, sought[near], rcond=None)[0][1]
-        own = np.quantile(sought[near] - np.outer(off[near], slope), QUANTILES, axis=0)
-        found.append(np.clip(own, [key.low for key in unknowns], [key.high for key in unknowns]))
-    return Followed(case, unknowns, doubts, time, frequency, error, np.array(found))
+        limits = np.quantile(sought[near] - np.outer(off[near], slope), QUANTILES, axis=0)
+        quantiles.append(
+            np.clip(limits, [key.low for key in unknowns], [key.high for key in unknowns])
+        )
+    return Followed(case, unknowns, doubts, time, frequency, error, np.array(quantiles))
 
 
 def _prior(
     case: Case, unknowns: tuple[Unknown, ...], doubts: tuple[Unknown, ...], n: int, seed: int
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Return n values of each key, and what varies (doubts in logarithms), shape (n, n_varied)."""
-    rng, columns = np.random.default_rng(seed), drawn(doubts, case, n, seed + 3)
-    logs = [np.log(columns[own.keys(case)[0]]) for own in doubts]
-    for own in unknowns:
-        columns |= dict.fromkeys(own.keys(case), rng.uniform(own.low, own.high, n))
-    return columns, np.array([*(columns[own.keys(case)[0]] for own in unknowns), *logs]).T
+    rng = np.random.default_rng(seed)
+    columns = drawn(doubts, case, n, seed + 3)
+    logs = [np.log(columns[unknown.keys(case)[0]]) for unknown in doubts]
+    for unknown in unknowns:
+        columns |= dict.fromkeys(unknown.keys(case), rng.uniform(unknown.low, unknown.high, n))
+    return columns, np.array([*(columns[unknown.keys(case)[0]] for unknown in unknowns), *logs]).T

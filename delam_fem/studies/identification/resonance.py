@@ -52,7 +52,8 @@ from delam_fem.studies.identification.study import Resonance as Options
 from delam_fem.studies.linear import first_frequencies
 from delam_fem.studies.sweeps.point import probe_motion
 
-FIRST_DAMPING, FIRST_SHIFTS = (0.001, 0.003, 0.01, 0.03, 0.1), (0.0, 0.3, 0.6, 0.9)
+FIRST_DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1)
+FIRST_SHIFTS = (0.0, 0.3, 0.6, 0.9)
 """Damping ratios, and distances of the peak from the natural frequency over the root of the sweep
 rate in Hz/s (0.86 without damping), of which the best begins the fit."""
 BAND = 0.3
@@ -157,8 +158,8 @@ class _Cycles:
 
     def amplitudes(self, values: FloatArray) -> beams.ComplexArray:
         """Return the complex amplitude of each cycle, shape (k,)."""
-        found = np.add.reduceat(values[: self.turn.size] * self.turn, self.edges[:-1])
-        return np.asarray(2j * found / np.diff(self.edges))
+        sums = np.add.reduceat(values[: self.turn.size] * self.turn, self.edges[:-1])
+        return np.asarray(2j * sums / np.diff(self.edges))
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,8 @@ class _Band:
 
         These are g, Γ, r, Re c, -Im c and m: (R1) is linear in them.
         """
-        t, root = self.time, harmonics.pole(2.0 * math.pi * p[0], p[1])
+        t = self.time
+        root = harmonics.pole(2.0 * math.pi * p[0], p[1])
         base = self.motion.states(self.on_sweep(t, p[2:]))
 
         def push(at: FloatArray) -> FloatArray:
@@ -200,8 +202,8 @@ class _Band:
             [base[:, 0], 2.0 * y.real, base[:, 2], free.real, free.imag, np.ones_like(t)]
         )
         size = abs(columns).max(axis=1)
-        found = np.linalg.lstsq((columns / size[:, None]).T, self.displacement, rcond=None)[0]
-        return (found / size) @ columns, found / size
+        solution = np.linalg.lstsq((columns / size[:, None]).T, self.displacement, rcond=None)[0]
+        return (solution / size) @ columns, solution / size
 
 
 def _push(states: FloatArray, by_mass: float) -> FloatArray:
@@ -234,33 +236,35 @@ def fit(
             f"peak at {peak:g} Hz, given {np.count_nonzero(near)}"
         )
     first, last = np.flatnonzero(near)[[0, -1]]
-    own = slice(cycles.edges[first], cycles.edges[last + 1])
-    band = _Band(time[own], displacement[own], motion, by_mass)
+    samples = slice(cycles.edges[first], cycles.edges[last + 1])
+    band = _Band(time[samples], displacement[samples], motion, by_mass)
     start, m = _by_amplitudes(time, cycles, a, near, band)
-    phase, to_peak = np.angle(a[near] / m), np.argmax(abs(a[near])) + 1  # later it beats
+    phase = np.angle(a[near] / m)
+    to_peak = np.argmax(abs(a[near])) + 1  # later it beats
     delays = [np.zeros(2)] + [
         _by_phases(band, cycles.time[near][:n], np.unwrap(phase[:n]))
         for n in (to_peak, phase.size)
         if n > FEWEST
     ]
-    scale, ends = [start[0] * start[1], start[1], *[0.1 / peak] * 2], []
+    scale = [start[0] * start[1], start[1], *[0.1 / peak] * 2]
+    ends = []
     for q in delays:
-        found = least_squares(
+        solution = least_squares(
             lambda p: band.explained(p)[0] - band.displacement, [*start, *q], x_scale=scale,
             bounds=([0.0, LEAST_DAMPING, *[-np.inf] * 2], [np.inf, MOST_DAMPING, *[np.inf] * 2]),
         )  # fmt: skip
-        ends.append(found)
-        if np.std(found.fun) < NOT_NOISE * _noise(found.fun):
+        ends.append(solution)
+        if np.std(solution.fun) < NOT_NOISE * _noise(solution.fun):
             break
-    found = min(ends, key=lambda end: float(end.cost))
-    model, weights = band.explained(found.x)
-    covariance = _covariance(found.jac, found.fun)
+    solution = min(ends, key=lambda end: float(end.cost))
+    model, weights = band.explained(solution.x)
+    covariance = _covariance(solution.jac, solution.fun)
     fitted = np.full(near.size, np.nan)
-    whole = np.zeros_like(time)
-    whole[own] = model
-    fitted[first : last + 1] = abs(cycles.amplitudes(whole))[first : last + 1] / motion.amplitude
-    seen = np.array([cycles.frequency, abs(a) / motion.amplitude, fitted])
-    return _judged(band, found.x, covariance, found.fun, weights, peak, seen)
+    curve = np.zeros_like(time)
+    curve[samples] = model
+    fitted[first : last + 1] = abs(cycles.amplitudes(curve))[first : last + 1] / motion.amplitude
+    response = np.array([cycles.frequency, abs(a) / motion.amplitude, fitted])
+    return _judged(band, solution.x, covariance, solution.fun, weights, peak, response)
 
 
 def _even(
@@ -294,18 +298,19 @@ def _by_amplitudes(
         return np.asarray(abs(size + p[2] * of_mode(p)) - abs(measured))
 
     top = int(np.argmax(abs(a)))
-    peak, passing = cycles.frequency[top], np.gradient(cycles.frequency, cycles.time)[top]
+    peak = cycles.frequency[top]
+    passing = np.gradient(cycles.frequency, cycles.time)[top]
     starts = []
     for late, D in product(FIRST_SHIFTS, FIRST_DAMPING):
         p = np.array([peak - late * np.sign(passing) * math.sqrt(abs(passing)), D, 1.0])
         p[2] = abs(measured).max() / abs(of_mode(p)).max()
         starts.append(p)
     start = min(starts, key=lambda p: float(np.sum(away(p) ** 2)))
-    found = least_squares(
+    solution = least_squares(
         away, start, x_scale=[peak * start[1], start[1], 1.0],
         bounds=([0.0, LEAST_DAMPING, 0.0], [np.inf, MOST_DAMPING, np.inf]),
     ).x  # fmt: skip
-    return found[:2], np.asarray(size + found[2] * of_mode(found))
+    return solution[:2], np.asarray(size + solution[2] * of_mode(solution))
 
 
 def _by_phases(band: _Band, time: FloatArray, phase: FloatArray) -> FloatArray:
@@ -316,8 +321,8 @@ def _by_phases(band: _Band, time: FloatArray, phase: FloatArray) -> FloatArray:
         return np.asarray(2.0 * math.pi * turns + constant - phase)
 
     free = least_squares(lambda q: away(q[:2], q[2]), np.zeros(3)).x
-    whole = math.pi * round(free[2] / math.pi)
-    return np.asarray(least_squares(lambda q: away(q, whole), free[:2]).x)
+    multiple = math.pi * round(free[2] / math.pi)
+    return np.asarray(least_squares(lambda q: away(q, multiple), free[:2]).x)
 
 
 def _covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
@@ -333,9 +338,11 @@ def _covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
     white = np.linalg.inv(J.T @ J) * variance
     known = np.cumsum(J[:, 0] ** 2)
     part = np.minimum((BLOCKS * known / known[-1]).astype(int), BLOCKS - 1)
-    shifts, expected = np.empty((BLOCKS, J.shape[1])), np.zeros(J.shape[1])
+    shifts = np.empty((BLOCKS, J.shape[1]))
+    expected = np.zeros(J.shape[1])
     for k in range(BLOCKS):
-        left_out, others = J[part == k], np.linalg.inv(J[part != k].T @ J[part != k])
+        left_out = J[part == k]
+        others = np.linalg.inv(J[part != k].T @ J[part != k])
         # one Gauss-Newton step of the fit without part k, and its variance by white noise
         shifts[k] = others @ left_out.T @ residual[part == k]
         expected += variance * np.diag(others @ left_out.T @ left_out @ others)
@@ -355,12 +362,17 @@ def _judged(
     peak: float, cycles: FloatArray,
 ) -> Resonance:  # fmt: skip
     """Return the resonance with its errors, and remarks on its record."""
-    t, error = band.time, np.sqrt(np.diag(covariance))
-    middle, length = 0.5 * (t[0] + t[-1]), float(t[-1] - t[0])
-    clock, clock_error = 1.0 - p[3] / length, error[3] / length
+    t = band.time
+    error = np.sqrt(np.diag(covariance))
+    middle = 0.5 * (t[0] + t[-1])
+    length = float(t[-1] - t[0])
+    clock = 1.0 - p[3] / length
+    clock_error = error[3] / length
     at_zero = np.array([0.0, 0.0, -1.0, middle / length])  # u of (R1) at t = 0
-    late, late_error = float(at_zero @ p), math.sqrt(at_zero @ covariance @ at_zero)
-    rms, top = float(np.std(residual)), float(abs(band.displacement).max())
+    late = float(at_zero @ p)
+    late_error = math.sqrt(at_zero @ covariance @ at_zero)
+    rms = float(np.std(residual))
+    top = float(abs(band.displacement).max())
     noise = _noise(residual)
     remarks = []
     if rms > max(NOT_NOISE * noise, NOTHING_LEFT * top):
@@ -425,7 +437,8 @@ class Found(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        numbers, rows = {}, []
+        numbers = {}
+        rows = []
         pairs = list(zip(self.case.lamina, self.resonances, strict=True))
         for lamina, one in pairs:
             EI, error = one.bending_stiffness(lamina)
@@ -479,11 +492,11 @@ def identified(case: Case, options: Options, context: RunContext | None = None) 
     Raises:
         CaseError: the excitation is no such sweep, or the file has not the tips of all laminae.
     """
-    given = case.excitation
-    if not isinstance(given, SweepExcitation) or given.amplitude is None:
+    excitation = case.excitation
+    if not isinstance(excitation, SweepExcitation) or excitation.amplitude is None:
         raise CaseError(
             'excitation.kind: expected "sweep" with an amplitude for a resonance, given '
-            f'"{given.kind}"'
+            f'"{excitation.kind}"'
         )
     ratios: list[float] = []
     if options.measured is None:
@@ -491,14 +504,14 @@ def identified(case: Case, options: Options, context: RunContext | None = None) 
     else:
         time, tips = tips_of(case, options.measured)
     tips = tips + options.noise * np.random.default_rng(options.seed).standard_normal(tips.shape)
-    motion = swept_motion(given, given.amplitude)
-    found = (
+    motion = swept_motion(excitation, excitation.amplitude)
+    resonances = (
         fit(time, tip, motion, by_mass=case.rayleigh(lamina)[0]) for lamina, tip in enumerate(tips)
     )
     if options.measured is None:
-        pairs = zip(found, ratios, strict=True)
-        found = (_exact(one, case.time_step, ratio) for one, ratio in pairs)
-    return Found(case, tuple(found))
+        pairs = zip(resonances, ratios, strict=True)
+        resonances = (_exact(one, case.time_step, ratio) for one, ratio in pairs)
+    return Found(case, tuple(resonances))
 
 
 def _exact(found: Resonance, step: float, ratio: float) -> Resonance:
@@ -513,9 +526,10 @@ def _exact(found: Resonance, step: float, ratio: float) -> Resonance:
         step: Δt [s].
         ratio: frequency of the elements over the exact one.
     """
-    seen = harmonics.pole(2.0 * np.pi * found.frequency, found.damping_ratio)
-    exact = 2.0 / step * np.tanh(0.5 * step * seen) / ratio
-    frequency, damping = abs(exact) / (2.0 * np.pi), -exact.real / abs(exact)
+    pole = harmonics.pole(2.0 * np.pi * found.frequency, found.damping_ratio)
+    exact = 2.0 / step * np.tanh(0.5 * step * pole) / ratio
+    frequency = abs(exact) / (2.0 * np.pi)
+    damping = -exact.real / abs(exact)
     error = math.hypot(found.damping_error, damping * (ratio - 1.0))
     return replace(
         found, frequency=float(frequency), damping_ratio=float(damping), damping_error=error
@@ -537,6 +551,6 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
         tips = probe_motion(opened.recorder, structure).displacement
     modes = (first_mode(structure, i) for i in range(len(case.lamina)))
     o = structure.operators
-    own = [math.sqrt((u @ o.stiffness @ u) / (u @ o.mass @ u)) for u in modes]
-    ratios = [a / b for a, b in zip(own, first_frequencies(case), strict=True)]
+    frequencies = [math.sqrt((u @ o.stiffness @ u) / (u @ o.mass @ u)) for u in modes]
+    ratios = [a / b for a, b in zip(frequencies, first_frequencies(case), strict=True)]
     return np.arange(1, tips.shape[1] + 1) * free.time_step, tips, ratios

@@ -221,7 +221,7 @@ def structure_modes(
     largest = np.where(is_bending, largest, sizes)
     places, spans, pairs = _delaminations(case, structure)
     gaps = np.abs(o.gap_matrix @ vectors)
-    openings = np.array([gaps[own].max(axis=0, initial=0.0) / largest for own in pairs])
+    openings = np.array([gaps[rows].max(axis=0, initial=0.0) / largest for rows in pairs])
     shapes = deflections / largest[:, None, None]
     flat = shapes.reshape(n, -1)
     upwards = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])  # the largest deflection
@@ -250,7 +250,8 @@ def _motions(
         vectors: the modes, shape (n_dofs, n).
         deflections: largest deflection of the middle lines in each mode, shape (n,).
     """
-    count, body = structure.layout.n_impactors, structure.body
+    count = structure.layout.n_impactors
+    body = structure.body
     n = vectors.shape[0] - count
     sizes = {"impactor": np.abs(vectors[n:]).max(axis=0, initial=0.0)}
     if body is not None:
@@ -261,7 +262,8 @@ def _motions(
             is_turned = up >= SLIGHT * across[0]
             sizes["torsion"] = np.where(is_turned, np.maximum(up, across[0]), 0.0)
             sizes["sideways"] = np.where(is_turned, 0.0, across[0])
-    names, table = list(sizes), np.array(list(sizes.values()))
+    names = list(sizes)
+    table = np.array(list(sizes.values()))
     largest = np.maximum(table.max(axis=0), deflections)
     motions = tuple(
         BENDING if deflection >= SLIGHT * size else names[other]
@@ -291,19 +293,19 @@ def _delaminations(
     Laminae that are apart without any [[delamination]] have one between all neighbours.
     """
     layout = structure.layout
-    found: list[tuple[str, tuple[float, float], IntArray]] = []
+    entries: list[tuple[str, tuple[float, float], IntArray]] = []
     for interface in layout.interfaces:
         lower, upper = (layout.names[part] for part in interface.parts)
-        own = [d for d in case.delamination if d.between == (lower, upper)]
+        delaminations = [d for d in case.delamination if d.between == (lower, upper)]
         x = layout.parts[interface.parts[0]].positions(interface.places)
         rows = np.arange(interface.pairs.start, interface.pairs.stop)
         if case.gap is not None:
-            found.append((f"{lower}-{upper}", (0.0, case.length), rows))
-        for d in own:
+            entries.append((f"{lower}-{upper}", (0.0, case.length), rows))
+        for d in delaminations:
             inside = (x > d.start - 1e-9 * case.length) & (x < d.end + 1e-9 * case.length)
-            found.append((f"{lower}-{upper} at {d.start:g} m", (d.start, d.end), rows[inside]))
-    spans = np.array([span for _, span, _ in found]).reshape(-1, 2)
-    return tuple(name for name, _, _ in found), spans, [rows for _, _, rows in found]
+            entries.append((f"{lower}-{upper} at {d.start:g} m", (d.start, d.end), rows[inside]))
+    spans = np.array([span for _, span, _ in entries]).reshape(-1, 2)
+    return tuple(name for name, _, _ in entries), spans, [rows for _, _, rows in entries]
 
 
 @dataclass(frozen=True)
@@ -346,7 +348,7 @@ class Modes(Finding):
             for i in range(len(self.names))
             for k in range(self.frequencies.shape[1])
         ]
-        whole = None if self.structure is None else self.structure.report
+        structure_report = None if self.structure is None else self.structure.report
         numbers: dict[str, object] = {
             "lamina": self.names,
             "frequency_hz": self.frequencies,
@@ -355,10 +357,12 @@ class Modes(Finding):
         }
         return Report(
             name="modes",
-            numbers=numbers if whole is None else {**numbers, **(whole.numbers or {})},
+            numbers=numbers
+            if structure_report is None
+            else {**numbers, **(structure_report.numbers or {})},
             tables=[
                 Table("modes of the laminae", heading, rows),
-                *(whole.tables if whole else ()),
+                *(structure_report.tables if structure_report else ()),
             ],
             pictures={"modes": (self.figure, "")},
         )
@@ -431,12 +435,12 @@ def modes_of(structure: Structure, case: Case, n: int, factor: Factor | None = N
     shapes = np.zeros((len(layout.parts), n, layout.x.size))
     frequencies = np.zeros((len(layout.parts), n))
     for i in range(len(layout.parts)):
-        own = layout.own_dofs(i)
-        K, M = (matrix[own][:, own] for matrix in (o.stiffness, o.mass))
+        dofs = layout.own_dofs(i)
+        K, M = (matrix[dofs][:, dofs] for matrix in (o.stiffness, o.mass))
         frequencies[i], vectors = lowest(K, M, n, factor=factor)
-        whole = np.zeros((n, o.n_dofs))
-        whole[:, own] = vectors.T
-        deflections = nodal(layout, whole, np.zeros(n))[0, i]
+        full_shapes = np.zeros((n, o.n_dofs))
+        full_shapes[:, dofs] = vectors.T
+        deflections = nodal(layout, full_shapes, np.zeros(n))[0, i]
         shapes[i] = deflections / deflections[:, -1:]  # 1 at the last point
     exact = np.stack([lamina.angular_frequencies(n) / (2.0 * np.pi) for lamina in case.lamina])
     return Modes(layout.names, frequencies, exact, layout.x, shapes)

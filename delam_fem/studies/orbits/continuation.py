@@ -86,14 +86,16 @@ def events_of(points: Sequence[Point], span: float) -> list[Event]:
     """
     if len(points) < 3:
         return []
-    found = [m.multipliers for m in points]
-    angles = np.array([m.angle for m in found])
+    all_multipliers = [m.multipliers for m in points]
+    angles = np.array([m.angle for m in all_multipliers])
     events = [
-        *crossings("period doubling", np.array([m.doubling for m in found]), points, span),
+        *crossings(
+            "period doubling", np.array([m.doubling for m in all_multipliers]), points, span
+        ),
         *[
             event
             for event in crossings(
-                "Neimark-Sacker", np.array([m.torus for m in found]), points, span
+                "Neimark-Sacker", np.array([m.torus for m in all_multipliers]), points, span
             )
             if abs(angles[event.index] - angles[event.index - 1]) < SAME_PAIR
         ],
@@ -119,7 +121,7 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
     sure = np.flatnonzero((side < 0) | (side > 0) & ~is_behind)
     place = lengths(points, span)
     parameters = np.array([point.parameter for point in points])
-    found = []
+    events = []
     for a, b in zip(certain[:-1].tolist(), certain[1:].tolist(), strict=True):
         rows = tests[a : b + 1]
         if side[a] == side[b] or np.isnan(rows).mean() > 0.5:
@@ -140,12 +142,14 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
         every, small = (float(np.median(part)) for part in np.array_split(at[1:], 2))
         beyond = 2.0 * small - every  # still smaller kicks may change λ as much again
         # points between have no side; next to them motions may alternate, up to a sure point
-        first, last = sure[sure <= a].max(initial=0), sure[sure >= b].min(initial=len(points) - 1)
+        first = sure[sure <= a].max(initial=0)
+        last = sure[sure >= b].min(initial=len(points) - 1)
         open_ = [*parameters[first:a], *parameters[a + 1 : b], *parameters[b + 1 : last + 1]]
         ends = [*interval(at), *crossed, beyond, *open_]
-        low, high = float(min(ends)), float(max(ends))
-        found.append(Event(kind, float(at[0]), low - error, high + error, after))
-    return found
+        low = float(min(ends))
+        high = float(max(ends))
+        events.append(Event(kind, float(at[0]), low - error, high + error, after))
+    return events
 
 
 def turns(points: Sequence[Point], span: float) -> list[tuple[float, float]]:
@@ -156,15 +160,15 @@ def turns(points: Sequence[Point], span: float) -> list[tuple[float, float]]:
     """
     values = np.array([point.multipliers.doubling[0] for point in points])
     place = lengths(points, span)
-    found = []
+    intervals = []
     for i in range(1, len(points) - 2):
         left, right = (np.polyfit(place[k : k + 2], values[k : k + 2], 1) for k in (i - 1, i + 1))
         at = (right[1] - left[1]) / (left[0] - right[0]) if left[0] != right[0] else np.nan
         is_beyond = place[i] < at < place[i + 1] and np.polyval(left, at) * values[i] < 0.0
         is_same = bool((values[i - 1 : i + 3] * values[i] > 0.0).all())
         if is_same and is_beyond:
-            found.append((points[i].parameter, points[i + 1].parameter))
-    return found
+            intervals.append((points[i].parameter, points[i + 1].parameter))
+    return intervals
 
 
 def _side(samples: FloatArray) -> int:
@@ -196,7 +200,8 @@ def lengths(points: Sequence[Point], span: float) -> FloatArray:
 def folds(points: Sequence[Point], span: float) -> list[Event]:
     """Return the folds of a branch: where λ turns back by more than its errors."""
     parameters = np.array([point.parameter for point in points])
-    place, found = lengths(points, span), []
+    place = lengths(points, span)
+    events = []
     extreme, way = 0, 0.0
     for i in range(1, len(points)):
         moved = parameters[i] - parameters[extreme]
@@ -204,13 +209,15 @@ def folds(points: Sequence[Point], span: float) -> list[Event]:
         least = max(TURNED * error, LEAST_TURN * span)
         if way == 0.0:
             if abs(moved) > least:
-                extreme, way = i, float(np.sign(moved))
+                extreme = i
+                way = float(np.sign(moved))
         elif way * moved >= 0.0:
             extreme = i
         elif abs(moved) > least:
-            found.append(_fold(points, place, extreme))
-            extreme, way = i, -way
-    return found
+            events.append(_fold(points, place, extreme))
+            extreme = i
+            way = -way
+    return events
 
 
 def _fold(points: Sequence[Point], place: FloatArray, extreme: int) -> Event:
@@ -231,14 +238,15 @@ def _fold(points: Sequence[Point], place: FloatArray, extreme: int) -> Event:
 
 def grazings(points: Sequence[Point]) -> list[Event]:
     """Return the grazings of a branch: where tips begin or cease to touch in one of the periods."""
-    found = []
+    events = []
     for period in range(points[0].gaps.size):
         for i, (left, right) in enumerate(pairwise(points)):
-            before, after = left.gaps[period], right.gaps[period]
+            before = left.gaps[period]
+            after = right.gaps[period]
             if np.isfinite([before, after]).all() and (before > 0.0) != (after > 0.0):
                 low, high = sorted((left.parameter, right.parameter))
-                found.append(Event("grazing", 0.5 * (low + high), low, high, i + 1))
-    return found
+                events.append(Event("grazing", 0.5 * (low + high), low, high, i + 1))
+    return events
 
 
 @dataclass(frozen=True)
@@ -299,8 +307,8 @@ class Point:
     @property
     def stability(self) -> Stability:
         """Stability by the multipliers; never "stable" beside a motion of a multiple of P."""
-        found = self.multipliers.stability
-        return "undecided" if found == "stable" and self.doubled else found
+        verdict = self.multipliers.stability
+        return "undecided" if verdict == "stable" and self.doubled else verdict
 
     def x(self, span: float) -> FloatArray:
         """Return the coordinates (slow / scale, λ / span) of the point, shape (m + 1,)."""
@@ -333,9 +341,13 @@ def measured(
     except ArithmeticError:
         multiple = None
     kicked = within(ensemble, at, multiple)
-    seen = map_.watched(at.state, at.parameter, ensemble.periods)
+    trajectory = map_.watched(at.state, at.parameter, ensemble.periods)
     units = np.append(np.full(y.size, scale), span)
-    gaps = seen.gaps if seen.gaps.size else np.full(ensemble.periods, seen.smallest_gap)
+    gaps = (
+        trajectory.gaps
+        if trajectory.gaps.size
+        else np.full(ensemble.periods, trajectory.smallest_gap)
+    )
     error = at.uncertainty[-1] * span if at.uncertainty.size > y.size else 0.0
     point = Point(
         at.state,
@@ -350,9 +362,9 @@ def measured(
         tangent(derivatives.mean(axis=0), slope * span / scale, heading / units),
         step,
         at.iterations,
-        seen.strobes,
-        seen.low,
-        seen.high,
+        trajectory.strobes,
+        trajectory.low,
+        trajectory.high,
         gaps,
         0.0 if multiple is None else multiple.distance,
         0.0,
@@ -379,7 +391,8 @@ def tangent(derivative: FloatArray, slope: FloatArray, heading: FloatArray) -> F
         heading: the way that the branch has come, of any length, in the same units, shape (m + 1,).
     """
     rows = np.c_[derivative - np.eye(len(derivative)), slope]
-    direction, came = np.linalg.svd(rows)[2][-1], heading / np.linalg.norm(heading)
+    direction = np.linalg.svd(rows)[2][-1]
+    came = heading / np.linalg.norm(heading)
     both = came + (direction if direction @ came >= 0.0 else -direction)
     return np.asarray(both / np.linalg.norm(both))
 
@@ -444,13 +457,13 @@ def first_point(ensemble: Ensemble, guess: FloatArray, path: Path) -> Point:
     """
     scale = float(np.linalg.norm(ensemble.map.slow.of(guess)))
     J = ensemble.derivatives(guess, path.start, scale).mean(axis=0)
-    found = solved(ensemble, Guess(guess, path.start, scale), J)
-    if not _is_near(found):
+    solution = solved(ensemble, Guess(guess, path.start, scale), J)
+    if not _is_near(solution):
         raise ArithmeticError(
-            f"the mean map closes to {found.residual:.2g} ± {found.residual_error:.2g} only"
+            f"the mean map closes to {solution.residual:.2g} ± {solution.residual_error:.2g} only"
         )
     heading = np.append(np.zeros(ensemble.map.slow.size), path.stop - path.start)
-    return measured(ensemble, found, heading=heading, span=path.span, step=path.step)
+    return measured(ensemble, solution, heading=heading, span=path.span, step=path.step)
 
 
 def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path) -> Point:
@@ -468,7 +481,8 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
     Raises:
         ArithmeticError: no orbit is found.
     """
-    slow, scale = ensemble.map.slow, near.scale
+    slow = ensemble.map.slow
+    scale = near.scale
     values, vectors = np.linalg.eig(near.multipliers.derivative)
     direction = np.real(vectors[:, np.argmin(np.abs(values + 1.0))])
     direction *= _opening_side(ensemble, near, parameter, direction) / np.linalg.norm(direction)
@@ -476,11 +490,13 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
     for onset in ONSETS:
         state = near.state + slow.lifted(onset * scale * direction)
         predicted = np.append(slow.of(state) / scale, parameter / path.span)
-        found = _across(ensemble, Guess(state, parameter, scale), direction, predicted, path.span)
-        if found is None:
+        solution = _across(
+            ensemble, Guess(state, parameter, scale), direction, predicted, path.span
+        )
+        if solution is None:
             continue
-        way = np.append(slow.of(found.state) - near.slow, found.parameter - parameter)
-        point = measured(ensemble, found, heading=way, span=path.span, step=path.step)
+        way = np.append(slow.of(solution.state) - near.slow, solution.parameter - parameter)
+        point = measured(ensemble, solution, heading=way, span=path.span, step=path.step)
         first = first or point
         if _leads_on(ensemble, point, path):
             return point
@@ -507,12 +523,12 @@ def _across(
             np.append(direction, 0.0), predicted, span, by_parameter(ensemble, guess, SLOPE * span)
         )
         try:
-            found = solved(ensemble, guess, J, border)
+            solution = solved(ensemble, guess, J, border)
         except (ArithmeticError, np.linalg.LinAlgError):
             return None
-        guess = found
-        if found.is_solved and found.away < FARTHEST:
-            return found
+        guess = solution
+        if solution.is_solved and solution.away < FARTHEST:
+            return solution
     return None
 
 
@@ -571,33 +587,37 @@ def next_point(ensemble: Ensemble, last: Point, path: Path) -> Point | None:
     step = last.step
     while True:
         is_shortest = step <= path.shortest
-        found = _corrected(ensemble, last, path.span, step)
-        if found is not None and _is_accepted(found, step, is_shortest):
+        solution = _corrected(ensemble, last, path.span, step)
+        if solution is not None and _is_accepted(solution, step, is_shortest):
             break
         if is_shortest:
             return None
         step = max(SHORTER * step, path.shortest)
-    if found.iterations <= EASY:
+    if solution.iterations <= EASY:
         step = min(LONGER * step, path.longest)
-    elif found.iterations >= HARD:
+    elif solution.iterations >= HARD:
         step = max(SHORTER * step, path.shortest)
-    way = np.append(ensemble.map.slow.of(found.state) - last.slow, found.parameter - last.parameter)
+    way = np.append(
+        ensemble.map.slow.of(solution.state) - last.slow, solution.parameter - last.parameter
+    )
     try:
-        return measured(ensemble, found, heading=way, span=path.span, step=step)
+        return measured(ensemble, solution, heading=way, span=path.span, step=step)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        _log.debug("nothing can be measured at %g: %s", found.parameter, error)
+        _log.debug("nothing can be measured at %g: %s", solution.parameter, error)
         return None
 
 
 def why_lost(ensemble: Ensemble, last: Point, path: Path) -> str:
     """Return in words why no step leads on from the last point of a branch."""
-    found = _corrected(ensemble, last, path.span, path.shortest)
-    if found is None:
+    solution = _corrected(ensemble, last, path.span, path.shortest)
+    if solution is None:
         return "a motion diverges, or the equations are singular"
-    if not _is_near(found):
-        return f"the mean map closes to {found.residual:.2g} ± {found.residual_error:.2g} only"
-    if not _is_accepted(found, path.shortest, True):
-        return f"the orbit that is found lies {found.away / path.shortest:.2g} steps off"
+    if not _is_near(solution):
+        return (
+            f"the mean map closes to {solution.residual:.2g} ± {solution.residual_error:.2g} only"
+        )
+    if not _is_accepted(solution, path.shortest, True):
+        return f"the orbit that is found lies {solution.away / path.shortest:.2g} steps off"
     return "motions beside the orbit diverge"
 
 

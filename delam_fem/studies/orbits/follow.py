@@ -80,12 +80,10 @@ from delam_fem.studies.sweeps.grid import unit_of
 _log = logging.getLogger(__name__)
 
 
-_POINT, _SLOW, _CYCLE, _PROBE = (
-    ("point",),
-    ("point", "slow"),
-    ("point", "cycle"),
-    ("point", "probe"),
-)
+_POINT = ("point",)
+_SLOW = ("point", "slow")
+_CYCLE = ("point", "cycle")
+_PROBE = ("point", "probe")
 _OF_KEY = ("parameter", "parameter_error", "event_parameter", "event_low", "event_high")
 """Variables in the unit of the key."""
 _BEGIN = "at the beginning of each period of the drive"
@@ -158,7 +156,7 @@ def of(
     key = str(attributes["key"])
     every = [(n, branch, point) for n, branch in enumerate(branches) for point in branch.points]
     points = [point for *_, point in every]
-    found = [point.multipliers for point in points]
+    multipliers = [point.multipliers for point in points]
     cycles = max(branch.periods for branch in branches)
 
     def padded(rows: list[Any]) -> Any:
@@ -169,9 +167,9 @@ def of(
             row[: len(array)] = array
         return result
 
-    values = np.array([m.values for m in found])
+    values = np.array([m.values for m in multipliers])
     solved = [is_zero(p.residual, p.residual_error) for p in points]
-    largest = np.array([m.largest for m in found])
+    largest = np.array([m.largest for m in multipliers])
     events = [(n, event) for n, branch in enumerate(branches) for event in branch.events]
     offsets = np.cumsum([0, *(len(branch.points) for branch in branches)])
     columns: dict[str, Any] = {
@@ -187,7 +185,7 @@ def of(
         "largest_high": largest[:, 1],
         "multiplier_real": values.real,
         "multiplier_imaginary": values.imag,
-        "multiplier_error": np.array([m.errors for m in found]),
+        "multiplier_error": np.array([m.errors for m in multipliers]),
         "strobe_displacement": padded([p.strobes for p in points]),
         "smallest_gap": padded([p.gaps for p in points]),
         "low": np.array([p.low for p in points]),
@@ -258,7 +256,8 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     key = str(data.attrs["key"])
     unit = str(data["parameter"].attrs.get("units", "1")).replace("1", "–")
     style.label_x([*panels, lowest], f"{key}  [{unit}]")
-    low, high = float(data["parameter"].min()), float(data["parameter"].max())
+    low = float(data["parameter"].min())
+    high = float(data["parameter"].max())
     margin = 0.02 * (high - low or abs(low) or 1.0)  # there may be one point alone
     lowest.set_xlim(low - margin, high + margin)
     figure.suptitle(f"{data.attrs['title']}, stability by 95 % intervals")
@@ -267,24 +266,27 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
 
 def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
     """Draw the points of all branches in a panel, and the events on them."""
-    parameter, branch = data["parameter"].to_numpy(), data["branch"].to_numpy()
+    parameter = data["parameter"].to_numpy()
+    branch = data["branch"].to_numpy()
     q = 1e3 * data["strobe_displacement"].isel(probe=i).to_numpy()
     stability = data["stability"].to_numpy()
     for number in np.unique(branch):
-        own = branch == number
-        for cycle in q[own].T:
-            panel.plot(parameter[own], cycle, color=style.BASE_COLOUR, linewidth=0.8, zorder=2)
+        is_drawn = branch == number
+        for cycle in q[is_drawn].T:
+            panel.plot(parameter[is_drawn], cycle, color=style.BASE_COLOUR, linewidth=0.8, zorder=2)
     for name, colour in COLOURS.items():
-        own = stability == name
+        is_drawn = stability == name
         panel.plot(
-            np.repeat(parameter[own], q.shape[1]), q[own].ravel(), "o", color=colour,
+            np.repeat(parameter[is_drawn], q.shape[1]), q[is_drawn].ravel(), "o", color=colour,
             markerfacecolor=colour if name == "stable" else "white", markersize=3.2,
             markeredgewidth=0.9, zorder=3,
         )  # fmt: skip
     for k in range(data.sizes["event"]):  # at the height of the points beside it
-        kind, point = str(data["event_kind"][k].item()), int(data["event_point"][k])
+        kind = str(data["event_kind"][k].item())
+        point = int(data["event_point"][k])
         at = float(data["event_parameter"][k])
-        low, high = float(data["event_low"][k]), float(data["event_high"][k])
+        low = float(data["event_low"][k])
+        high = float(data["event_high"][k])
         heights = 0.5 * (q[point] + q[point - 1])
         for height in heights[np.isfinite(heights)]:
             panel.errorbar(
@@ -309,12 +311,14 @@ def _moduli(panel: Axes, data: xr.Dataset) -> None:
     """Draw the interval of the largest multiplier of each point."""
     panel.axhspan(0.0, 1.0, color=style.GAP_COLOUR, zorder=0)
     stability = data["stability"].to_numpy()
-    low, high = data["largest_low"].to_numpy(), data["largest_high"].to_numpy()
+    low = data["largest_low"].to_numpy()
+    high = data["largest_high"].to_numpy()
     for name, colour in COLOURS.items():
-        own = stability == name
-        middle, half = 0.5 * (low + high)[own], 0.5 * (high - low)[own]
+        is_drawn = stability == name
+        middle = 0.5 * (low + high)[is_drawn]
+        half = 0.5 * (high - low)[is_drawn]
         panel.errorbar(
-            data["parameter"].to_numpy()[own], middle, yerr=half, fmt="o", color=colour,
+            data["parameter"].to_numpy()[is_drawn], middle, yerr=half, fmt="o", color=colour,
             markersize=3.0, markerfacecolor=colour if name == "stable" else "white",
             elinewidth=0.9, capsize=1.5,
         )  # fmt: skip
@@ -323,21 +327,21 @@ def _moduli(panel: Axes, data: xr.Dataset) -> None:
 
 def _legend(panel: Axes, data: xr.Dataset, swept: xr.Dataset | None) -> None:
     """Put a legend of the stabilities and events that occur above the panels."""
-    shown: list[tuple[str, dict[str, Any]]] = [
+    entries: list[tuple[str, dict[str, Any]]] = [
         (name, {"color": colour, "marker": "o", "linestyle": "",
                 "markerfacecolor": colour if name == "stable" else "white"})
         for name, colour in COLOURS.items()
         if (data["stability"] == name).any()
     ]  # fmt: skip
-    shown += [
+    entries += [
         (kind, {"color": EVENT_COLOURS[kind], "marker": mark, "linestyle": "",
                 "markerfacecolor": "none"})
         for kind, mark in MARKS.items()
         if (data["event_kind"] == kind).any()
     ]  # fmt: skip
     if swept is not None:
-        shown.append(("swept", {"color": "#bbbbbb", "marker": ".", "linestyle": ""}))
-    for label, line_style in shown:
+        entries.append(("swept", {"color": "#bbbbbb", "marker": ".", "linestyle": ""}))
+    for label, line_style in entries:
         panel.plot([], [], label=label, **line_style)
     panel.legend(
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, borderaxespad=0.1
@@ -387,18 +391,18 @@ class PointJournal:
             branch: number of the branch.
             n_state: number of entries of a state of the map.
         """
-        found: list[Point] = []
-        while (path := self._path(branch, len(found))).is_file():
+        points: list[Point] = []
+        while (path := self._path(branch, len(points))).is_file():
             try:
                 values = read_arrays(path)
                 numbers = {name: float(values[name]) for name in _NUMBERS}
                 point = Point(**{**values, **numbers, "iterations": int(values["iterations"])})
                 _require_fitting(point, n_state)
-                found.append(point)
+                points.append(point)
             except (ValueError, KeyError, TypeError) as error:
                 _log.warning("%s: computed anew (%s)", path, error)
                 break
-        return found
+        return points
 
     def keep(self, branch: int, number: int, point: Point) -> None:
         """Write a point and wait until it is on the disk.
@@ -515,7 +519,8 @@ def follow(
     for value in (stop, start):
         case = case.with_overrides({key: value})
     family = map_of(case, key)
-    directory, begin = Path(directory), time.process_time()
+    directory = Path(directory)
+    begin = time.process_time()
     about = {"plan": asdict(plan), "model": family.nature.name}
     journal = PointJournal(directory, about, case, resume=resume)
     map_, state = settled_map(family, start, settle, start_of(case))
@@ -570,9 +575,11 @@ def _branches(
                 _log.warning("a doubling is not followed: %s", error)
                 continue
             keep(points[0], 1)
-        found, ending = followed(ensemble, points, plan.way, keep=keep, is_stopped=is_stopped)
-        events = events_of(found, plan.way.span)
-        for low, high in turns(found, plan.way.span):
+        branch_points, ending = followed(
+            ensemble, points, plan.way, keep=keep, is_stopped=is_stopped
+        )
+        events = events_of(branch_points, plan.way.span)
+        for low, high in turns(branch_points, plan.way.span):
             _log.warning(
                 "between %s = %.6g and %.6g a bubble of period %d may be missed: look at a run "
                 "there, or take a shorter --step", plan.key, low, high, 2 * periods,
@@ -581,14 +588,17 @@ def _branches(
             _log.warning(
                 "branch %d is lost behind %s = %.6g, after %d points: at the shortest step %s; try "
                 "another --seed, a shorter --step, or --from the other side",
-                number, plan.key, found[-1].parameter, len(found),
-                why_lost(ensemble, found[-1], plan.way),
+                number, plan.key, branch_points[-1].parameter, len(branch_points),
+                why_lost(ensemble, branch_points[-1], plan.way),
             )  # fmt: skip
-        branches.append(Branch(periods, tuple(found), tuple(events), ending))
+        branches.append(Branch(periods, tuple(branch_points), tuple(events), ending))
         for event in events if doubled < plan.doublings else ():
             if event.kind == "period doubling" and plan.way.has(event.parameter):
                 begin = partial(
-                    doubled_point, near=found[event.index], parameter=event.parameter, path=plan.way
+                    doubled_point,
+                    near=branch_points[event.index],
+                    parameter=event.parameter,
+                    path=plan.way,
                 )
                 ready.append((2 * periods, doubled + 1, begin))
     return branches
@@ -616,7 +626,8 @@ class Branches(Finding):
             (str(int(branch)), str(kind), f"{at:.5g}{unit}", f"{low:.5g} to {high:.5g}{unit}")
             for branch, kind, at, low, high in zip(*columns, strict=True)
         ]
-        title, n = f"on the branches over {data.attrs['key']}", data.sizes["point"]
+        title = f"on the branches over {data.attrs['key']}"
+        n = data.sizes["point"]
         return Report(
             name="branch",
             numbers=None,

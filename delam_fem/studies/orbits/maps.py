@@ -240,7 +240,10 @@ class ProblemMap:
             nature: what the map is of.
             phase: where in a period of the drive a period of the map begins, 0 to 1.
         """
-        self.slow, self.nature, self.phase, self.evaluations = slow, nature, phase, 0
+        self.slow = slow
+        self.nature = nature
+        self.phase = phase
+        self.evaluations = 0
         self._problem_of = problem_of
         self.at = lru_cache(KEPT)(lambda parameter: problem_of(parameter, phase))
 
@@ -249,36 +252,39 @@ class ProblemMap:
     ) -> FloatArray:
         """Return the states one period later; see `PeriodMap.after`."""
         problem = self.at(parameter)
-        given = np.zeros(len(states)) if shifts is None else shifts
+        offsets = np.zeros(len(states)) if shifts is None else shifts
         self.evaluations += len(states)
-        every = zip(states, given.tolist(), strict=True)
+        every = zip(states, offsets.tolist(), strict=True)
         return np.array([problem.end(state, shift) for state, shift in every])
 
     def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
         """Return what is seen in some periods from a state."""
         problem = self.at(parameter)
         tip = problem.tip
-        found: list[Seen] = []
+        samples: list[Seen] = []
         for _ in range(periods):
-            found.append(problem.seen(state))
-            state = found[-1].end
+            samples.append(problem.seen(state))
+            state = samples[-1].end
         self.evaluations += periods
-        u = np.concatenate([own.u for own in found])
+        u = np.concatenate([sample.u for sample in samples])
         gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
         gaps = gap.reshape(periods, -1)
-        n, fine = gaps.shape[1], np.array([own.lowest for own in found])
+        n = gaps.shape[1]
+        fine = np.array([sample.lowest for sample in samples])
         lowest = np.where(np.isnan(fine), gaps.min(axis=1), fine)
         # row k of u is after step k + 1 of the map; the drive begins anew after step n - first
-        strobes, ends = u[n - 1 - problem.first :: n], np.array([own.end for own in found])
-        low, high = u.min(axis=0), u.max(axis=0)
+        strobes = u[n - 1 - problem.first :: n]
+        ends = np.array([sample.end for sample in samples])
+        low = u.min(axis=0)
+        high = u.max(axis=0)
         return Passage(ends, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
 
     def opened(self, state: FloatArray, parameter: float) -> tuple[ProblemMap, FloatArray]:
         """Return the map that begins with the tips apart; see `PeriodMap.opened`."""
         problem = self.at(parameter)
-        if problem.tip is None or (found := problem.beginnings(state)) is None:
+        if problem.tip is None or (beginnings := problem.beginnings(state)) is None:
             return self, state
-        (u, states), (lower, upper, _) = found, problem.tip
+        (u, states), (lower, upper, _) = beginnings, problem.tip
         best = int(np.argmax(u[:, upper] - u[:, lower]))
         phase = ((best + 1) / len(u) + self.phase) % 1.0
         return ProblemMap(self._problem_of, self.slow, self.nature, phase), states[best]
@@ -320,7 +326,8 @@ class Problem:
 
     def recorder(self, frames: int) -> Recorder:
         """Return a recorder that keeps some states of each period."""
-        span, o = replace(self.span, frames_per_period=frames), self.operators
+        span = replace(self.span, frames_per_period=frames)
+        o = self.operators
         return Recorder(o.base, span, o.n_probes, o.n_sensors)
 
     @cached_property
@@ -372,8 +379,8 @@ class Problem:
 
         None: the steps do not fall on these instants.
         """
-        every, rest = divmod(self.span.steps_per_period, BEGINNINGS)
-        if rest:
+        every, remainder = divmod(self.span.steps_per_period, BEGINNINGS)
+        if remainder:
             return None
         record = self.period(state, 0.0, self.recorder(BEGINNINGS))[1]
         return record.u[every::every, N_BASE:], np.reshape(record.frames, (-1, state.size))
@@ -424,7 +431,8 @@ class CaseFamily:
                 f"{case.excitation.kind!r}"
             )
         require_held(case, "orbit")
-        self.case, self.key = case, key
+        self.case = case
+        self.key = key
         self._structures: dict[str, Structure] = {}
 
     def at(self, value: float) -> Case:
@@ -456,7 +464,8 @@ class CaseFamily:
         structure = self.structure(case)
         reduced = reduce(structure.operators, case.n_modes)
         periods = Periods(reduced, case.time_step, case.time.refine)
-        table, first = motion_of(case)(0), round(phase * case.steps_per_period)
+        table = motion_of(case)(0)
+        first = round(phase * case.steps_per_period)
         drive = periods.drive(np.concatenate([table[first:-1], table[: first + 1]]))
         return ModalProblem(periods, drive, first, tip_of(structure))
 
@@ -467,17 +476,18 @@ class CaseFamily:
 
 def tip_of(structure: Structure) -> tuple[int, int, float] | None:
     """Return the probes at the first pair with one on both sides, and its gap at rest [m]."""
-    layout, gap0 = structure.layout, structure.operators.gap0
+    layout = structure.layout
+    gap0 = structure.operators.gap0
     for interface in layout.interfaces:
         for pair, place in enumerate(interface.places.tolist()):
-            found = [
+            probes = [
                 number
                 for part in interface.parts
                 for number, probe in enumerate(layout.probes)
                 if (probe.part, probe.point) == (part, place)
             ]
-            if len(found) == 2:
-                return found[0], found[1], float(gap0[interface.first_pair + pair])
+            if len(probes) == 2:
+                return probes[0], probes[1], float(gap0[interface.first_pair + pair])
     return None
 
 
@@ -494,9 +504,12 @@ def modal(operators: Operators, n_modes: int = MODES) -> Slow:
     masses = np.sqrt(np.einsum("ij,ij->j", vectors, operators.mass @ vectors))
     phi: FloatArray = vectors / masses
     reads = (operators.mass @ phi).T
-    basis, dual = np.zeros((2 * n, 2 * count)), np.zeros((2 * count, 2 * n))
-    basis[:n, :count], basis[n:, count:] = phi / omega, phi
-    dual[:count, :n], dual[count:, n:] = omega[:, None] * reads, reads
+    basis = np.zeros((2 * n, 2 * count))
+    dual = np.zeros((2 * count, 2 * n))
+    basis[:n, :count] = phi / omega
+    basis[n:, count:] = phi
+    dual[:count, :n] = omega[:, None] * reads
+    dual[count:, n:] = reads
     return Slow(basis, dual)
 
 
@@ -522,7 +535,9 @@ class KeptMap:
         """
         folder.mkdir(exist_ok=True)
         belong(folder, case)
-        self._map, self._folder, self._case = map_, folder, case
+        self._map = map_
+        self._folder = folder
+        self._case = case
         self._last = time.monotonic()
         self._new: dict[str, FloatArray] = {}
         self._known: dict[str, FloatArray] = {}
@@ -584,12 +599,14 @@ class ModalProblem:
     def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what is seen after each step: displacements (N, n_seen), states (N, n)."""
         period = self.periods.record(state, self.drive)
-        q, v, s = (own[1:].reshape(len(own) - 1, -1) for own in period.trace[:3])
+        q, v, s = (trace[1:].reshape(len(trace) - 1, -1) for trace in period.trace[:3])
         return self.displacements(period), np.concatenate([q, v, s], axis=1)
 
     def displacements(self, period: Period) -> FloatArray:
         """Return the displacements of the probes at each step, shape (N, n_seen) [m]."""
-        q, s, reduced = period.trace.q[1:], period.trace.s[1:], self.periods.reduced
+        q = period.trace.q[1:]
+        s = period.trace.s[1:]
+        reduced = self.periods.reduced
         return np.asarray(reduced.displacement(q, s, self.drive.motion[1:]) @ reduced.probes.T)
 
 
@@ -627,9 +644,13 @@ class ModalMap(ProblemMap):
 def slow_of(model: Reduced) -> Slow:
     """Return ω q and q' of the lowest modes as slow coordinates."""
     chosen = np.sort(np.argsort(model.squares, kind="stable")[:MODES])
-    omega, count, m = np.sqrt(model.squares[chosen]), chosen.size, model.n_modes
-    basis, dual = np.zeros((model.n_state, 2 * count)), np.zeros((2 * count, model.n_state))
-    own = np.arange(count)
-    basis[chosen, own], dual[own, chosen] = 1.0 / omega, omega
-    basis[m + chosen, count + own] = dual[count + own, m + chosen] = 1.0
+    omega = np.sqrt(model.squares[chosen])
+    count = chosen.size
+    m = model.n_modes
+    basis = np.zeros((model.n_state, 2 * count))
+    dual = np.zeros((2 * count, model.n_state))
+    columns = np.arange(count)
+    basis[chosen, columns] = 1.0 / omega
+    dual[columns, chosen] = omega
+    basis[m + chosen, count + columns] = dual[count + columns, m + chosen] = 1.0
     return Slow(basis, dual)

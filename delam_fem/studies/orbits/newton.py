@@ -142,7 +142,8 @@ class Ensemble:
             ArithmeticError: a perturbed motion diverges.
         """
         copies, shifts = self._copies(state, scale)
-        slow, kick = self.map.slow, scale * self.perturbations.kick
+        slow = self.map.slow
+        kick = scale * self.perturbations.kick
         columns = []
         for direction in slow.basis.T:
             kicked = np.concatenate([copies + kick * direction, copies - kick * direction])
@@ -170,11 +171,14 @@ class Ensemble:
         Raises:
             ArithmeticError: a kicked motion diverges.
         """
-        slow, given = self.map.slow, self.perturbations
-        rng, size = np.random.default_rng(given.seed + 2), given.kick * scale
-        kicks = np.full((max(given.copies // 2, slow.size), slow.size), np.nan)
+        slow = self.map.slow
+        perturbations = self.perturbations
+        rng = np.random.default_rng(perturbations.seed + 2)
+        size = perturbations.kick * scale
+        kicks = np.full((max(perturbations.copies // 2, slow.size), slow.size), np.nan)
         shifts = (np.arange(len(kicks)) + 0.5) / len(kicks) - 0.5
-        states, found = np.tile(state, (2, len(kicks), 1)), []
+        states = np.tile(state, (2, len(kicks), 1))
+        samples = []
         for _ in range(PERIODS):
             is_new = ~(np.linalg.norm(kicks, axis=1) <= LARGEST)  # NaN, at first, is new too
             new = rng.standard_normal((int(is_new.sum()), slow.size))
@@ -184,8 +188,8 @@ class Ensemble:
             states = states.reshape(2, len(kicks), -1)
             before = np.where(is_new[:, None], np.nan, kicks)
             kicks = slow.of(states[0] - states[1]) / (2.0 * size)
-            found.append([before, kicks])
-        return np.array(found)
+            samples.append([before, kicks])
+        return np.array(samples)
 
     def _copies(self, state: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
         """Return the perturbed states and the shifts of their grids."""
@@ -255,7 +259,8 @@ def newton(
         The point with the smallest residual, exact or not.
     """
     powered = Powered(map_, parameter, periods, shift)
-    best, failures = (np.inf, state, np.zeros((0, 0)), 0), 0
+    best = (np.inf, state, np.zeros((0, 0)), 0)
+    failures = 0
     for number in range(ITERATIONS):
         change = powered.after(state[None])[0] - state  # (1 - D) step = change, scaled by sizes
         sizes = map_.nature.scales(state)
@@ -306,7 +311,8 @@ def derivative(powered: Powered, state: FloatArray, size: float = DIFFERENCE) ->
     Returns:
         Shape (2 n, 2 n); its eigenvalues are those of the derivative in any units.
     """
-    sizes, n = powered.map.nature.scales(state), state.size
+    sizes = powered.map.nature.scales(state)
+    n = state.size
     columns = np.empty((n, n))
     for first in range(0, n, BATCH):
         kicks = size * np.diag(sizes)[first : first + BATCH]
@@ -351,12 +357,16 @@ def shoot(
         ArithmeticError: the motion diverges.
         LinAlgError: the equations are singular.
     """
-    slow, z, residuals = strobe.slow, start, []
+    slow = strobe.slow
+    z = start
+    residuals = []
     powered = Powered(strobe, parameter, periods, shift)
-    scale, best = float(np.linalg.norm(slow.of(start))), start
+    scale = float(np.linalg.norm(slow.of(start)))
+    best = start
     derivative = np.eye(slow.size)
     for number in range(iterations):
-        after, y = powered.after(z[None])[0], slow.of(z)
+        after = powered.after(z[None])[0]
+        y = slow.of(z)
         gap = slow.of(after) - y
         residuals.append(float(np.linalg.norm(gap)) / scale)
         if not np.isfinite(residuals[-1]):
@@ -468,8 +478,10 @@ def solved(
         ArithmeticError: a motion diverges.
         LinAlgError: the equations are singular.
     """
-    slow, scale = ensemble.map.slow, guess.scale
-    m, matrix = slow.size, derivative - np.eye(slow.size)  # in units of the scale and the span
+    slow = ensemble.map.slow
+    scale = guess.scale
+    m = slow.size
+    matrix = derivative - np.eye(slow.size)  # in units of the scale and the span
     if border is not None:
         column = border.by_parameter * border.span / scale
         matrix = np.vstack([np.c_[matrix, column], border.tangent])
@@ -479,7 +491,7 @@ def solved(
         mean = ensemble.mean(guess.state, guess.parameter, scale)
         y = slow.of(guess.state)
         equations = (mean.slow - y) / scale
-        found = Solved(
+        solution = Solved(
             guess.state,
             guess.parameter,
             scale,
@@ -490,19 +502,19 @@ def solved(
         )
         if border is not None:
             off = np.append(y / scale, guess.parameter / border.span) - border.predicted
-            found = replace(found, away=float(np.linalg.norm(off)))
+            solution = replace(solution, away=float(np.linalg.norm(off)))
             equations = np.append(equations, border.tangent @ off)
         # the first points do not count: the rest of the guess has not settled yet
-        if number >= FEWEST and (best is None or found.residual < best.residual):
-            best = found
+        if number >= FEWEST and (best is None or solution.residual < best.residual):
+            best = solution
         if best is not None and best.is_solved:
             return best
         step = -np.linalg.solve(matrix, equations)
         step *= min(1.0, LONGEST / max(float(np.linalg.norm(step)), 1e-300))
-        rest = mean.state - slow.lifted(mean.slow)
+        fast_part = mean.state - slow.lifted(mean.slow)
         guess = replace(
             guess,
-            state=rest + slow.lifted(y + scale * step[:m]),
+            state=fast_part + slow.lifted(y + scale * step[:m]),
             parameter=guess.parameter + (0.0 if border is None else border.span * float(step[-1])),
         )
     assert best is not None

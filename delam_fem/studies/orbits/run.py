@@ -175,17 +175,18 @@ class Orbit(Finding):
     @property
     def numbers(self) -> dict[str, Any]:
         """Content of orbit.json."""
-        found = self.coarse.solved
+        solution = self.coarse.solved
         m = self.coarse.multipliers
         values, errors = m.values, m.errors
         if self.exact is not None and not self.nature.is_stepped:
-            kept = np.abs(self.exact.values) > LISTED
-            values, errors = self.exact.values[kept], self.exact.errors[kept]
+            is_listed = np.abs(self.exact.values) > LISTED
+            values = self.exact.values[is_listed]
+            errors = self.exact.errors[is_listed]
         return {
             "kind": self.kind,
             "model": self.nature.name,
-            "residual": found.residual if self.exact is None else self.exact.root.residual,
-            "residual_error": found.residual_error if self.exact is None else 0.0,
+            "residual": solution.residual if self.exact is None else self.exact.root.residual,
+            "residual_error": solution.residual_error if self.exact is None else 0.0,
             "period": self.periods * self.case.period,
             "drive_periods": self.periods,
             "multipliers": np.column_stack([values.real, values.imag]).tolist(),
@@ -193,10 +194,10 @@ class Orbit(Finding):
             "stability": self.stability,
             "largest_multiplier": list(self.coarse.multipliers.largest),
             "coarse": {
-                "residual": found.residual,
-                "residual_error": found.residual_error,
-                "is_solved": found.is_solved,
-                "iterations": found.iterations,
+                "residual": solution.residual,
+                "residual_error": solution.residual_error,
+                "is_solved": solution.is_solved,
+                "iterations": solution.iterations,
                 "kick": self.coarse.kick,
                 "stability": self.coarse.multipliers.stability,
             },
@@ -221,15 +222,15 @@ class Orbit(Finding):
     @property
     def words(self) -> list[str]:
         """Sentences on what the numbers mean."""
-        found = self.coarse.solved
-        known = f"{found.residual:.2g} ± {found.residual_error:.2g} of the state"
+        solution = self.coarse.solved
+        known = f"{solution.residual:.2g} ± {solution.residual_error:.2g} of the state"
         if self.exact is not None:
             grid = f" on a grid of time steps shifted by {self.exact.root.shift:g} of a step"
             first = (
                 f"An exact orbit: it closes to {self.exact.root.residual:.1e}"
                 f"{grid * self.nature.is_stepped}."
             )
-        elif found.is_solved:
+        elif solution.is_solved:
             first = (
                 f"A coarse orbit: the mean map closes within its error ({known}). The map itself "
                 f"has no orbit that was found; it closes to {self.best_residual:.1e} at best."
@@ -270,7 +271,7 @@ class Orbit(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        shown = {
+        units = {
             "kind": "", "model": "", "residual": "", "residual_error": "", "period": "s",
             "stability": "", "largest_multiplier": "", "settled_scatter": "",
             "smallest_tip_gap": "m", "processor_seconds": "s",
@@ -278,7 +279,7 @@ class Orbit(Finding):
         numbers = self.numbers
         rows = [
             (name.replace("_", " "), f"{_shown(numbers[name])} {unit}".strip())
-            for name, unit in shown.items()
+            for name, unit in units.items()
         ]
         return Report(
             name="orbit",
@@ -295,7 +296,8 @@ class Orbit(Finding):
         Raises:
             OSError: the folder cannot be written.
         """
-        written, path = super().save(directory), Path(directory) / "orbit.npz"
+        written = super().save(directory)
+        path = Path(directory) / "orbit.npz"
         arrays = {"tip_displacement": self.passage.history, **self.nature.split(self.state)}
         return [*written, write_arrays(path, arrays)]
 
@@ -347,11 +349,11 @@ def orbit(
     parameter = 1.0 / case.period
     try:
         if map_ is None:
-            own = map_of(case, FREQUENCY)
+            period_map = map_of(case, FREQUENCY)
             if kept is not None:
-                own = KeptMap(own, kept / "map", identity(case))
+                period_map = KeptMap(period_map, kept / "map", identity(case))
             map_, start = settled_map(
-                own, parameter, settle, start_of(case) if start is None else start
+                period_map, parameter, settle, start_of(case) if start is None else start
             )
         at_end = settled(map_, parameter, start, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)

@@ -133,23 +133,23 @@ def multipliers(decays: FloatArray, seed: int = 0) -> Multipliers:
     size = np.linalg.norm(decays[:, 0], axis=-1)
     counts = np.isfinite(size)
     before, after = np.where(counts[:, None, :, None], decays, 0.0).transpose(1, 0, 2, 3)
-    seen = size[counts & (size > SMALLEST)]
-    is_small = counts & (size <= (np.median(seen) if seen.size else np.inf))
-    is_large = counts & ~is_small if seen.size else is_small
+    sizes = size[counts & (size > SMALLEST)]
+    is_small = counts & (size <= (np.median(sizes) if sizes.size else np.inf))
+    is_large = counts & ~is_small if sizes.size else is_small
     k = decays.shape[2]
     chosen = np.random.default_rng(seed).integers(0, k, (RESAMPLES, k))
-    found: list[FloatArray] = []
+    matrices: list[FloatArray] = []
     for used in (counts, is_small, is_large):
         # A = (Σ w d' dᵀ) (Σ w d dᵀ)⁻¹; sums of each kick over periods are what is resampled
         weights = used / np.fmax(size, SMALLEST)
         both = np.einsum("nk,nki,nkj->kij", weights, after, before)
         power = np.einsum("nk,nki,nkj->kij", weights, before, before)
-        if not found:
+        if not matrices:
             derivative = _fitted(both.sum(axis=0), power.sum(axis=0))
-        found.append(_fitted(both[chosen].sum(axis=1), power[chosen].sum(axis=1)))
+        matrices.append(_fitted(both[chosen].sum(axis=1), power[chosen].sum(axis=1)))
     values = by_modulus(np.linalg.eigvals(derivative).astype(np.complex128))
-    samples = [matched(row, values) for row in np.linalg.eigvals(np.concatenate(found))]
-    *others, larger = np.split(np.array(samples), len(found))
+    samples = [matched(row, values) for row in np.linalg.eigvals(np.concatenate(matrices))]
+    *others, larger = np.split(np.array(samples), len(matrices))
     return Multipliers(values, np.concatenate(others), larger, derivative)
 
 
@@ -217,8 +217,8 @@ def start_of(case: Case) -> FloatArray | None:
     if case.is_massless or not (case.initial or case.impactor):
         return None
     operators = assemble(case, needs_dolfinx=False).operators
-    found = start_of_motion(operators, drive(case.excitation).states(np.zeros(1))[0])
-    return None if found is None else found.motion[:2].ravel()
+    start = start_of_motion(operators, drive(case.excitation).states(np.zeros(1))[0])
+    return None if start is None else start.motion[:2].ravel()
 
 
 def usual(case: Case) -> Perturbations:
@@ -228,8 +228,8 @@ def usual(case: Case) -> Perturbations:
 
 def kicks(given: OfOrbits, case: Case) -> Perturbations:
     """Return the usual perturbations of a case with kick size and seed that a user gives."""
-    found = replace(usual(case), seed=given.seed)
-    return found if given.kick is None else replace(found, kick=given.kick)
+    perturbations = replace(usual(case), seed=given.seed)
+    return perturbations if given.kick is None else replace(perturbations, kick=given.kick)
 
 
 GRIDS = (0.0, 0.25, 0.5, 0.75)
@@ -295,8 +295,10 @@ class Coarse:
         near as the map jumps, the orbit is stable.
         """
         stays = self.multiple is None and self.away < LEAST_DISTANCE
-        found = self.multipliers
-        return found.of_larger if stays and found.of_larger == "stable" else found.stability
+        estimate = self.multipliers
+        return (
+            estimate.of_larger if stays and estimate.of_larger == "stable" else estimate.stability
+        )
 
 
 @dataclass(frozen=True)
@@ -359,7 +361,8 @@ def mean_of_motion(
     The `Multiple` is None unless the motion repeats after a multiple of P only.
     """
     states, multiple = sampled(map_, parameter, state, periods)
-    y, mean = map_.slow.of(states), states.mean(axis=0)
+    y = map_.slow.of(states)
+    mean = states.mean(axis=0)
     middle = map_.slow.of(mean)
     return mean, rms_distance(y, middle) / float(np.linalg.norm(middle)), multiple
 
@@ -368,11 +371,11 @@ def sampled(
     map_: PeriodMap, parameter: float, state: FloatArray, periods: int
 ) -> tuple[FloatArray, Multiple | None]:
     """Return the states P periods apart of a motion, and its `Multiple`; None: it has none."""
-    found = []
+    samples = []
     for _ in range(SAMPLE):
         state = settled(map_, parameter, state, periods)
-        found.append(state)
-    states = np.array(found)
+        samples.append(state)
+    states = np.array(samples)
     y = map_.slow.of(states)
     size = float(np.linalg.norm(y.mean(axis=0)))
     # the multiple is the first after which states repeat better by `LEAVES` than after P
@@ -437,7 +440,8 @@ def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
     Raises:
         ArithmeticError: the motion diverges.
     """
-    map_, slow = ensemble.map, ensemble.map.slow
+    map_ = ensemble.map
+    slow = ensemble.map.slow
     states, multiple = sampled(map_, at.parameter, _beside(ensemble, at), ensemble.periods)
     return rms_distance(slow.of(states), slow.of(at.state)) / at.scale, multiple
 
@@ -452,11 +456,13 @@ def alternating(ensemble: Ensemble, at: Guess) -> float:
     Raises:
         ArithmeticError: the motion diverges.
     """
-    map_, state, found = ensemble.map, _beside(ensemble, at), []
+    map_ = ensemble.map
+    state = _beside(ensemble, at)
+    places = []
     for _ in range(LONG):
         state = settled(map_, at.parameter, state, ensemble.periods)
-        found.append(map_.slow.of(state))
-    away = np.array(found) - np.mean(found, axis=0)
+        places.append(map_.slow.of(state))
+    away = np.array(places) - np.mean(places, axis=0)
     signs = (-1.0) ** np.arange(LONG)
     return float(np.linalg.norm(signs @ away / LONG) / np.sqrt((away**2).sum(axis=1).mean()))
 
@@ -473,7 +479,9 @@ def within(ensemble: Ensemble, at: Guess, multiple: Multiple | None) -> Ensemble
 
     The other states are those of a motion of a multiple of P, and of the orbit itself.
     """
-    of, P, kick = ensemble.map.slow.of, ensemble.periods, ensemble.perturbations.kick
+    of = ensemble.map.slow.of
+    P = ensemble.periods
+    kick = ensemble.perturbations.kick
     distances = [] if multiple is None else [multiple.distance]
     if P > 1:
         others = of(ensemble.map.watched(at.state, at.parameter, P - 1).states)
@@ -521,7 +529,8 @@ def _roots(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) -
     A state settles anew on a shifted grid.
     """
     for shift in GRIDS if map_.nature.is_stepped else GRIDS[:1]:
-        powered, states = Powered(map_, parameter, periods, shift), start[None]
+        powered = Powered(map_, parameter, periods, shift)
+        states = start[None]
         for _ in range(RESETTLE if shift else 0):
             states = powered.after(states)
         yield newton(map_, states[0], parameter, periods, shift=shift)

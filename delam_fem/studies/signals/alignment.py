@@ -94,7 +94,8 @@ class Course:
         """
         if self.period is None or self.cycles is None:
             return self
-        n, most = self.cycles.shape[2], int(highest * self.period)
+        n = self.cycles.shape[2]
+        most = int(highest * self.period)
         if 2 * most >= n:
             return self
         # of the steps, so that the last is left out: it is the first of the next period
@@ -118,7 +119,8 @@ class Course:
         if self.period is not None:
             n = number * self.multiple
             return self.start + self.period * np.arange(n) / n
-        length, span = self.end - self.start, float(since[-1])
+        length = self.end - self.start
+        span = float(since[-1])
         room = (1.0 - LEAST_OVERLAP) * min(length, span)
         step = max(float(np.median(np.diff(since))), (length + span) / (number * 32))
         starts = np.arange(self.start - room, self.end - span + room, step)
@@ -163,8 +165,8 @@ class Course:
         form = form - form.mean(axis=1, keepdims=True)
         weights = 1.0 / np.maximum((form**2).mean(axis=1), np.finfo(float).tiny)
         power = float(np.einsum("c,cn,cn->", weights, form, form))
-        found = np.einsum("c,cjn,cn->j", weights, self.cycles[rows], form) / (power or 1.0)
-        return float(np.std(found, ddof=1))
+        deviations = np.einsum("c,cjn,cn->j", weights, self.cycles[rows], form) / (power or 1.0)
+        return float(np.std(deviations, ddof=1))
 
 
 DRIVES = ("base_displacement", "force")
@@ -212,31 +214,31 @@ def matched(history: xr.Dataset, data: xr.Dataset) -> Pairs:
     """
     if "time" not in data:
         raise CaseError("measurement: expected histories over the time, found none")
-    found: list[tuple[str, str, FloatArray, FloatArray, bool]] = []
+    matches: list[tuple[str, str, FloatArray, FloatArray, bool]] = []
     unmatched = []
     for k, name in enumerate(map(str, data["channel"].to_numpy())):
         variable = str(data["channel_variable"][k].item())
         if variable not in data or "time" not in data[variable].dims:
             continue
-        own = _of_run(history, variable, str(data["channel_lamina"][k].item()))
+        computed_values = _of_run(history, variable, str(data["channel_lamina"][k].item()))
         leads = variable in DRIVES
-        if own is None and BASE.fullmatch(name):
-            own = _of_base(history, str(data["channel_quantity"][k].item()))
+        if computed_values is None and BASE.fullmatch(name):
+            computed_values = _of_base(history, str(data["channel_quantity"][k].item()))
             leads = True
-        if own is None:
+        if computed_values is None:
             unmatched.append(name)
             continue
         units = str(data["channel_units"][k].item())
-        found.append((name, units, history_of(data, k), own, leads))
-    if not found:
-        held = [str(v) for v in history.data_vars if history[v].dims[-1:] == ("time",)]
+        matches.append((name, units, history_of(data, k), computed_values, leads))
+    if not matches:
+        candidates = [str(v) for v in history.data_vars if history[v].dims[-1:] == ("time",)]
         laminae = ", ".join(map(str, history["lamina"].to_numpy()))
         raise CaseError(
             f"measurement: none of its channels ({', '.join(unmatched) or 'none'}) is in the run, "
-            f"which has {', '.join(held)} with the laminae {laminae}; name them by --channel "
+            f"which has {', '.join(candidates)} with the laminae {laminae}; name them by --channel "
             "'tip LAMINA=SOURCE:UNIT' or --channel 'NAME=SOURCE:UNIT'"
         )
-    names, all_units, measured, computed, is_drive = zip(*found, strict=True)
+    names, all_units, measured, computed, is_drive = zip(*matches, strict=True)
     return Pairs(
         names, all_units, data["time"].to_numpy(), np.array(measured),
         history["time"].to_numpy(), np.array(computed), is_drive, tuple(unmatched),
@@ -247,17 +249,17 @@ def _of_run(history: xr.Dataset, variable: str, lamina: str) -> FloatArray | Non
     """Return the history of a run that a channel measures; None: the run has none."""
     if variable not in history:
         return None
-    own = history[variable]
-    if own.dims == (f"{variable}_time",):  # a sensor with a sampling rate
-        sampled = CubicSpline(own[own.dims[0]].to_numpy(), own.to_numpy())
+    array = history[variable]
+    if array.dims == (f"{variable}_time",):  # a sensor with a sampling rate
+        sampled = CubicSpline(array[array.dims[0]].to_numpy(), array.to_numpy())
         return np.asarray(sampled(history["time"].to_numpy()))
-    if "time" not in own.dims:
+    if "time" not in array.dims:
         return None
-    if "lamina" in own.dims:
+    if "lamina" in array.dims:
         if lamina not in history["lamina"].to_numpy():
             return None
-        own = own.sel(lamina=lamina)
-    values: FloatArray = own.to_numpy()
+        array = array.sel(lamina=lamina)
+    values: FloatArray = array.to_numpy()
     return values if values.ndim == 1 and bool(np.isfinite(values).all()) else None
 
 
@@ -372,9 +374,11 @@ def with_common_rate(
         leaders: their numbers.
     """
     assert course.period is not None  # the motion repeats
-    rates, errors = [alignment.rate], [alignment.rate_error]
+    rates = [alignment.rate]
+    errors = [alignment.rate_error]
     for k in sorted(set(range(len(measured))) - set(leaders)):
-        history, single = measured[k : k + 1], course.only([k])
+        history = measured[k : k + 1]
+        single = course.only([k])
         starts = alignment.start + course.period * np.linspace(-0.5, 0.5, COARSE * course.multiple)
         start = best_start(time, history, single, alignment, starts, power=2)
         by_channel = aligned(
@@ -383,7 +387,8 @@ def with_common_rate(
         rates.append(by_channel.rate)
         errors.append(by_channel.rate_error)
     weights = 1.0 / np.maximum(np.square(errors), np.finfo(float).tiny)
-    rate, error = float(np.average(rates, weights=weights)), float(1.0 / np.sqrt(weights.sum()))
+    rate = float(np.average(rates, weights=weights))
+    error = float(1.0 / np.sqrt(weights.sum()))
     half = 0.5 * float(time[-1] - time[0])
     start = alignment.start + (alignment.rate - rate) * half  # the middle stays
     rows = list(leaders)
@@ -409,8 +414,9 @@ def best_start(
         power: 2: the squares are summed, so that a channel with its sign turned counts as well.
     """
     stride = -(-time.size // MOST_SAMPLES)
-    t, own = trial.rate * (time[::stride] - trial.first), measured[:, ::stride]
-    scores = [correlation(own, course.at(start + t), power) for start in starts]
+    t = trial.rate * (time[::stride] - trial.first)
+    samples = measured[:, ::stride]
+    scores = [correlation(samples, course.at(start + t), power) for start in starts]
     return float(starts[int(np.nanargmax(scores))])
 
 
@@ -419,23 +425,28 @@ def correlation(measured: FloatArray, computed: FloatArray, power: int = 1) -> f
     known = np.isfinite(computed).all(axis=0)
     if known.sum() < LEAST_OVERLAP * known.size / 2:
         return -np.inf
-    a, b = measured[:, known], computed[:, known]
-    a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
+    a = measured[:, known]
+    b = computed[:, known]
+    a = a - a.mean(axis=1, keepdims=True)
+    b = b - b.mean(axis=1, keepdims=True)
     norms = np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1))
-    found = np.divide((a * b).sum(axis=1), norms, out=np.zeros_like(norms), where=norms > 0.0)
-    return float((found**power).sum())
+    correlations = np.divide(
+        (a * b).sum(axis=1), norms, out=np.zeros_like(norms), where=norms > 0.0
+    )
+    return float((correlations**power).sum())
 
 
 def gains(measured: FloatArray, computed: FloatArray) -> tuple[float, float, float]:
     """Return gain and mean of measured = gain * computed + mean, and the gain's deviation."""
     known = np.isfinite(computed)
-    a, b = measured[known], computed[known]
+    a = measured[known]
+    b = computed[known]
     centred = b - b.mean()
     power = float(centred @ centred) or float(np.finfo(float).tiny)
     gain = float((centred @ a) / power)
     mean = float(a.mean() - gain * b.mean())
-    rest = a - gain * b - mean
-    spread = float(rest @ rest) / max(a.size - 2, 1)
+    residual = a - gain * b - mean
+    spread = float(residual @ residual) / max(a.size - 2, 1)
     return gain, mean, float(np.sqrt(spread / power))
 
 
@@ -451,18 +462,20 @@ def _linearised(
         nothing is known.
     """
     u = trial.on_clock_of_run(time)
-    value, slope = course.at(u), course.at(u, 1)
-    residuals, slopes = [], []
-    for own, r, dr in zip(measured, value, slope, strict=True):
+    value = course.at(u)
+    slope = course.at(u, 1)
+    residuals = []
+    slopes = []
+    for channel, r, dr in zip(measured, value, slope, strict=True):
         known = np.isfinite(r)
-        gain, mean, _ = gains(own, r)
-        rest = np.where(known, own - gain * np.nan_to_num(r) - mean, 0.0)
-        sigma = float(np.sqrt((rest**2).sum() / max(known.sum() - 4, 1))) or 1.0
+        gain, mean, _ = gains(channel, r)
+        residual = np.where(known, channel - gain * np.nan_to_num(r) - mean, 0.0)
+        sigma = float(np.sqrt((residual**2).sum() / max(known.sum() - 4, 1))) or 1.0
         # a change of the mean, and of the gain: orthogonal, so each is projected out alone
         base = np.array([known * 1.0, np.where(known, r - np.nanmean(r), 0.0)])
         by = gain * np.nan_to_num(dr) * np.array([np.ones_like(time), time - trial.first])
         weights = (by @ base.T) / np.maximum((base**2).sum(axis=1), np.finfo(float).tiny)
-        residuals.append(rest / sigma)
+        residuals.append(residual / sigma)
         slopes.append((by - weights @ base).T / sigma)
     return np.concatenate(residuals), np.concatenate(slopes)
 
@@ -485,9 +498,9 @@ def _scatter_of_blocks(residual: FloatArray, slopes: FloatArray) -> float:
     It also holds where the residual is not white, because the run differs from the measurement.
     """
     parts = np.array_split(np.arange(residual.size), BLOCKS)
-    own = [
+    offsets = [
         float(slopes[k, 0] @ residual[k]) / power
         for k in parts
         if (power := float(slopes[k, 0] @ slopes[k, 0])) > 0.0
     ]
-    return float(np.std(own, ddof=1) / np.sqrt(len(own))) if len(own) > 1 else 0.0
+    return float(np.std(offsets, ddof=1) / np.sqrt(len(offsets))) if len(offsets) > 1 else 0.0

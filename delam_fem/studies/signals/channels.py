@@ -104,7 +104,7 @@ def matrix_columns(
     rows = np.atleast_2d(values)
     if names is None:
         names = [name] if len(rows) == 1 else [f"{name}_{k}" for k in range(1, len(rows) + 1)]
-    return [Column(own, row, unit) for own, row in zip(names, rows, strict=True)]
+    return [Column(column_name, row, unit) for column_name, row in zip(names, rows, strict=True)]
 
 
 TIME_UNITS = frozenset(
@@ -169,13 +169,13 @@ class Channel(Column):
 
 def length_of(text: str, label: str) -> float:
     """Return a position such as `0.12` or `120 mm` [m]."""
-    found = LENGTH.fullmatch(text.strip())
-    if found is None:
+    match = LENGTH.fullmatch(text.strip())
+    if match is None:
         raise CaseError(f"{label}: expected a position such as 0.12 or 120mm, given {shown(text)}")
-    unit = unit_of(found["unit"].strip() or "m", label)
+    unit = unit_of(match["unit"].strip() or "m", label)
     if unit.quantity != "displacement":
         raise CaseError(f"{label}: expected a position in a unit of length, given {shown(text)}")
-    return float(found["number"]) * unit.factor
+    return float(match["number"]) * unit.factor
 
 
 def channels_of(
@@ -237,7 +237,8 @@ def _renamed(
     sheet: Sheet, assignments: Mapping[str, Assignment], n_sheets: int
 ) -> tuple[Sheet, list[str]]:
     """Return a sheet whose columns have their assigned names, and the names that were used."""
-    columns, used = list(sheet.columns), []
+    columns = list(sheet.columns)
+    used = []
     for name, (source, says) in assignments.items():
         k = _place(sheet, source)
         if k is None:
@@ -293,7 +294,8 @@ def _of_sheet(sheet: Sheet, units: str | None, times: Times, notes: list[str]) -
                 f"{sheet.label}: the column {shown(sheet.columns[k].name)} is left out, as --rate "
                 f"gives {rate:g} samples per second"
             )
-        kind, points = "time", np.arange(sheet.columns[0].values.size) / rate
+        kind = "time"
+        points = np.arange(sheet.columns[0].values.size) / rate
     else:
         if times.rate is not None:
             notes.append(f"{sheet.label}: over the {kind}; --rate has no effect on it")
@@ -526,13 +528,13 @@ PARTS = {"real": "real", "re": "real", "imaginary": "imag", "imag": "imag", "im"
 
 def part_of(text: str) -> tuple[str, str]:
     """Return the name of a response and which part of it a column with some name is."""
-    found = PART.search(text)
-    if found is None:
+    match = PART.search(text)
+    if match is None:
         return text, "whole"
-    end = found.start()
+    end = match.start()
     while end and (text[end - 1].isspace() or text[end - 1] in "_.-"):
         end -= 1
-    return (text[:end], PARTS[found[1].lower()]) if end else (text, "whole")
+    return (text[:end], PARTS[match[1].lower()]) if end else (text, "whole")
 
 
 def joined(channels: Sequence[Channel]) -> list[Channel]:
@@ -547,20 +549,23 @@ def joined(channels: Sequence[Channel]) -> list[Channel]:
     for channel in (channel for channel in channels if channel.axis == "frequency"):
         name, part = part_of(channel.name)
         if channel.kind == "coherence":
-            name, part = channel.name, "coherence"
+            name = channel.name
+            part = "coherence"
         if part in parts.setdefault(name, {}):
             raise same_names(name, parts[name][part].source, channel.source)
         parts[name][part] = channel
     for name, group in parts.items():
         coherence = group.pop("coherence", None)
         if {"real", "imag"} <= group.keys():
-            real, imag = group.pop("real"), group.pop("imag")
+            real = group.pop("real")
+            imag = group.pop("imag")
             _require_unit(imag, real.si.units)
             result.append(
                 replace(real, name=name, kind="response", values=real.values + 1j * imag.values)
             )
         elif {"size", "phase"} <= group.keys():
-            size, phase = group.pop("size"), group.pop("phase")
+            size = group.pop("size")
+            phase = group.pop("phase")
             if phase.si.units != "1":
                 _require_unit(phase, "rad")
             values = size.values * np.exp(1j * phase.values)

@@ -101,7 +101,8 @@ class HarmonicFit:
 
         d = sqrt(1 + THD^2) - 1. Noise adds (2 sigma)^2 / n to each squared amplitude.
         """
-        a, extra = self.amplitudes, self.floor**2
+        a = self.amplitudes
+        extra = self.floor**2
         if not a.size or a[0] <= 0.0:
             return float("nan"), float("nan")
         higher = np.sqrt(max(float((a[1:] ** 2).sum()) - extra * (a.size - 1), 0.0))
@@ -122,7 +123,8 @@ def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int
         frequency: frequency of the drive [Hz].
         multiple: periods of the drive after which the motion repeats.
     """
-    lowest, n = frequency / multiple, time.size
+    lowest = frequency / multiple
+    n = time.size
     duration = float(time[-1] - time[0])
     most = 0.5 * (n - 1) / duration - 1.0 / duration  # where k and -k are still two lines
     n_orders = max(min(int(most / lowest), (n // SAMPLES_PER_UNKNOWN - 1) // 2), 1)
@@ -167,7 +169,8 @@ def _sums(values: FloatArray, time: FloatArray, lowest: float, n_orders: int) ->
     if np.abs(time - even).max() <= EVEN * step:
         begin = np.exp(-2j * np.pi * lowest * time[0] * np.arange(n_orders + 1))
         return np.asarray(begin * czt(values, n_orders + 1, np.exp(-2j * np.pi * lowest * step)))
-    turn, row = np.exp(-2j * np.pi * lowest * time), values.astype(np.complex128)
+    turn = np.exp(-2j * np.pi * lowest * time)
+    row = values.astype(np.complex128)
     sums = np.empty(n_orders + 1, dtype=np.complex128)
     for k in range(n_orders + 1):
         sums[k] = row.sum()
@@ -192,7 +195,8 @@ def _unlike_halves(turns: FloatArray, values: FloatArray) -> float:
     if turns[n] - turns[0] < 1.0:
         return np.inf
     order = np.argsort(turns[:n] % 1.0)
-    phases, first = (turns[:n] % 1.0)[order], values[:n][order]
+    phases = (turns[:n] % 1.0)[order]
+    first = values[:n][order]
     around = np.concatenate([[phases[-1] - 1.0], phases, [phases[0] + 1.0]])
     first = np.concatenate([first[-1:], first, first[:1]])
     later = turns[n:] % 1.0
@@ -340,27 +344,27 @@ def compared(
     u = alignment.on_clock_of_run(pairs.time)
     computed = single.at(u)[0]
     known = np.isfinite(computed)
-    rest = values[0, known] - computed[known]
+    residual = values[0, known] - computed[known]
     together = correlation(values[:, known], computed[None, known])
     sign = -1.0 if together < -ALIKE else 1.0
     starts = None if turn is None else alignment.start + turn * np.linspace(-0.5, 0.5, COARSE)
     at_own = aligned(
         pairs.time, sign * values, single, alignment.rate, is_rate_free=False, starts=starts
     )
-    own = single.at(at_own.on_clock_of_run(pairs.time))[0]
-    gain, mean, gain_error = gains(values[0], own)
+    own_course = single.at(at_own.on_clock_of_run(pairs.time))[0]
+    gain, mean, gain_error = gains(values[0], own_course)
     period = course.period
     about: dict[str, Any] = {
         "name": pairs.names[k], "units": pairs.units[k], "is_drive": pairs.is_drive[k],
         "gain": gain, "gain_error": float(np.hypot(gain_error, single.scatter(0))),
         "delay": alignment.start - at_own.start, "delay_error": at_own.start_error,
         "correlation": together,
-        "mean_difference": float(rest.mean()),
-        "residual": float(np.std(rest)),
+        "mean_difference": float(residual.mean()),
+        "residual": float(np.std(residual)),
     }  # fmt: skip
     if period is None:  # noise by third differences, in which a motion leaves little
         noise = float(np.std(np.diff(values[0], 3))) / np.sqrt(20.0)
-        return Comparison(**about, unlike=_unlike(values[0], gain * own + mean, noise))
+        return Comparison(**about, unlike=_unlike(values[0], gain * own_course + mean, noise))
     measured = fitted(u, values[0], course.multiple / period, course.multiple)
     # a run that explains all leaves the noise alone, and with fewer fitted numbers
     measured = replace(measured, noise=min(measured.noise, about["residual"]))
@@ -379,8 +383,8 @@ def compared(
 
 def _unlike(measured: FloatArray, explained: FloatArray, noise: float) -> float:
     """Return the share of a motion that is not explained; 0 if that may be noise."""
-    rest = float(np.nanstd(measured - explained))
-    return rest / float(np.std(measured)) if rest > SEVERAL * noise else 0.0
+    residual = float(np.nanstd(measured - explained))
+    return residual / float(np.std(measured)) if residual > SEVERAL * noise else 0.0
 
 
 SIGNIFICANT = 3.0
@@ -431,18 +435,24 @@ def findings(
         alignment: alignment of all channels together.
         frequency: frequency of the run's drive [Hz]; None: there is none.
     """
-    found = list(_of_clock(alignment, frequency))
-    reference = next((own for own in channels if own.is_drive), None)
+    result = list(_of_clock(alignment, frequency))
+    reference = next((channel for channel in channels if channel.is_drive), None)
     reference = reference or min(channels, key=lambda own: abs(own.delay))
-    for own in channels:
-        numbers = (own.gain, own.gain_error, own.delay, own.delay_error, own.unlike)
+    for channel in channels:
+        numbers = (
+            channel.gain,
+            channel.gain_error,
+            channel.delay,
+            channel.delay_error,
+            channel.unlike,
+        )
         if not all(map(math.isfinite, numbers)):
-            found.append(Finding("numbers", own.name, f"{own.name}: {NO_NUMBERS}"))
+            result.append(Finding("numbers", channel.name, f"{channel.name}: {NO_NUMBERS}"))
             continue
-        found += _of_shape(own)
-        if own is not reference and frequency is not None:
-            found += _of_phase(own, reference, frequency)
-    return found
+        result += _of_shape(channel)
+        if channel is not reference and frequency is not None:
+            result += _of_phase(channel, reference, frequency)
+    return result
 
 
 def _of_clock(alignment: Alignment, frequency: float | None) -> Iterator[Finding]:

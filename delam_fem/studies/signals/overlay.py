@@ -79,22 +79,23 @@ def _channels(overlay: Overlay) -> list[tuple[int, Comparison, str]]:
     """Return number, comparison and colour of the channels that are shown."""
     colours = iter(style.lamina_colours(len(overlay.channels)))
     return [
-        (k, own, style.BASE_COLOUR if own.is_drive else next(colours))
-        for k, own in enumerate(overlay.channels[:MOST_CHANNELS])
+        (k, channel, style.BASE_COLOUR if channel.is_drive else next(colours))
+        for k, channel in enumerate(overlay.channels[:MOST_CHANNELS])
     ]
 
 
 def histories(overlay: Overlay) -> Figure:
     """Draw each channel over the run, and below it the difference."""
-    entries, data = _channels(overlay), overlay.data
+    entries = _channels(overlay)
+    data = overlay.data
     unit, label = style.time_axis(overlay.case)
     t = data["time"].to_numpy()
     inside = t <= t[0] + SHOWN_PERIODS * (unit if overlay.case.is_periodic else np.inf)
     n = len(entries)
     figure, panels = style.stacked(2 * n, 3.3 * n, sharex=True, height_ratios=[3, 1] * n)
-    for (k, own, colour), axes, below in zip(entries, panels[::2], panels[1::2], strict=True):
-        name, factor = style.shown_unit(own.units)
-        mean = own.mean_difference
+    for (k, channel, colour), axes, below in zip(entries, panels[::2], panels[1::2], strict=True):
+        name, factor = style.shown_unit(channel.units)
+        mean = channel.mean_difference
         axes.plot(
             t[inside] / unit, factor * data["measured"][k].to_numpy()[inside], ".",
             color=style.BLACK, markersize=2.5, label="measured",
@@ -102,11 +103,11 @@ def histories(overlay: Overlay) -> Figure:
         fine = np.linspace(t[0], t[inside][-1], 2000)
         axes.plot(fine / unit, factor * overlay.course.at(fine)[k], color=colour, label="run")
         axes.set_ylabel(f"[{name}]")
-        axes.set_title(own.name, loc="left", color=colour)
+        axes.set_title(channel.name, loc="left", color=colour)
         axes.margins(x=0.0)
         style.legend_above(axes)
-        rest = factor * (data["residual"][k].to_numpy()[inside] - mean)
-        below.plot(t[inside] / unit, rest, color=style.BLACK, linewidth=0.6)
+        residual = factor * (data["residual"][k].to_numpy()[inside] - mean)
+        below.plot(t[inside] / unit, residual, color=style.BLACK, linewidth=0.6)
         below.set_ylabel(f"difference\n[{name}]")
         style.label_x((axes, below), label)
         below.margins(x=0.0)
@@ -118,12 +119,14 @@ def harmonics(overlay: Overlay) -> Figure:
     """Draw measured and computed amplitudes of the harmonics, with the floor of the noise."""
     entries = _channels(overlay)
     figure, panels = style.stacked(len(entries), 2.7 * len(entries))
-    for (_, own, colour), axes in zip(entries, panels, strict=True):
-        if own.measured is None or own.computed is None:
+    for (_, channel, colour), axes in zip(entries, panels, strict=True):
+        if channel.measured is None or channel.computed is None:
             continue
-        name, factor = style.shown_unit(own.units)
-        a, b = own.measured.amplitudes[:SHOWN_ORDERS], own.computed.amplitudes[:SHOWN_ORDERS]
-        orders, floor = np.arange(1, a.size + 1), factor * own.measured.floor
+        name, factor = style.shown_unit(channel.units)
+        a = channel.measured.amplitudes[:SHOWN_ORDERS]
+        b = channel.computed.amplitudes[:SHOWN_ORDERS]
+        orders = np.arange(1, a.size + 1)
+        floor = factor * channel.measured.floor
         axes.bar(orders - 0.2, factor * a, 0.4, color=style.BLACK, label="measured")
         axes.bar(orders + 0.2, factor * b, 0.4, color=colour, label="run")
         axes.axhline(
@@ -133,9 +136,9 @@ def harmonics(overlay: Overlay) -> Figure:
         largest = factor * max(float(a.max()), float(b.max()))
         axes.set_ylim(max(0.3 * floor, 1e-5 * largest), 2.0 * largest)
         axes.set(xlabel="harmonic of the drive", ylabel=f"amplitude [{name}]", xticks=orders)
-        d, _ = own.measured.distortion()
-        d_run, _ = own.computed.distortion()
-        text = f"{own.name}: d measured {100 * d:.2f} %, run {100 * d_run:.2f} %"
+        d, _ = channel.measured.distortion()
+        d_run, _ = channel.computed.distortion()
+        text = f"{channel.name}: d measured {100 * d:.2f} %, run {100 * d_run:.2f} %"
         axes.set_title(text, loc="left", color=colour, fontsize=9.0)
         style.legend_above(axes)
     figure.suptitle(overlay.case.title)
@@ -150,12 +153,12 @@ def portraits(overlay: Overlay) -> Figure:
     """
     entries = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
     figure, panels = style.side_by_side(len(entries), 4.4)
-    for (k, own, colour), axes in zip(entries, panels, strict=True):
-        name, factor = style.shown_unit(own.units)
+    for (k, channel, colour), axes in zip(entries, panels, strict=True):
+        name, factor = style.shown_unit(channel.units)
         u = overlay.alignment.on_clock_of_run(overlay.pairs.time)
         period = overlay.course.period
         at = u if period is None else u[0] + np.linspace(0.0, period, 1000)
-        if own.measured is None or own.computed is None:
+        if channel.measured is None or channel.computed is None:
             computed = overlay.course.at(at)[k], overlay.course.at(at, 1)[k]
             values: FloatArray = overlay.pairs.measured[k]
             n = min(SMOOTHED, values.size - 1 + values.size % 2)
@@ -165,13 +168,14 @@ def portraits(overlay: Overlay) -> Figure:
                 savgol_filter(values, n, min(3, n - 1), deriv=1, delta=step),
             )
         else:
-            clear, run = own.measured.clear(), own.computed
+            clear = channel.measured.clear()
+            run = channel.computed
             measured = clear.at(at), clear.at(at, 1)
             computed = run.at(at), run.at(at, 1)
         axes.plot(factor * computed[0], factor * computed[1], color=colour, label="run")
         axes.plot(factor * measured[0], factor * measured[1], color=style.BLACK, linewidth=0.9,
                   linestyle="--", label="measured")  # fmt: skip
-        axes.set(xlabel=f"{own.name} [{name}]", ylabel=f"time derivative [{name}/s]")
+        axes.set(xlabel=f"{channel.name} [{name}]", ylabel=f"time derivative [{name}/s]")
         style.legend_above(axes)
     figure.suptitle(overlay.case.title)
     return figure
@@ -216,7 +220,7 @@ def page(overlay: Overlay, figures: Sequence[Path]) -> str:
     sections = [
         html.Section("", outcome),
         html.Section("Alignment", [_alignment(overlay, numbers)]),
-        *(html.Section(name, [_channel(own)]) for name, own in numbers["channels"].items()),
+        *(html.Section(name, [_channel(channel)]) for name, channel in numbers["channels"].items()),
         html.Section("Figures", pictures),
     ]
     return html.page(f"Measured over {overlay.case.title}", sections, contents=True)
@@ -324,10 +328,10 @@ class Overlay:
     def numbers(self) -> dict[str, Any]:
         """The entries of overlay.json in SI units; None where something is not defined."""
         frequency = self.frequency
-        found: dict[str, Any] = {
+        content: dict[str, Any] = {
             "method": "periodic" if self.course.period is not None else "cross-correlation",
             "verdict": "differs" if self.findings else "agrees",
-            "findings": [own.__dict__ for own in self.findings],
+            "findings": [finding.__dict__ for finding in self.findings],
             "offset": self.offset,
             "offset_error": self.alignment.start_error,
             "offset_degrees": None if frequency is None else 360.0 * frequency * self.offset,
@@ -340,9 +344,9 @@ class Overlay:
             "samples": self.pairs.time.size,
             "duration": float(self.pairs.time[-1] - self.pairs.time[0]),
             "unmatched": list(self.pairs.unmatched),
-            "channels": {own.name: self._of_channel(own) for own in self.channels},
+            "channels": {channel.name: self._of_channel(channel) for channel in self.channels},
         }
-        return dict(json_ready(found))
+        return dict(json_ready(content))
 
     @property
     def frequency(self) -> float | None:
@@ -356,7 +360,7 @@ class Overlay:
         # phases count from the drive, which has an error of its own
         of_drive = 0.0 if own.is_drive else min(drives, default=0.0)
         error = float(np.hypot(own.delay_error, of_drive))
-        found: dict[str, Any] = {
+        content: dict[str, Any] = {
             "units": own.units, "gain": own.gain, "gain_error": own.gain_error,
             "delay": own.delay, "delay_error": own.delay_error,
             "phase_degrees": None if turn is None else turn * own.delay,
@@ -366,39 +370,39 @@ class Overlay:
         }  # fmt: skip
         if own.measured is not None and own.computed is not None:
             d, d_error = own.measured.distortion()
-            found |= {
+            content |= {
                 "harmonics_measured": own.measured.amplitudes[:SHOWN_ORDERS],
                 "harmonics_computed": own.computed.amplitudes[:SHOWN_ORDERS],
                 "harmonic_noise": own.measured.floor,
                 "distortion_measured": d, "distortion_measured_error": d_error,
                 "distortion_computed": own.computed.distortion()[0],
             }  # fmt: skip
-        return found
+        return content
 
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield gain, phase, noise, misfit and d of each channel as texts."""
-        for name, own in self.numbers["channels"].items():
-            unit, factor = style.shown_unit(own["units"])
-            phase = own["phase_degrees"]
-            sizes = (own["noise_rms"], own["misfit_rms"])
-            distortions = (own.get("distortion_measured"), own.get("distortion_computed"))
+        for name, channel in self.numbers["channels"].items():
+            unit, factor = style.shown_unit(channel["units"])
+            phase = channel["phase_degrees"]
+            sizes = (channel["noise_rms"], channel["misfit_rms"])
+            distortions = (channel.get("distortion_measured"), channel.get("distortion_computed"))
             yield (
                 name,
-                f"{own['gain']:.4g}",
-                "–" if phase is None else f"{phase:+.2f} ± {own['phase_degrees_error']:.1g}",
+                f"{channel['gain']:.4g}",
+                "–" if phase is None else f"{phase:+.2f} ± {channel['phase_degrees_error']:.1g}",
                 *("–" if v is None else f"{factor * v:.3g} {unit}" for v in sizes),
                 *("–" if v is None else f"{100 * v:.3g} %" for v in distortions),
             )
 
     def sentences(self) -> Iterator[str]:
         """Yield the outcome in sentences."""
-        own = self.alignment
+        fit = self.alignment
         yield (
             f"time of the run = time of the measurement {self.offset:+.6g} s ± "
-            f"{own.start_error:.2g} s at the first sample ({own.first:.10g} s); the run's clock is "
-            f"{own.rate:.8g} ± {own.rate_error:.1g} times as fast, {self.drift:+.2g} s at the last"
+            f"{fit.start_error:.2g} s at the first sample ({fit.first:.10g} s); the run's clock is "
+            f"{fit.rate:.8g} ± {fit.rate_error:.1g} times as fast, {self.drift:+.2g} s at the last"
         )
-        yield from (own.text for own in self.findings)
+        yield from (finding.text for finding in self.findings)
         if not self.findings:
             yield "measurement and run agree within 5 % in amplitude, 5° in phase, 0.01 % in clocks"
         if self.pairs.unmatched:
@@ -459,7 +463,8 @@ def overlay(
     if filtered is not course:
         of_filtered = _alignment_with(pairs, filtered, rate, turn)
         if _likeness(pairs, filtered, of_filtered) > _likeness(pairs, course, alignment):
-            course, alignment = filtered, of_filtered
+            course = filtered
+            alignment = of_filtered
     channels = tuple(compared(pairs, k, course, alignment, turn) for k in range(len(pairs.names)))
     drive = 1.0 / turn if turn else None
     if frequency is not None and drive is not None:

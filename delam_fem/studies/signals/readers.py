@@ -188,7 +188,7 @@ def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
     Raises:
         CaseError: no variable is over such an axis.
     """
-    found = []
+    sheets = []
     for dim in map(str, data.dims):
         axis = data[dim] if dim in data.variables else None
         kind = axis_of(dim.rpartition("_")[2], None)
@@ -198,18 +198,18 @@ def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
         for name in map(str, data.data_vars):
             columns += _columns(data[name], dim)
         if len(columns) > 1:
-            found.append(Sheet(f"{path}", tuple(columns), axis=kind))
+            sheets.append(Sheet(f"{path}", tuple(columns), axis=kind))
     if "gap0" in data and "x" in data["gap0"].coords and "x" not in data.dims:
         x = data["x"]
         if columns := _columns(data["gap0"], str(x.dims[0])):  # a single lamina has none
-            own = Column("x", x.to_numpy(), x.attrs.get("units"))
-            found.append(Sheet(f"{path}", (own, *columns), axis="x"))
-    if not found:
+            points_column = Column("x", x.to_numpy(), x.attrs.get("units"))
+            sheets.append(Sheet(f"{path}", (points_column, *columns), axis="x"))
+    if not sheets:
         raise CaseError(
             f"{path}: expected variables over a dimension time, frequency or x with its "
             "coordinate, found none"
         )
-    return found
+    return sheets
 
 
 def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
@@ -217,10 +217,13 @@ def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
     others = [d for d in variable.dims if d != dim]
     if dim not in variable.dims or len(others) > 1 or variable.dtype.kind not in "fiuc":
         return []
-    name, rows, labels = str(variable.name), variable.transpose(*others, dim), None
+    name = str(variable.name)
+    rows = variable.transpose(*others, dim)
+    labels = None
     if others and others[0] in rows.coords:
         labels = [f"{name} {label}" for label in rows[others[0]].to_numpy()]
-    units, quantity = variable.attrs.get("units"), str(variable.attrs.get("quantity", ""))
+    units = variable.attrs.get("units")
+    quantity = str(variable.attrs.get("quantity", ""))
     quantity = quantity.removeprefix("base ")  # of a record: "base displacement"
     columns = matrix_columns(name, rows.to_numpy(), labels, units)
     return [replace(column, quantity=quantity) for column in columns]
@@ -383,7 +386,7 @@ def _of_scipy(path: Path) -> Tree:
 def _plain(value: Any) -> Any:
     """Return a value of scipy as a tree, a text, a list of texts or an array of numbers."""
     if isinstance(value, dict):
-        return {name: _plain(own) for name, own in value.items()}
+        return {name: _plain(entry) for name, entry in value.items()}
     array = np.asarray(value)
     if array.dtype.kind in "fiucb":
         return array.astype(complex) if array.dtype.kind == "c" else array.astype(float)
@@ -478,16 +481,17 @@ def blocks_of(path: Path) -> list[Block]:
     """
     if path.stat().st_size > MOST_BYTES:
         raise CaseError(f"{path}: expected at most {MOST_BYTES} bytes")
-    content, place = path.read_bytes(), 0
-    found: list[Block] = []
+    content = path.read_bytes()
+    place = 0
+    blocks: list[Block] = []
     while (tag := TAG_LINE.search(content, place)) is not None:
-        block, place = _block(content, tag.start(), len(found) + 1, path)
-        found.append(block)
-    if not found:
+        block, place = _block(content, tag.start(), len(blocks) + 1, path)
+        blocks.append(block)
+    if not blocks:
         raise CaseError(
             f"{path}: expected a universal file, found no line '    -1' that begins a set"
         )
-    return found
+    return blocks
 
 
 def _block(content: bytes, start: int, number: int, path: Path) -> tuple[Block, int]:
@@ -524,7 +528,8 @@ def _binary(content: bytes, start: int, number: int, path: Path) -> tuple[Block,
             f"{path}: set {number} (type 58b): expected {size} bytes of data and its end, found "
             f"{len(content) - place} bytes; the file is cut off"
         )
-    data, notes = content[place : end_tag.start()], list[str]()
+    data = content[place : end_tag.start()]
+    notes = list[str]()
     before, behind = _strays(data, size, ">" if lines[1][7:13].strip() == b"2" else "<")
     if before or behind:
         notes.append(f"{before + behind} stray bytes about its binary data left out")
@@ -553,8 +558,8 @@ def _strays(data: bytes, size: int, order: str) -> tuple[int, int]:
 
 def _line_end(content: bytes, place: int) -> int:
     """Return where the line at a place ends, its line end included."""
-    found = LINE.match(content, place)
-    return found.end() if found else len(content)
+    match = LINE.match(content, place)
+    return match.end() if match else len(content)
 
 
 def cleaned(block: Block) -> bytes:
@@ -621,14 +626,19 @@ def read_universal(path: Path) -> list[Sheet]:
     """
     blocks = [block for block in blocks_of(path) if block.kind in SETS]
     sets = [_parsed(block, path) for block in blocks]
-    factors = next((own for own in sets if own["type"] == 164), {"length": None, "force": None})
+    factors = next(
+        (dataset for dataset in sets if dataset["type"] == 164), {"length": None, "force": None}
+    )
     places: dict[int, float] = {}
-    for own in sets:
-        if own["type"] in (15, 2411):
-            numbers = own.get("node_nums", own.get("grid_global", []))
+    for dataset in sets:
+        if dataset["type"] in (15, 2411):
+            numbers = dataset.get("node_nums", dataset.get("grid_global", []))
             length = factors["length"] or 1.0
-            places |= {int(n): float(x) / length for n, x in zip(numbers, own["x"], strict=False)}
-    functions, others = list[tuple[Block, dict[str, Any]]](), list[str]()
+            places |= {
+                int(n): float(x) / length for n, x in zip(numbers, dataset["x"], strict=False)
+            }
+    functions = list[tuple[Block, dict[str, Any]]]()
+    others = list[str]()
     for block, fields in zip(blocks, sets, strict=True):
         if fields["type"] != 58:
             continue
@@ -673,14 +683,14 @@ def _parsed(block: Block, path: Path) -> dict[str, Any]:
         with temporary.open("wb") as file:
             file.write(cleaned(block))
         try:
-            found = pyuff.UFF(str(temporary)).read_sets()
+            sets = pyuff.UFF(str(temporary)).read_sets()
         except Exception as error:  # pyuff raises bare exceptions
             raise CaseError(
                 f"{path}: set {block.number} (type {block.kind}) cannot be read ({error})"
             ) from None
-    if not isinstance(found, dict) or "type" not in found:
+    if not isinstance(sets, dict) or "type" not in sets:
         raise CaseError(f"{path}: set {block.number} (type {block.kind}) cannot be read")
-    return found
+    return sets
 
 
 def _names(functions: list[dict[str, Any]], numbers: list[int]) -> list[str]:

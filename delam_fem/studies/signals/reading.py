@@ -94,14 +94,15 @@ def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Datase
     Raises:
         CaseError: two channels have the same name, or their times have nothing in common.
     """
-    notes, data = list(notes), xr.Dataset()
+    notes = list(notes)
+    data = xr.Dataset()
     if any(_is_gap(channel) for channel in channels):  # then other columns over x are no gaps
-        channels = [own for own in channels if own.axis != "x" or _is_gap(own)]
-    seen: dict[tuple[str, str], str] = {}
-    for own in channels:
-        if (key := (own.name, own.kind)) in seen:
-            raise same_names(own.name, seen[key], own.source)
-        seen[key] = own.source
+        channels = [channel for channel in channels if channel.axis != "x" or _is_gap(channel)]
+    sources: dict[tuple[str, str], str] = {}
+    for channel in channels:
+        if (key := (channel.name, channel.kind)) in sources:
+            raise same_names(channel.name, sources[key], channel.source)
+        sources[key] = channel.source
     histories = [channel for channel in channels if channel.axis == "time"]
     if histories:
         time, values = _on_one_axis(histories, notes)
@@ -128,11 +129,12 @@ def variable_of(channel: Channel) -> str:
         return "coherence" if channel.kind == "coherence" else "response"
     if channel.axis == "x":
         return "gap0"
-    found, quantity = TIP.fullmatch(channel.name), channel.si.quantity
-    if found and quantity in OF_TIPS:
+    tip_match = TIP.fullmatch(channel.name)
+    quantity = channel.si.quantity
+    if tip_match and quantity in OF_TIPS:
         return OF_TIPS[quantity]
-    if own := OF_DRIVE.get((channel.name.lower(), quantity)):
-        return own
+    if drive_name := OF_DRIVE.get((channel.name.lower(), quantity)):
+        return drive_name
     word = re.sub(r"[^\w.@-]+", "_", channel.name.strip())
     return word if word.startswith("sensor_") else f"sensor_{word}"
 
@@ -147,8 +149,9 @@ def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatAr
             f"and {LARGEST_STEP:g} in SI units, given {step:g}; is the unit right?"
         )
     if all(
-        own.points.size == first.size and bool(np.all(np.abs(own.points - first) <= EQUAL * step))
-        for own in channels
+        channel.points.size == first.size
+        and bool(np.all(np.abs(channel.points - first) <= EQUAL * step))
+        for channel in channels
     ):
         return first, [channel.values for channel in channels]
     start = max(float(channel.points[0]) for channel in channels)
@@ -162,8 +165,10 @@ def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatAr
     margin = EQUAL * step
     axis = finest.points[(finest.points >= start - margin) & (finest.points <= end + margin)]
     values = [
-        CubicSpline(own.points, own.values)(np.clip(axis, own.points[0], own.points[-1]))
-        for own in channels
+        CubicSpline(channel.points, channel.values)(
+            np.clip(axis, channel.points[0], channel.points[-1])
+        )
+        for channel in channels
     ]
     notes.append(
         f"channels over different values of {channels[0].axis}: interpolated to a step of "
@@ -177,27 +182,31 @@ def _with_histories(
 ) -> xr.Dataset:
     """Return the dataset with histories: tips by lamina, drive and sensors."""
     tips: dict[str, dict[str, Values]] = {}
-    drives, sensors = dict[str, Values](), dict[str, Any]()
+    drives = dict[str, Values]()
+    sensors = dict[str, Any]()
     sources: dict[tuple[str, str], str] = {}
-    for channel, own in zip(channels, values, strict=True):
+    for channel, row in zip(channels, values, strict=True):
         name = variable_of(channel)
         key = (name, _lamina_of(channel) if name in OF_TIPS.values() else "")
         if key in sources:
             raise same_names(" ".join(filter(None, key)), sources[key], channel.source)
         sources[key] = channel.source
         if name in OF_TIPS.values():
-            tips.setdefault(name, {})[_lamina_of(channel)] = own
+            tips.setdefault(name, {})[_lamina_of(channel)] = row
         elif name in schema.VARIABLES:
-            drives[name] = own
+            drives[name] = row
         else:
             words = f"{channel.si.quantity or 'signal'}: {channel.name}"
             about = {"units": channel.si.units, "long_name": words, **_attributes(channel)}
-            sensors[name] = (("time",), own, about)
-    laminae = list(dict.fromkeys(lamina for own in tips.values() for lamina in own))
+            sensors[name] = (("time",), row, about)
+    laminae = list(dict.fromkeys(lamina for by_lamina in tips.values() for lamina in by_lamina))
     if laminae:
         data = data.assign_coords(lamina=laminae)
     none = np.full(time.size, np.nan)
-    tables = {name: [own.get(lamina, none) for lamina in laminae] for name, own in tips.items()}
+    tables = {
+        name: [by_lamina.get(lamina, none) for lamina in laminae]
+        for name, by_lamina in tips.items()
+    }
     schema.add(data, time=time, **tables, **drives)
     for quantity, name in OF_TIPS.items():
         if name in tables:
@@ -230,7 +239,7 @@ def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[s
         kind: {c.name: v for c, v in zip(channels, values, strict=True) if variable_of(c) == kind}
         for kind in ("response", "coherence")
     }
-    units = {own.si.units for own in channels if variable_of(own) == "response"}
+    units = {channel.si.units for channel in channels if variable_of(channel) == "response"}
     names = list(dict.fromkeys([*tables["response"], *tables["coherence"]]))
     data = data.assign_coords(
         frequency=("frequency", frequency, {"units": "Hz", "long_name": BESIDES["frequency"]}),
@@ -238,10 +247,10 @@ def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[s
     )
     none = np.full(frequency.size, np.nan)
     shown_units = {"response": units.pop() if len(units) == 1 else "see channel_units"}
-    for kind, own in tables.items():
-        if own:
+    for kind, by_name in tables.items():
+        if by_name:
             about = {"units": shown_units.get(kind, "1"), "long_name": BESIDES[kind]}
-            table = np.array([own.get(name, none) for name in names]).T
+            table = np.array([by_name.get(name, none) for name in names]).T
             data[kind] = (("frequency", "output"), table, about)
     return data
 
@@ -267,14 +276,14 @@ def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
     """Return the dataset with the table of the channels."""
     rows = [channel for channel in channels if channel.kind != "coherence"]
     columns = {
-        "variable": [variable_of(own) for own in rows],
-        "units": [own.si.units for own in rows],
-        "quantity": [own.si.quantity for own in rows],
-        "position": [np.nan if own.position is None else own.position for own in rows],
-        "lamina": [own.lamina or _lamina_of(own) for own in rows],
-        "source": [own.source for own in rows],
+        "variable": [variable_of(channel) for channel in rows],
+        "units": [channel.si.units for channel in rows],
+        "quantity": [channel.si.quantity for channel in rows],
+        "position": [np.nan if channel.position is None else channel.position for channel in rows],
+        "lamina": [channel.lamina or _lamina_of(channel) for channel in rows],
+        "source": [channel.source for channel in rows],
     }
-    data = data.assign_coords(channel=[own.name for own in rows])
+    data = data.assign_coords(channel=[channel.name for channel in rows])
     for name, values in columns.items():
         about = {"units": "m" if name == "position" else "1", "long_name": TABLE[name]}
         data[f"channel_{name}"] = (("channel",), np.array(values), about)
@@ -283,8 +292,8 @@ def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
 
 def _lamina_of(channel: Channel) -> str:
     """Return the lamina that the name of a tip's channel says; empty for others."""
-    found = TIP.fullmatch(channel.name)
-    return found["lamina"] if found and channel.axis == "time" else ""
+    tip_match = TIP.fullmatch(channel.name)
+    return tip_match["lamina"] if tip_match and channel.axis == "time" else ""
 
 
 READERS: dict[str, Callable[[Path], list[Sheet]]] = {
@@ -310,15 +319,15 @@ def assigned(channels: Mapping[str, str] | Sequence[str] | None) -> dict[str, st
     """Return sources by name of the channel, from a mapping or texts NAME=SOURCE (--channel)."""
     if isinstance(channels, Mapping):
         return dict(channels)
-    found: dict[str, str] = {}
+    sources: dict[str, str] = {}
     for text in channels or ():
         name, sign, source = text.partition("=")
         if not sign or not name.strip() or not source.strip():
             raise CaseError(f"--channel: expected NAME=SOURCE, given {shown(text)}")
-        if name.strip() in found:
+        if name.strip() in sources:
             raise CaseError(f"--channel: expected different names, given {name.strip()!r} twice")
-        found[name.strip()] = source.strip()
-    return found
+        sources[name.strip()] = source.strip()
+    return sources
 
 
 def read_measured(
@@ -489,14 +498,14 @@ def history_of(data: xr.Dataset, channel: int) -> Values:
     Returns:
         Values, shape (n,); a frequency response is complex.
     """
-    own = data[str(data["channel_variable"][channel].item())]
+    variable = data[str(data["channel_variable"][channel].item())]
     labels = {
         "lamina": str(data["channel_lamina"][channel].item()),
         "interface": str(data["channel"][channel].item()),
         "output": str(data["channel"][channel].item()),
     }
-    here = {dim: labels[str(dim)] for dim in own.dims if dim in labels}
-    return np.asarray(own.sel(here).to_numpy())
+    here = {dim: labels[str(dim)] for dim in variable.dims if dim in labels}
+    return np.asarray(variable.sel(here).to_numpy())
 
 
 HEADING = ("channel", "in measured.nc", "quantity", "smallest", "largest")
@@ -506,7 +515,8 @@ HEADING = ("channel", "in measured.nc", "quantity", "smallest", "largest")
 def rows(data: xr.Dataset) -> Iterator[tuple[str, ...]]:
     """Yield a table row for each channel; of complex responses the amplitudes are shown."""
     for k, name in enumerate(data["channel"].to_numpy()):
-        values = np.abs(own) if np.iscomplexobj(own := history_of(data, k)) else own
+        history = history_of(data, k)
+        values = np.abs(history) if np.iscomplexobj(history) else history
         position = float(data["channel_position"][k])
         place = f" at {position:g} m" if np.isfinite(position) else ""
         yield (

@@ -114,14 +114,16 @@ def cut(
     spaces = np.diff(np.r_[starts, time.size])
     firsts = np.flatnonzero(np.r_[True, spaces[:-1] > TOGETHER * spaces.max()])
     ends = [*np.maximum(starts[firsts] - width, 0).tolist(), time.size]
-    cuts, notes = [], []
-    for own, begin, stop in zip(np.split(struck, firsts[1:]), ends, ends[1:], strict=False):
-        at, quiet = f"blow at {time[own[0, 0]]:.6g} s", int(own[-1, 1]) + width
-        if own[0, 0] == 0 or stop <= max(begin + SHORTEST * spaces.max(), quiet):
+    cuts = []
+    notes = []
+    for blow, begin, stop in zip(np.split(struck, firsts[1:]), ends, ends[1:], strict=False):
+        at = f"blow at {time[blow[0, 0]]:.6g} s"
+        quiet = int(blow[-1, 1]) + width
+        if blow[0, 0] == 0 or stop <= max(begin + SHORTEST * spaces.max(), quiet):
             notes.append(f"{at}: left out, the record begins in it or the decay is cut off")
             continue
-        if len(own) > 1:
-            notes.append(f"{at}: a double hit, again {np.diff(time[own[:2, 0]])[0]:.3g} s later")
+        if len(blow) > 1:
+            notes.append(f"{at}: a double hit, again {np.diff(time[blow[:2, 0]])[0]:.3g} s later")
         cuts.append((begin, quiet, max(min(stop, begin + (length or stop)), quiet)))
     if not cuts:
         raise CaseError(f"excitation: expected a whole blow, given none ({'; '.join(notes)})")
@@ -129,12 +131,15 @@ def cut(
         notes.append(f"a blow lasts {width} samples, its force is known roughly: sample faster")
     lefts = np.array([_left(response[:, quiet:stop]) for _, quiet, stop in cuts])
     sizes = np.array([stop - begin for begin, _, stop in cuts])
-    n, decay = max(length or 0, sizes.max()), 0.0
+    n = max(length or 0, sizes.max())
+    decay = 0.0
     if lefts.max() > DECAYED:
-        n, decay = FILLED * n, float(np.max(np.log(lefts / WINDOWED + 1e-9) / sizes))
+        n = FILLED * n
+        decay = float(np.max(np.log(lefts / WINDOWED + 1e-9) / sizes))
         disturbing = " and disturbs the next" if len(cuts) > 1 else ""
         notes.append(f"{100 * lefts.max():.2g} % of a response is left at its end{disturbing}")
-    forces, responses = np.zeros((len(cuts), 1, n)), np.zeros((len(cuts), len(response), n))
+    forces = np.zeros((len(cuts), 1, n))
+    responses = np.zeros((len(cuts), len(response), n))
     for k, (begin, quiet, stop) in enumerate(cuts):
         forces[k, 0, : quiet - begin] = force[begin:quiet] - np.median(force)  # a sensor at rest
         responses[k, :, : stop - begin] = detrend(response[:, begin:stop], type="constant")
@@ -207,14 +212,19 @@ def on_axis(
         is_mode = pole.real < 0.0 and abs(pole.imag - s[k].imag) < reach * s[1].imag
         is_mode &= np.linalg.norm(np.outer(residue, term)) > EXPLAINED * np.linalg.norm(h)
         modes[k] = (pole, is_mode * residue)
-    found = response + sum(_terms(s - decay, *own) - _terms(s, *own) for own in modes.values())
-    return found, frequency[[k for k, (_, residue) in sorted(modes.items()) if residue.any()]]
+    response_without_decay = response + sum(
+        _terms(s - decay, *mode) - _terms(s, *mode) for mode in modes.values()
+    )
+    return response_without_decay, frequency[
+        [k for k, (_, residue) in sorted(modes.items()) if residue.any()]
+    ]
 
 
 def _terms(s: Values, pole: complex, residue: Values) -> Values:
     """Return a mode's part of the responses, r / (s - λ) + r* / (s - λ*), shape (n_outputs, n)."""
-    own, conjugate = np.outer(residue, 1.0 / (s - pole)), residue.conj()
-    return np.asarray(own + np.outer(conjugate, 1.0 / (s - pole.conjugate())))
+    term = np.outer(residue, 1.0 / (s - pole))
+    conjugate = residue.conj()
+    return np.asarray(term + np.outer(conjugate, 1.0 / (s - pole.conjugate())))
 
 
 ESTIMATORS = ("H1", "H2", "Hv")
@@ -262,38 +272,45 @@ def with_responses(
         raise CaseError(f"estimator: expected one of {', '.join(ESTIMATORS)}, given {estimator!r}")
     first, outputs = _chosen(data, excitation)
     time: FloatArray = data["time"].to_numpy()
-    step, n = _step(time), time.size
-    force, motions = history_of(data, first), np.array([history_of(data, k) for k in outputs])
+    step = _step(time)
+    n = time.size
+    force = history_of(data, first)
+    motions = np.array([history_of(data, k) for k in outputs])
     if not np.ptp(force):
         raise CaseError(f"excitation: expected a channel that moves, given {excitation!r} at rest")
     struck = pulses(force)
     sweep = None if struck else swept(force, step)
     is_single = bool(sweep) and segment is None
-    longest, whole = (n, "the record") if struck else (n // 2, "half the record")
+    longest, limit = (n, "the record") if struck else (n // 2, "half the record")
     length = n // (1 if struck else SEGMENTS) if segment is None else round(segment / step)
     if not 8 <= length <= longest:
         raise CaseError(
-            f"segment: expected from {8 * step:.3g} s to {whole}, {longest * step:.3g} s, given "
+            f"segment: expected from {8 * step:.3g} s to {limit}, {longest * step:.3g} s, given "
             f"{length * step:.3g} s"
         )
-    exc, resp, decay, notes = force[None, None], motions[None], 0.0, list[str]()
+    exc = force[None, None]
+    resp = motions[None]
+    decay = 0.0
+    notes = list[str]()
     if struck:
         exc, resp, decay, notes = cut(time, force, motions, struck, length if segment else None)
         length = exc.shape[2]
     elif is_single:
-        length, decay = n, 0.0 if _is_over(motions) else -np.log(CUT) / n
+        length = n
+        decay = 0.0 if _is_over(motions) else -np.log(CUT) / n
         window = np.exp(-decay * np.arange(n))
-        exc, resp = exc * window, resp * window
+        exc = exc * window
+        resp = resp * window
     if sweep is not None:
         notes.append(_of_sweep(*sweep, is_single=is_single))
     has_window = not struck and not is_single
-    found = FRF(
+    estimate = FRF(
         1, exc=exc, resp=resp, exc_type="f", resp_type="d", window="hann" if has_window else "none",
         fft_len=length, nperseg=length, frf_estimator=estimator,
     )  # fmt: skip
     # in samples, and without conversions from velocity or acceleration: the ratio as it is
-    responses = np.nan_to_num(found.get_FRF()[:, 0, :])
-    coherence = np.nan_to_num(found.get_coherence()).real
+    responses = np.nan_to_num(estimate.get_FRF()[:, 0, :])
+    coherence = np.nan_to_num(estimate.get_coherence()).real
     frequency = np.fft.rfftfreq(length, step)
     if struck:
         responses[:, 0] = 0.0  # the library takes the mean out, so nothing is known of it
@@ -303,11 +320,12 @@ def with_responses(
             notes.append("coherence: of one segment it means nothing (always 1), and is left out")
     if is_single:
         coherence[:] = np.nan
-    damped, rate = responses, decay / step
+    damped = responses
+    rate = decay / step
     if has_window:
         damped, rate = _without_hann(responses, step)
     if decay:
-        size = np.sqrt(found.S_FF[0, 0].real)
+        size = np.sqrt(estimate.S_FF[0, 0].real)
         if is_single:  # the window makes the force small where the sweep is late, and it is known
             ends = sorted(sweep[:2]) if sweep else [0.0, np.inf]
             size = ((frequency >= ends[0]) & (frequency <= ends[1])).astype(np.float64)
@@ -403,8 +421,10 @@ def _chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
     variables = [str(name) for name in data["channel_variable"].to_numpy()]
     histories = [k for k, v in enumerate(variables) if v in data and "time" in data[v].dims]
     if excitation not in [names[k] for k in histories]:
-        held = ", ".join(names[k] for k in histories) or "none"
-        raise CaseError(f"excitation: expected one of the histories {held}, given {excitation!r}")
+        listing = ", ".join(names[k] for k in histories) or "none"
+        raise CaseError(
+            f"excitation: expected one of the histories {listing}, given {excitation!r}"
+        )
     first = names.index(excitation)
     outputs = [k for k in histories if k != first]
     if not outputs:
@@ -431,7 +451,8 @@ def _with(
         frequency=("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
         output=[names[k] for k in outputs],
     )
-    dims, of_coherence = ("frequency", "output"), {"units": "1", "long_name": "coherence"}
+    dims = ("frequency", "output")
+    of_coherence = {"units": "1", "long_name": "coherence"}
     data["response"] = (dims, found[0].T, about)
     data["coherence"] = (dims, found[1].T, of_coherence)
     data["response_units"] = (("output",), np.array(ratios), {"units": "1"})
@@ -527,7 +548,8 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> tuple[list[Pole], dic
     response = np.nan_to_num(data["response"].to_numpy().T)
     size = np.sqrt(np.mean(np.abs(response[:, is_in]) ** 2, axis=1, keepdims=True))
     size[size == 0.0] = 1.0
-    damped, decay = response / size, 0.0
+    damped = response / size
+    decay = 0.0
     if "damped_response" in data:
         damped = np.nan_to_num(data["damped_response"].to_numpy().T) / size
         decay = float(data["damped_response"].attrs["decay"])
@@ -594,8 +616,8 @@ def _pole(root: complex, error: FloatArray) -> Pole:
 def _peaks(frequency: FloatArray, values: Any, lower: float, upper: float) -> FloatArray:
     """Return the frequencies at which the summed responses have peaks, the highest first."""
     size = (np.abs(values) ** 2).sum(axis=0)
-    found, _ = find_peaks(np.log10(np.maximum(size, 1e-300)), prominence=PROMINENCE)
-    peaks: FloatArray = frequency[found[np.argsort(-size[found])]]
+    peak_rows, _ = find_peaks(np.log10(np.maximum(size, 1e-300)), prominence=PROMINENCE)
+    peaks: FloatArray = frequency[peak_rows[np.argsort(-size[peak_rows])]]
     return peaks[(peaks >= lower) & (peaks <= upper)]
 
 
@@ -666,7 +688,9 @@ def _fitted(
             step = 0.5 * step
             continue
         is_done = size > (1.0 - CONVERGED) * left
-        roots, left, remaining = trial, size, remaining_now
+        roots = trial
+        left = size
+        remaining = remaining_now
         q = np.linalg.qr(basis)[0]
         slopes = []
         for k, term in enumerate(parts):
@@ -752,7 +776,8 @@ def with_free_vibrations(
     step = _step(time)
     thinned = max(1, int(1.0 / (OVERSAMPLED * upper * step)))
     segment = CYCLES / max(lower, 1e-9) if segment is None else segment
-    n, least = round(segment / (thinned * step)), 4 * ORDERS[-1]
+    n = round(segment / (thinned * step))
+    least = 4 * ORDERS[-1]
     if not 0.0 <= lower < upper < 0.4 / step or not least <= n <= time.size // thinned:
         raise CaseError(
             f"free: expected LOW below HIGH up to {0.4 / step:.6g} Hz, and segments from "
@@ -761,12 +786,12 @@ def with_free_vibrations(
         )
     values = resample_poly(history_of(data, names.index(channel)), 1, thinned, padtype="line")
     starts = np.arange(0, values.size - n + 1, max(1, n // 2))
-    own = [_strongest(values[k : k + n], thinned * step, lower, upper) for k in starts]
+    vibrations = [_strongest(values[k : k + n], thinned * step, lower, upper) for k in starts]
     at = {"units": "s", "long_name": "middle of the segment"}
     middles = time[0] + (starts + 0.5 * (n - 1)) * thinned * step
     data = data.assign_coords(free_time=("free_time", middles, at))
     units = str(data["channel_units"].to_numpy()[names.index(channel)])
-    for (name, unit), column in zip(FREE.items(), np.transpose(own), strict=True):
+    for (name, unit), column in zip(FREE.items(), np.transpose(vibrations), strict=True):
         words = f"{name.replace('_', ' ')} of the free vibration of {channel}"
         about = {"units": unit or units, "long_name": words, "segment": segment}
         data[f"free_{name}"] = ("free_time", column, about)
@@ -786,7 +811,8 @@ def _strongest(
     They are medians over the orders. The errors hold the standard deviation of the orders, and the
     effect of the residual on the poles, by linear least squares of the sum and its derivatives.
     """
-    t, found = step * np.arange(values.size), []
+    t = step * np.arange(values.size)
+    modes = []
     rows = np.lib.stride_tricks.sliding_window_view(values, values.size // 2 + 1)
     vectors = np.linalg.svd(rows, full_matrices=False)[2]
     for order in ORDERS:
@@ -796,9 +822,10 @@ def _strongest(
         roots = np.log(z[np.abs(z) > 0.5].astype(complex)) / step
         sums = np.exp(np.outer(t, roots))
         sizes = np.linalg.lstsq(sums, values.astype(complex), rcond=None)[0]
-        rest = values - (sums @ sizes).real
-        noise = float(np.sqrt(rest @ rest / (values.size - 2 * order)))
-        size, damping = np.abs(roots) / (2.0 * np.pi), -roots.real / np.abs(roots)
+        residual = values - (sums @ sizes).real
+        noise = float(np.sqrt(residual @ residual / (values.size - 2 * order)))
+        size = np.abs(roots) / (2.0 * np.pi)
+        damping = -roots.real / np.abs(roots)
         fits = (roots.imag > 0.0) & (lower < size) & (size < upper) & (damping > -LARGEST_DAMPING)
         fits &= damping < LARGEST_DAMPING
         if not fits.any():
@@ -810,10 +837,10 @@ def _strongest(
         # how the root λ_k follows noise in each sample; its imaginary part is the frequency
         of_root = np.linalg.pinv(np.hstack([sums, slopes]))[roots.size + k]
         errors = noise * np.linalg.norm([of_root.imag, of_root.real], axis=1) / np.abs(roots[k])
-        found.append([size[k], size[k] * errors[0], damping[k], errors[1], 2.0 * np.abs(sizes[k])])
-    if len(found) < 2:
+        modes.append([size[k], size[k] * errors[0], damping[k], errors[1], 2.0 * np.abs(sizes[k])])
+    if len(modes) < 2:
         return (np.nan,) * 5
-    table = np.array(found)
+    table = np.array(modes)
     result = np.median(table, axis=0)
     scatter = np.sqrt(((table - result) ** 2).sum(axis=0) / (len(table) - 1))
     result[[1, 3]] = np.hypot(result[[1, 3]], scatter[[0, 2]])
@@ -862,7 +889,7 @@ def free_vibration(data: xr.Dataset) -> Figure:
     for panel, name, unit, factor in zip(
         panels, ("frequency", "damping"), ("Hz", "%"), (1, 100), strict=True
     ):
-        values, errors = (factor * data[f"free_{own}"] for own in (name, f"{name}_error"))
+        values, errors = (factor * data[f"free_{column}"] for column in (name, f"{name}_error"))
         panel.errorbar(data["free_time"], values, 2.0 * errors, fmt=".", color=style.BLUE)
         panel.set_ylabel(f"{name} [{unit}]\n± two errors")
     style.label_x(panels, "time [s]")

@@ -100,7 +100,7 @@ def at_points(
     number = part_of(structure.layout, lamina)
     part = structure.layout.parts[number]
     cells, weights = interpolation(part, np.interp(x, part.x, np.arange(part.x.size)))
-    u, phi = (own[number] for own in nodal(structure.layout, vectors, base))
+    u, phi = (component[number] for component in nodal(structure.layout, vectors, base))
     ends = np.stack([u[:, cells], phi[:, cells], u[:, cells + 1], phi[:, cells + 1]])
     return np.asarray(np.einsum("ekn,ne->kn", ends, weights))
 
@@ -164,13 +164,16 @@ class Shapes:
             if k not in self.orders:
                 continue
             row = self.orders.index(k)
-            seen, own = np.diff(self.values[row], 2), np.diff(response, 2)
+            curvature = np.diff(self.values[row], 2)
+            drive_curvature = np.diff(response, 2)
             noise = np.broadcast_to(self.noise, self.x.shape)
             least = np.hypot(np.hypot(noise[:-2], noise[2:]), 2.0 * noise[1:-1]) + _TINY
             weights = 1.0 / least**2
             for _ in range(_FITS):
-                c = np.sum(weights * own.conj() * seen) / np.sum(weights * np.abs(own) ** 2)
-                weights = 1.0 / (least * np.maximum(np.abs(seen - c * own), least))
+                c = np.sum(weights * drive_curvature.conj() * curvature) / np.sum(
+                    weights * np.abs(drive_curvature) ** 2
+                )
+                weights = 1.0 / (least * np.maximum(np.abs(curvature - c * drive_curvature), least))
             values[row] -= c * response
         return replace(self, values=values)
 
@@ -185,7 +188,8 @@ class Shapes:
             n_lines: number of frequencies from which the noise of each point is estimated.
         """
         parts = rng.normal(scale=noise / math.sqrt(2.0), size=(2, *self.values.shape))
-        values, known = self.values + parts[0] + 1j * parts[1], np.hypot(self.noise, noise)
+        values = self.values + parts[0] + 1j * parts[1]
+        known = np.hypot(self.noise, noise)
         if n_lines < math.inf:
             known = known * np.sqrt(rng.gamma(n_lines, 1.0 / n_lines, size=self.x.size))
         return replace(self, values=values, noise=known, n_lines=n_lines)
@@ -212,9 +216,9 @@ def amplitudes(field: FloatArray, times: FloatArray, frequencies: Sequence[float
         )
     phases = 2.0 * math.pi * np.outer(times, frequencies)
     columns = np.concatenate([np.ones((len(times), 1)), np.cos(phases), np.sin(phases)], axis=1)
-    found = np.linalg.lstsq(columns, field, rcond=None)[0]
+    solution = np.linalg.lstsq(columns, field, rcond=None)[0]
     n = len(frequencies)
-    return np.asarray(found[1 : n + 1] - 1j * found[n + 1 :])
+    return np.asarray(solution[1 : n + 1] - 1j * solution[n + 1 :])
 
 
 def shapes_of(
@@ -246,13 +250,13 @@ def shapes_of(
             f"shapes: expected a record of at least {LEAST_PERIODS} periods of {frequency:g} Hz, "
             f"given {n_periods}"
         )
-    kept = tuple(k for k in orders if k * frequency < 0.5 / step)
+    used_orders = tuple(k for k in orders if k * frequency < 0.5 / step)
     between = [
         j / n_periods
         for j in range(1, 4 * n_periods)
         if _BAND[0] < j / n_periods < _BAND[1] and j != 2 * n_periods
     ]
-    found = amplitudes(field, times, [k * frequency for k in (*kept, *between)])
-    values, rest = found[: len(kept)], found[len(kept) :]
-    noise = np.sqrt(np.mean(np.abs(rest) ** 2, axis=0))
-    return Shapes(x, frequency, kept, values, noise, len(between))
+    fitted = amplitudes(field, times, [k * frequency for k in (*used_orders, *between)])
+    values, noise_lines = fitted[: len(used_orders)], fitted[len(used_orders) :]
+    noise = np.sqrt(np.mean(np.abs(noise_lines) ** 2, axis=0))
+    return Shapes(x, frequency, used_orders, values, noise, len(between))

@@ -91,7 +91,8 @@ PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "m": 1e-3,
             "d": 0.1, "da": 10.0, "h": 100.0, "k": 1e3, "M": 1e6, "G": 1e9}  # fmt: skip
 GRAVITY, INCH, POUND = 9.80665, 0.0254, 4.4482216152605
 """Standard gravity [m/s²], an inch [m] and the force of a pound [N], all exact by definition."""
-STRAIN, COUNT = {"strain": 1}, {"count": 1}
+STRAIN = {"strain": 1}
+COUNT = {"count": 1}
 """Marks of strains, which have no dimension, and of a converter's counts."""
 SYMBOLS = (
     Symbol("m metre metres meter meters", 1.0, {"m": 1}, "n u µ μ m c d k"),

@@ -106,10 +106,10 @@ def _damaged(path: Path) -> CaseError:
 def _occasion(path: Path) -> dict[str, str | int | float]:
     """Return how a result was computed; empty where no readable file says it."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def _require_sweep(data: xr.Dataset) -> None:
@@ -178,8 +178,8 @@ def _variable(
     values: npt.ArrayLike | None = None,
 ) -> None:
     """Make a variable with values, or an empty one of texts (without a unit) or of numbers."""
-    given = np.empty(0, dtype=np.float64 if units else "U1") if values is None else values
-    array = np.asarray(given)
+    column = np.empty(0, dtype=np.float64 if units else "U1") if values is None else values
+    array = np.asarray(column)
     is_text = array.dtype.kind == "U"
     checked = None if is_text else True  # HDF5 checks the sums of numbers when they are read
     made = file.create_variable(name, dims, _TEXT if is_text else array.dtype, fletcher32=checked)
@@ -196,12 +196,15 @@ def _fill(
     lead: tuple[int, ...],
 ) -> None:
     """Write the points of a slab of the grid, which has the shape `lead`."""
-    n, column = math.prod(lead), 0
+    n = math.prod(lead)
+    column = 0
     rows = np.full((n, block.rows.shape[1]), np.nan)
-    outcome, error = np.full(n, "", dtype=object), np.full(n, "", dtype=object)
+    outcome = np.full(n, "", dtype=object)
+    error = np.full(n, "", dtype=object)
     first = slab.start * math.prod(lead[1:])
     at = block.numbers - first
-    rows[at], outcome[at] = block.rows, _WORDS[block.outcomes]
+    rows[at] = block.rows
+    outcome[at] = _WORDS[block.outcomes]
     for index, text in block.errors.items():
         error[index - first] = text
     for quantity in wanted:
@@ -324,7 +327,8 @@ def write_result(
     grid = tuple(sweep.sizes)
     wanted = quantities(sweep.file.record, layout, channel_units(sweep, layout))
     outer, *inner = sweep.sizes.values()
-    per_index, size = math.prod(inner), sum(quantity.size for quantity in wanted)
+    per_index = math.prod(inner)
+    size = sum(quantity.size for quantity in wanted)
     step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
     n_missing = sweep.n_points - joined.numbers.size
     with atomic_file(directory / RESULT) as temporary, h5netcdf.File(temporary, "w") as file:

@@ -87,7 +87,7 @@ def _flat(value: object) -> dict[str, object]:
     flat: dict[str, object] = {}
     for key, entry in value.items():
         if isinstance(entry, Mapping):
-            flat |= {f"{key}.{rest}": deep for rest, deep in _flat(entry).items()}
+            flat |= {f"{key}.{subkey}": deep for subkey, deep in _flat(entry).items()}
         else:
             flat[str(key)] = entry
     return flat
@@ -139,36 +139,38 @@ class Axis(Section):
         """Return the table with numbers in SI where its values carry a unit."""
         if not isinstance(data, dict):
             return data
-        key, own = str(data.get("key")), dict(data)
+        key = str(data.get("key"))
+        entry = dict(data)
         units = units_of(key)
-        if not units and any(isinstance(own.get(name), str) for name in ("start", "stop")):
-            names = [own.name for table in tables() for own in table.keys if own.has_unit]
+        if not units and any(isinstance(entry.get(name), str) for name in ("start", "stop")):
+            names = [entry.name for table in tables() for entry in table.keys if entry.has_unit]
             near = difflib.get_close_matches(key.rpartition(".")[2], names, n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise inconsistent(
                 "key", f"expected a key whose values have a unit, given {data.get('key')!r}{hint}"
             )
-        for name in {"start", "stop", "values"} & set(own) if units else ():
-            value, is_list = own[name], isinstance(own[name], list | tuple)
-            own[name] = (
+        for name in {"start", "stop", "values"} & set(entry) if units else ():
+            value = entry[name]
+            is_list = isinstance(entry[name], list | tuple)
+            entry[name] = (
                 [_in_si(v, units, name) for v in value] if is_list else _in_si(value, units, name)
             )
-        return own
+        return entry
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         """Check that there is either a complete range or a list of values of one type."""
-        given = [name for name in ("start", "stop", "count") if getattr(self, name) is not None]
+        keys = [name for name in ("start", "stop", "count") if getattr(self, name) is not None]
         if self.values is not None:
-            if given or "spacing" in self.model_fields_set:
+            if keys or "spacing" in self.model_fields_set:
                 raise inconsistent("values", "expected no start, stop, count or spacing beside it")
             if len({isinstance(value, str) for value in self.values}) > 1:
                 raise inconsistent("values", "expected only numbers or only words, given both")
-        elif len(given) < 3:
+        elif len(keys) < 3:
             raise PydanticCustomError(
                 "inconsistent",
                 "expected start, stop and count, or values, given {given}",
-                {"given": " and ".join(given) or "none"},
+                {"given": " and ".join(keys) or "none"},
             )
         elif self.spacing == "logarithmic" and not min(self.start or 0, self.stop or 0) > 0:
             raise inconsistent(
@@ -189,11 +191,11 @@ class Axis(Section):
             return self.values
         assert self.start is not None and self.stop is not None and self.count is not None
         space = np.geomspace if self.spacing == "logarithmic" else np.linspace
-        found = [float(value) for value in space(self.start, self.stop, self.count)]
+        numbers = [float(value) for value in space(self.start, self.stop, self.count)]
         is_whole = isinstance(self.start, int) and isinstance(self.stop, int)
-        if is_whole and all(value.is_integer() for value in found):
-            return tuple(int(value) for value in found)
-        return tuple(found)
+        if is_whole and all(value.is_integer() for value in numbers):
+            return tuple(int(value) for value in numbers)
+        return tuple(numbers)
 
 
 class ScanRecord(Section):
@@ -330,15 +332,16 @@ def units_of(key: str, kind: str = "") -> list[str]:
         key: the key.
         kind: kind of the case's excitation; "" if it is not known.
     """
-    section, last = key.partition(".")[0], key.rpartition(".")[2]
-    found = (
-        own.unit.partition(" per ")[0]
+    section = key.partition(".")[0]
+    last = key.rpartition(".")[2]
+    units = (
+        entry.unit.partition(" per ")[0]
         for table in tables()
         if table.name == section and (not kind or table.kind in ("", kind))
-        for own in table.keys
-        if own.name == last and own.has_unit
+        for entry in table.keys
+        if entry.name == last and entry.has_unit
     )
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(units))
 
 
 def unit_of(key: str, case: Case) -> str:
@@ -399,8 +402,8 @@ class Sweep:
         if isinstance(axes, SweepFile):
             object.__setattr__(self, "file", axes)
             return
-        given = [{"key": k, "values": np.asarray(v).tolist()} for k, v in axes.items()]
-        data = {"name": self.base.name, "base": self.base.name, "axis": given, **options}
+        axis_tables = [{"key": k, "values": np.asarray(v).tolist()} for k, v in axes.items()]
+        data = {"name": self.base.name, "base": self.base.name, "axis": axis_tables, **options}
         object.__setattr__(self, "file", _file_of(data))
         require_valid(self)
 
@@ -534,12 +537,12 @@ class Sweep:
             CaseError: one of them is not known, or not a number.
         """
         prefix = f"{INITIAL}."
-        given = self.file.initial | {
+        entries = self.file.initial | {
             key.removeprefix(prefix): value for key, value in overrides.items() if is_initial(key)
         }
         allowed = [f"{lam.name}.{what}" for lam in self.base.lamina for what in _INITIAL_QUANTITIES]
-        found = {}
-        for key, value in given.items():
+        initial = {}
+        for key, value in entries.items():
             if key not in allowed:
                 raise CaseError(
                     f"sweep {self.file.name}: {prefix}{key}: unknown key; expected one of "
@@ -549,8 +552,8 @@ class Sweep:
                 raise CaseError(
                     f"sweep {self.file.name}: {prefix}{key}: expected a number, given {value!r}"
                 )
-            found[key] = float(value)
-        return found
+            initial[key] = float(value)
+        return initial
 
 
 def _short_name(key: str) -> str:
@@ -601,7 +604,8 @@ def sweep_of(
     Raises:
         CaseError: see `load_sweep`.
     """
-    label, file = f"sweep {data.get('name')}", _file_of(data)
+    label = f"sweep {data.get('name')}"
+    file = _file_of(data)
     values = file.set | dict(overrides or {})
     clash = next((axis.key for axis in file.axis if axis.key in (overrides or {})), None)
     if clash is not None:
@@ -650,7 +654,8 @@ def require_valid(sweep: Sweep) -> None:
         case = sweep.case_of(trial, label)
         sweep.initial_of(trial)
     case = sweep.case_of(first, label)
-    record, is_harmonic = sweep.file.record, case.is_periodic
+    record = sweep.file.record
+    is_harmonic = case.is_periodic
     is_rest = sweep.file.start == "rest" and not sweep.file.initial
     if case.impactor and not (is_rest and not any(is_initial(d.key) for d in sweep.dimensions)):
         raise CaseError(f"{label}: start: expected rest beside impactors, which bring their own")

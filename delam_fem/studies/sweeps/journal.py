@@ -112,12 +112,13 @@ def packed(done: Done) -> bytes:
 
 def payloads(data: mmap.mmap | bytes) -> Iterator[tuple[int, int]]:
     """Yield start and stop of the payload of each whole record in a part file."""
-    place, size = data.find(MARK), len(data)
+    place = data.find(MARK)
+    size = len(data)
     while 0 <= place <= size - _FRAME.size:
         head = data[place : place + _FRAME.size]
-        _, length, checksum, own = _FRAME.unpack(head)
+        _, length, checksum, head_checksum = _FRAME.unpack(head)
         start = place + _FRAME.size
-        is_whole = zlib.crc32(head[:-4]) == own and start + length <= size
+        is_whole = zlib.crc32(head[:-4]) == head_checksum and start + length <= size
         if is_whole:
             with memoryview(data) as view, view[start : start + length] as payload:
                 is_whole = zlib.crc32(payload) == checksum
@@ -135,12 +136,14 @@ def _unmap(data: mmap.mmap) -> None:
 def unpacked(data: mmap.mmap | bytes, start: int) -> Kept:
     """Return the chunk in the payload at `start` of a part file; see `packed`."""
     (length,) = struct.unpack_from("<Q", data, start)
-    place, arrays, state = start + 8 + length, [], None
+    place = start + 8 + length
+    arrays = []
+    state = None
     about = json.loads(data[start + 8 : place])
     for kind, *shape in about["arrays"]:
-        found: Any = np.frombuffer(data, kind, math.prod(shape), place)
-        arrays.append(found.reshape(shape))
-        place += found.nbytes
+        array: Any = np.frombuffer(data, kind, math.prod(shape), place)
+        arrays.append(array.reshape(shape))
+        place += array.nbytes
     indices, rows, *more = arrays
     if more:
         motion, losses, *internal, resting = (part.copy() for part in more)
@@ -260,9 +263,11 @@ class Joined(ExitStack):
         order = np.lexsort((owner, outcome, numbers))
         is_first: BoolArray = np.ones(order.size, dtype=np.bool_)
         is_first[1:] = np.diff(numbers[order]) > 0
-        kept = order[is_first]
-        self.numbers: IntArray = numbers[kept]
-        self._owner, self._place, self._outcome = owner[kept], place[kept], outcome[kept]
+        firsts = order[is_first]
+        self.numbers: IntArray = numbers[firsts]
+        self._owner = owner[firsts]
+        self._place = place[firsts]
+        self._outcome = outcome[firsts]
         again = order[~is_first]
         self.n_disagreeing = sum(
             not self._is_same(int(numbers[k]), self._chunks[owner[k]], int(place[k])) for k in again
@@ -271,17 +276,18 @@ class Joined(ExitStack):
     def _is_same(self, number: int, chunk: Kept, place: int) -> bool:
         """Return whether a second result of a point equals the one that is kept, bit by bit."""
         k = int(np.searchsorted(self.numbers, number))
-        kept, at = self._chunks[self._owner[k]], int(self._place[k])
-        if chunk.others.get(place) != kept.others.get(at):
+        earlier = self._chunks[self._owner[k]]
+        at = int(self._place[k])
+        if chunk.others.get(place) != earlier.others.get(at):
             return False
         if place in chunk.others:
             return True
-        return bool(chunk.rows[place].tobytes() == kept.rows[at].tobytes())
+        return bool(chunk.rows[place].tobytes() == earlier.rows[at].tobytes())
 
     def counts(self) -> dict[str, int]:
         """Return the number of points by outcome."""
-        found = np.bincount(self._outcome, minlength=len(OUTCOMES))
-        return dict(zip(OUTCOMES, found.tolist(), strict=True))
+        counts = np.bincount(self._outcome, minlength=len(OUTCOMES))
+        return dict(zip(OUTCOMES, counts.tolist(), strict=True))
 
     def block(self, start: int, stop: int, size: int) -> Block:
         """Return the finished points with indices from `start` to below `stop`.
@@ -292,19 +298,21 @@ class Joined(ExitStack):
             size: number of values in a row.
         """
         first, last = np.searchsorted(self.numbers, (start, stop))
-        numbers, owner = self.numbers[first:last], self._owner[first:last]
-        place, outcomes = self._place[first:last], self._outcome[first:last]
+        numbers = self.numbers[first:last]
+        owner = self._owner[first:last]
+        place = self._place[first:last]
+        outcomes = self._outcome[first:last]
         rows = np.full((numbers.size, size), np.nan)
         errors: dict[int, str] = {}
         order = np.argsort(owner, kind="stable")
         bounds = np.flatnonzero(np.diff(owner[order], prepend=-1))
-        for own in np.split(order, bounds[1:]) if numbers.size else ():
-            chunk = self._chunks[owner[own[0]]]
-            good = own[outcomes[own] == 0] if chunk.others else own
+        for indices in np.split(order, bounds[1:]) if numbers.size else ():
+            chunk = self._chunks[owner[indices[0]]]
+            good = indices[outcomes[indices] == 0] if chunk.others else indices
             if good.size:
                 rows[good] = chunk.rows[place[good]]
             if chunk.others:
-                bad = own[outcomes[own] > 0]
+                bad = indices[outcomes[indices] > 0]
                 errors |= {int(numbers[k]): chunk.others[int(place[k])][1] for k in bad}
         return Block(numbers, outcomes, errors, rows)
 
@@ -319,15 +327,18 @@ class Joined(ExitStack):
             The number of its finished points from the first one on without a gap, and the state
             from which the next starts (None: from the initial conditions).
         """
-        end, state, found = 0, None, self._by_track[track]
+        end = 0
+        state = None
+        chunks = self._by_track[track]
         order = np.argsort(points)
-        firsts = order[np.searchsorted(points[order], [chunk.indices[0] for chunk in found])]
-        pairs = zip(firsts.tolist(), found, strict=True)
+        firsts = order[np.searchsorted(points[order], [chunk.indices[0] for chunk in chunks])]
+        pairs = zip(firsts.tolist(), chunks, strict=True)
         for first, chunk in sorted(pairs, key=lambda pair: pair[0]):
             if first > end:
                 break  # damaged points; they and the later ones are computed anew
             if first + chunk.indices.size > end:
-                end, state = first + chunk.indices.size, chunk.state
+                end = first + chunk.indices.size
+                state = chunk.state
         return end, state
 
 
@@ -374,7 +385,9 @@ class Journal(ExitStack):
             OSError: the folder cannot be made or read.
         """
         super().__init__()
-        self.path, self.shard, self._handle = path, shard, -1
+        self.path = path
+        self.shard = shard
+        self._handle = -1
         self._identity = identity
         try:
             path.mkdir(exist_ok=True)
@@ -390,10 +403,10 @@ class Journal(ExitStack):
         if shard.is_whole:
             self._lock(patience)
         try:
-            with self.joined() as found:
-                if found.numbers.size and not resume:
+            with self.joined() as parts:
+                if parts.numbers.size and not resume:
                     raise CaseError(
-                        f"{path.parent}: holds {found.numbers.size} points of an unfinished sweep; "
+                        f"{path.parent}: holds {parts.numbers.size} points of an unfinished sweep; "
                         "go on with --resume, choose another folder with -o DIR, or delete it"
                     )
         except BaseException:

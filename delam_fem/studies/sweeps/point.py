@@ -197,7 +197,8 @@ OF_CHANNEL = ("min", "max", "rms")
 
 def of_sensor(sensor: SensorRows, n_harmonics: int) -> list[Variable]:
     """Return the variables that a sweep keeps of a sensor: extremes, rms and maybe harmonics."""
-    name, unit = f"{SENSOR}{sensor.name}", sensor.unit
+    name = f"{SENSOR}{sensor.name}"
+    unit = sensor.unit
     rows = [
         Variable(f"{name}_{key}", (), unit, f"{CHANNEL_MEASURES[key].meaning} {sensor.words}")
         for key in OF_CHANNEL
@@ -278,8 +279,8 @@ def quantities(
         "scan_point": 0 if record.scan is None else scanned(record.scan, layout).size,
     }
     rows = [row for key, group in RECORDED.items() if getattr(record, key) for row in group]
-    for own in layout.sensors if record.summary else ():
-        rows += of_sensor(own, record.harmonics)
+    for sensor in layout.sensors if record.summary else ():
+        rows += of_sensor(sensor, record.harmonics)
     of_channels = [
         Quantity(f"{name}_{key}", (), units, f"{measure.meaning} {name}", (), None, (name, key))
         for name, units in channels.items()
@@ -333,11 +334,11 @@ def row_of(
         motion = probe_motion(recorder, structure)
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
-        found = settling_summary(recorder, n_laminae, case, decay)
-        if found["settled"] is not None:
-            values |= {name: value for name, value in found.items() if name != "settling"}
-            values["settled"] = SETTLED[found["settled"]]
-            values["transient"] = found["settling"]["transient"]
+        settling = settling_summary(recorder, n_laminae, case, decay)
+        if settling["settled"] is not None:
+            values |= {name: value for name, value in settling.items() if name != "settling"}
+            values["settled"] = SETTLED[settling["settled"]]
+            values["transient"] = settling["settling"]["transient"]
         word = values.pop("periodicity_class")
         values["is_decided"] = math.nan if word is None else float(word != "undecided")
         values["energy_residual"] = recorder.energy_residual()
@@ -346,9 +347,9 @@ def row_of(
     values["periods_computed"] = recorder.n_closed
     N = case.steps_per_period
     if "harmonic_amplitude" in names:
-        whole = motion.whole_periods(N)
-        values["harmonic_amplitude"] = harmonics.harmonic_amplitudes(whole, whole.shape[1] // N)
-        values["harmonic_phase"] = harmonics.harmonic_phases(whole, whole.shape[1] // N)
+        periods = motion.whole_periods(N)
+        values["harmonic_amplitude"] = harmonics.harmonic_amplitudes(periods, periods.shape[1] // N)
+        values["harmonic_phase"] = harmonics.harmonic_phases(periods, periods.shape[1] // N)
     if "node_thd" in names:
         values |= _node_distortion(recorder, structure.layout)
     for signal in signals(recorder, structure, case):
@@ -369,11 +370,12 @@ def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
     A sensor with a sampling rate is fitted by harmonics of the excitation with least squares, as
     its samples need not fill whole periods.
     """
-    name, value = f"{SENSOR}{signal.sensor.name}", signal.value
+    name = f"{SENSOR}{signal.sensor.name}"
+    value = signal.value
     N, n = case.steps_per_period, case.n_window_periods
     if signal.sensor.sampling_rate is None and value.size >= N:
-        whole = value[value.size % N :]
-        amplitudes = harmonics.harmonic_amplitudes(whole, whole.size // N)
+        samples = value[value.size % N :]
+        amplitudes = harmonics.harmonic_amplitudes(samples, samples.size // N)
     else:
         most = max(int(0.4 * value.size / max(n, 1)), 1)  # below the filter's stop band
         frequencies = (np.arange(1, most + 1) / case.period).tolist()
@@ -406,8 +408,10 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
 
     The first probes of the layout are the reference probes, one for each part.
     """
-    layout, gap0 = structure.layout, structure.operators.gap0
-    n_laminae, pairs = len(layout.parts), _pairs_at_probes(layout)
+    layout = structure.layout
+    gap0 = structure.operators.gap0
+    n_laminae = len(layout.parts)
+    pairs = _pairs_at_probes(layout)
     n_steps = sum(record.n_steps for record in recorder.window)
     is_hit = np.zeros((pairs.size, n_steps), dtype=np.bool_)
     impacts = recorder.impacts()
@@ -429,9 +433,9 @@ def _pairs_at_probes(layout: Layout) -> IntArray:
     pairs = np.full(len(layout.interfaces), NO_PAIR, dtype=np.int64)
     for number, interface in enumerate(layout.interfaces):
         places = interface.places
-        found = np.flatnonzero(places == layout.probes[interface.parts[0]].point)
-        if found.size:
-            pairs[number] = interface.first_pair + found[0]
+        matches = np.flatnonzero(places == layout.probes[interface.parts[0]].point)
+        if matches.size:
+            pairs[number] = interface.first_pair + matches[0]
     return pairs
 
 
@@ -453,11 +457,11 @@ def _scan(
     x = scanned(scan, structure.layout)
     times, _, v = scan_field(recorder, structure, surface_of(case, scan.lamina), x)
     shapes = shapes_of(v, times, case.excitation.top_frequency, x)
-    found = np.full((len(ORDERS), x.size), np.nan, dtype=np.complex128)
-    found[[ORDERS.index(order) for order in shapes.orders]] = shapes.values
+    scan_values = np.full((len(ORDERS), x.size), np.nan, dtype=np.complex128)
+    scan_values[[ORDERS.index(order) for order in shapes.orders]] = shapes.values
     rms = float(np.sqrt(np.mean(v**2)))
     return {
-        "scan_real": found.real, "scan_imag": found.imag, "scan_rms": rms,
+        "scan_real": scan_values.real, "scan_imag": scan_values.imag, "scan_rms": rms,
         "scan_between": shapes.noise,
     }  # fmt: skip
 
@@ -467,15 +471,15 @@ def _fitted(quantity: Quantity, value: npt.ArrayLike | None) -> FloatArray:
     row = np.full(quantity.shape, np.nan)
     if value is None:
         return row.ravel()
-    given = np.asarray(value, dtype=np.float64)
+    array = np.asarray(value, dtype=np.float64)
     if quantity.dims[-1:] == ("strobe",):
-        n = min(given.shape[-1], row.shape[-1])
-        row[..., row.shape[-1] - n :] = given[..., given.shape[-1] - n :]
+        n = min(array.shape[-1], row.shape[-1])
+        row[..., row.shape[-1] - n :] = array[..., array.shape[-1] - n :]
     elif quantity.dims[-1:] == ("harmonic",):
-        n = min(given.shape[-1], row.shape[-1])
-        row[..., :n] = given[..., :n]
+        n = min(array.shape[-1], row.shape[-1])
+        row[..., :n] = array[..., :n]
     else:
-        row[...] = given
+        row[...] = array
     return row.ravel()
 
 
@@ -545,7 +549,8 @@ def largest_exponent(
         return UNKNOWN
     apart = [perturbation * norm, wider * norm]
     others = [State(one.motion + size / length * step, one.resting) for size in apart]
-    growth, aligning = np.empty((periods, len(apart))), int(ALIGNING * periods)
+    growth = np.empty((periods, len(apart)))
+    aligning = int(ALIGNING * periods)
     of_one = recorder.of_one_period()
     for number in range(periods):
         base_states = session.motion(recorder.n_closed + number)
@@ -741,20 +746,23 @@ class PointRunner:
         Neighbours that differ in initial conditions alone share both.
         """
         values = self.sweep.overrides(index)
-        own = {key: value for key, value in values.items() if not is_initial(key)}
-        if self._last is None or self._last[0] != own:
-            record, case = self.sweep.file.record, self.sweep.case(index)
+        case_values = {key: value for key, value in values.items() if not is_initial(key)}
+        if self._last is None or self._last[0] != case_values:
+            record = self.sweep.file.record
+            case = self.sweep.case(index)
             if not (record.node_distortion or record.scan):
                 output = case.output.model_copy(update={"fields_per_period": 0})
                 case = case.model_copy(update={"output": output})
-            self._last = own, case, self._discretised(case)
+            self._last = case_values, case, self._discretised(case)
         return self._last[1:]
 
     def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         record = self.sweep.file.record
         case, known = self._prepared(index)
         structure, rate = known.structure, known.rate
-        operators, layout, decay = structure.operators, structure.layout, rate * case.period
+        operators = structure.operators
+        layout = structure.layout
+        decay = rate * case.period
         if carried is None and self.sweep.file.start == "steady":
             carried = steady_motion(case, structure)
         elif carried is None:
@@ -773,7 +781,7 @@ class PointRunner:
             state = opened.engine.state()
             extra: dict[str, float] = {}
             if record.lyapunov:
-                found = largest_exponent(
+                exponent = largest_exponent(
                     opened,
                     operators,
                     direction=np.sum(
@@ -783,7 +791,7 @@ class PointRunner:
                     periods=record.lyapunov,
                     perturbation=record.perturbation,
                 )
-                extra |= {"lyapunov_exponent": found.value, "lyapunov_error": found.error}
+                extra |= {"lyapunov_exponent": exponent.value, "lyapunov_error": exponent.error}
         wanted = quantities(record, layout, self.channels)
         row = row_of(wanted, case, recorder, structure, extra, decay)
         return Point(index, outcome, "", row), state
@@ -812,7 +820,8 @@ def compute(packed: bytes, chunk: Chunk) -> Done:
     """
     begin = time.perf_counter()
     idle = begin - getattr(_thread, "end", begin)
-    runner, state = _runner(packed), chunk.state
+    runner = _runner(packed)
+    state = chunk.state
     points = []
     for index in chunk.indices:
         carried = state if chunk.track >= 0 else None

@@ -161,7 +161,8 @@ def measured_cost(sweep: Sweep, seconds: float = MEASURED_SECONDS) -> PointCost:
         sweep: the sweep.
         seconds: time after which no further point is begun [s].
     """
-    runner, times = PointRunner(sweep), []
+    runner = PointRunner(sweep)
+    times = []
     places = np.linspace(0, sweep.n_points - 1, min(MOST_MEASURED, sweep.n_points))
     runner.point(0, None)  # compiles
     end = time.perf_counter() + seconds
@@ -202,16 +203,18 @@ def array_script(
         raise CaseError(f"slurm: expected 1 to {min(most, MOST_SHARDS)} shards, as the sweep has "
                         f"{most} {what}, given {n_shards}")  # fmt: skip
     share = max(share_size(sweep, Shard(k, n_shards)) for k in range(1, n_shards + 1))
-    work, limit = share * cost.mean, 3600.0 * most_hours
+    work = share * cost.mean
+    limit = 3600.0 * most_hours
     notice = max(_LEAST_NOTICE, 2.0 * _RESERVE * cost.most)
     if limit < _START_SECONDS + 2.0 * notice:
         raise CaseError(
             f"slurm: expected jobs of at least {(_START_SECONDS + 2.0 * notice) / 3600.0:.2g} h, "
             f"as a point takes up to {cost.most:.3g} s, given {most_hours:g} h"
         )
-    whole = _START_SECONDS + notice + _RESERVE * work
+    wall_seconds = _START_SECONDS + notice + _RESERVE * work
     n_chunks = max(1, math.ceil(_RESERVE * work / (limit - _START_SECONDS - notice)))
-    needed, files = sweep_cost(sweep, 1, share), sweep_cost(sweep, 1).disk / 2.0
+    needed = sweep_cost(sweep, 1, share)
+    files = sweep_cost(sweep, 1).disk / 2.0
     # parent, worker, and the list of its points
     memory = needed.programs + needed.memory + 24.0 * share
     chunks = "one job" if n_chunks == 1 else f"about {n_chunks} jobs one after the other"
@@ -219,7 +222,7 @@ def array_script(
         name=sweep.file.name.replace(" ", "-"),
         n_shards=n_shards,
         memory=math.ceil(_RESERVE * memory / 1e8) * 100,
-        time=_duration(min(limit, whole)),
+        time=_duration(min(limit, wall_seconds)),
         notice=math.ceil(notice),
         about=f"{share} points a shard, {1e3 * cost.mean:.3g} ms a point (mean of {cost.n_points} "
         f"here, longest {1e3 * cost.most:.3g} ms): {_duration(work)} of work in {chunks}",
@@ -481,7 +484,8 @@ def sweep_cost(
     Raises:
         CaseError: the first point cannot be computed.
     """
-    case, record = sweep.case(0), sweep.file.record
+    case = sweep.case(0)
+    record = sweep.file.record
     n = sweep.n_points if n_points is None else n_points
     n_workers = workers or executors.n_cores()
     if layout is None:

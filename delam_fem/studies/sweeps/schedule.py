@@ -87,14 +87,14 @@ def parse_shard(text: str) -> Shard:
 
 def named(text: str) -> Shard | None:
     """Return the shard at the beginning of the name of a file; None without one."""
-    found = _NAME.match(text)
-    return Shard(int(found[1]), int(found[2])) if found else None
+    match = _NAME.match(text)
+    return Shard(int(match[1]), int(match[2])) if match else None
 
 
 def owners(items: IntArray, of: int) -> IntArray:
     """Return for given points or tracks the number of the shard that has each, shape (n,)."""
-    found = (items % of - _beginners(items // of, of)) % of + 1
-    return np.asarray(found, dtype=np.int64)
+    shards = (items % of - _beginners(items // of, of)) % of + 1
+    return np.asarray(shards, dtype=np.int64)
 
 
 def _beginners(rounds: IntArray, of: int) -> IntArray:
@@ -244,7 +244,8 @@ class Schedule:
 
     def _land(self, futures: Iterable[Future[Done]]) -> list[Done]:
         """Return the results of finished futures; recover the points of a dead worker."""
-        results, lost = [], []
+        results = []
+        lost = []
         for future in futures:
             track, chunk = self._flying.pop(future)
             try:

@@ -25,35 +25,39 @@ from delam_fem.studies.diagrams import is_unsettled
 from delam_fem.studies.sweeps.grid import sweep_of
 
 NOMINAL, JOINED = 0.95, 0.07
-CELLS, MAPS = (5, 3), (6, 1)
+CELLS = (5, 3)
+MAPS = (6, 1)
 """Starts along an axis, and maps of a preset, of the long and of the short form."""
-PERIODS, LATER, KEPT = 200, (1000, 240), 100
+PERIODS = 200
+LATER = (1000, 240)
+KEPT = 100
 FINGERPRINT = ("tip_min", "tip_max", "strobe_displacement")
 
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return how often two starts are told to reach the same attractor, or another, rightly."""
-    rng, found = np.random.default_rng(43), []
+    rng = np.random.default_rng(43)
+    result = []
     for preset in ("paper", "default")[: 2 if is_long else 1]:
         right: list[bool] = []
         truths = others = 0
         for k, frequency in enumerate(rng.uniform(3.49, 3.56, MAPS[not is_long])):
-            own = folder / f"{preset}-{k}"
-            said = shown(swept(preset, frequency, PERIODS, 10, is_long, own / "short"))
+            map_folder = folder / f"{preset}-{k}"
+            said = shown(swept(preset, frequency, PERIODS, 10, is_long, map_folder / "short"))
             later = LATER[not is_long]
-            true = reached(swept(preset, frequency, later, KEPT, is_long, own / "long"))
+            true = reached(swept(preset, frequency, later, KEPT, is_long, map_folder / "long"))
             truths += said.size
             decided = np.flatnonzero(said >= 0)
             for i in decided:
                 j = rng.choice(np.setdiff1d(decided, [i]))
                 right.append(bool((said[i] == said[j]) == (true[i] == true[j])))
                 others += bool(true[i] != true[j])
-        found.append(
+        result.append(
             Row("same attractor, or another", f"{preset}, five times as long", NOMINAL,
                 sum(right), truths, truths - len(right), at_least=True,
                 note=f"{others} pairs on different ones")
         )  # fmt: skip
-    return found
+    return result
 
 
 def swept(
@@ -77,9 +81,11 @@ def swept(
 
 def shown(data: xr.Dataset) -> IntArray:
     """Return the attractors of the cells as the diagram shows them, -1 for undecided ones."""
-    kept = data[["periodicity", *FINGERPRINT]].where(~is_unsettled(data))
-    found = settling.attractors(*(kept[name].to_numpy() for name in ("periodicity", *FINGERPRINT)))
-    return np.where(settling.is_isolated(found.number), -1, found.number).ravel()
+    fingerprints = data[["periodicity", *FINGERPRINT]].where(~is_unsettled(data))
+    attractors = settling.attractors(
+        *(fingerprints[name].to_numpy() for name in ("periodicity", *FINGERPRINT))
+    )
+    return np.where(settling.is_isolated(attractors.number), -1, attractors.number).ravel()
 
 
 def reached(data: xr.Dataset) -> IntArray:

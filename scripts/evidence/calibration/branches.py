@@ -64,8 +64,8 @@ class Plane:
         states = [state]
         for _ in range(periods):
             states.append(self.after(states[-1][None], parameter)[0])
-        seen = np.array(states[1:])
-        return Passage(seen, seen, seen.min(axis=0), seen.max(axis=0), np.inf)
+        visited = np.array(states[1:])
+        return Passage(visited, visited, visited.min(axis=0), visited.max(axis=0), np.inf)
 
 
 def jumps(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         ("Hénon's maps with jumps", of_henon, (DOUBLING, FOLD)),
         ("delayed logistic maps with jumps", of_logistic, (TORUS,)),
     )
-    found = []
+    result = []
     for number, (name, drawn, kinds) in enumerate(families):
         for kind in kinds:
             rng = np.random.default_rng([29, number, kind == FOLD])
@@ -91,11 +91,11 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             width = [(event.high - event.low) / exact for event, exact in known]
             note = f"median width {100.0 * abs(float(np.median(width))):.2g} %" if width else ""
             what = f"interval of a {NAMES.get(kind, kind)}, {name}"
-            found.append(
+            result.append(
                 Row(what, OWN, NOMINAL, inside, truths, truths - len(known), at_least=True,
                     note=note)
             )  # fmt: skip
-    return found
+    return result
 
 
 def judged(
@@ -141,7 +141,8 @@ def of_henon(
     kind: str, rng: np.random.Generator
 ) -> tuple[Plane, FloatArray, continuation.Path, float]:
     """Return a rough map in coordinates of its own, a state, the range of λ, and the truth."""
-    b, rough = rng.uniform(-0.3, 0.5), float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
+    b = rng.uniform(-0.3, 0.5)
+    rough = float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
     exact = (-0.25 if kind == FOLD else 0.75) * (1.0 - b) ** 2
     start = exact + (1.0 if kind == FOLD else -1.0) * rng.uniform(0.1, 0.3) * (1.0 - b) ** 2
     path = continuation.Path(start, exact - (start - exact) * rng.uniform(0.3, 1.2))
@@ -164,7 +165,8 @@ def of_logistic(
     kind: str, rng: np.random.Generator
 ) -> tuple[Plane, FloatArray, continuation.Path, float]:
     """Return a rough map, a state, the range of λ, and where multipliers are e^{±iθ}."""
-    c, rough = rng.uniform(-0.4, 0.4), float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
+    c = rng.uniform(-0.4, 0.4)
+    rough = float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
     exact = 1.0 + 1.0 / (1.0 - c)
     before, behind = rng.uniform(0.1, 0.3, 2)
 

@@ -43,7 +43,7 @@ JUDGED = {
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
     truths = TRUTHS if is_long else 1
-    found = []
+    result = []
     for number, by in enumerate(KINDS):
         rng = np.random.default_rng([11, number])
         trials = [_trial(by, rng) for _ in range(truths)]
@@ -52,21 +52,22 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             known = [end for end in ends if math.isfinite(end[1])]
             inside = sum(bool(abs(truth - away) <= left) for away, left, truth in known)
             width = float(np.median([100.0 * left for _, left, _ in known])) if known else math.nan
-            found.append(
+            result.append(
                 Row(f"distance{words} from the limit in {by}", OWN, PROMISE, inside, len(ends),
                     len(ends) - len(known), note=f"median ± {width:.2g} %", at_least=True)
             )  # fmt: skip
-    return found
+    return result
 
 
 def drawn(rng: np.random.Generator) -> Case:
     """Return two strips that clap."""
-    length, damping = rng.uniform(0.4, 0.7), float(np.exp(rng.uniform(*np.log([0.004, 0.02]))))
-    own = {"length": length, "damping_ratio": damping}
+    length = rng.uniform(0.4, 0.7)
+    damping = float(np.exp(rng.uniform(*np.log([0.004, 0.02]))))
+    values = {"length": length, "damping_ratio": damping}
     return df.preset(
         "default",
         {
-            **{f"lamina.{name}.{key}": value for name in LAMINAE for key, value in own.items()},
+            **{f"lamina.{name}.{key}": value for name in LAMINAE for key, value in values.items()},
             "lamina.thin.bending_stiffness": rng.uniform(0.1, 0.8),
             "contact.restitution": rng.uniform(0.0, 0.6),
             "excitation.frequency": rng.uniform(2.0, 6.0) * (0.685 / length) ** 2,
@@ -78,17 +79,20 @@ def _trial(by: str, rng: np.random.Generator) -> dict[str, list[tuple[float, flo
     """Return distance, uncertainty and true distance of the judged runs of a ladder by what is."""
     meshes, steps, finer = KINDS[by]
     ladder = Ladder(drawn(rng), (method(LAW),), meshes, steps, 30, 0)
-    law, mesh = ladder.methods[0], meshes[0]
+    law = ladder.methods[0]
+    mesh = meshes[0]
     if by == "steps":
-        line, truth = ladder.along_steps(law, mesh), ladder.rung(law, mesh, finer)
+        line = ladder.along_steps(law, mesh)
+        truth = ladder.rung(law, mesh, finer)
     else:
-        line, truth = ladder.along_meshes(law, steps[0]), ladder.rung(law, finer, steps[0])
+        line = ladder.along_meshes(law, steps[0])
+        truth = ladder.rung(law, finer, steps[0])
     results = {rung.key: compute(rung, "compiled") for rung in (*line, truth)}
     judges = {
         words: Convergence(replace(ladder, judged=names), results)
         for words, names in JUDGED.items()
     }
     return {
-        words: [(*own.interval(rung, line, by), own.error(rung, truth)) for rung in line[:-2]]
-        for words, own in judges.items()
+        words: [(*judge.interval(rung, line, by), judge.error(rung, truth)) for rung in line[:-2]]
+        for words, judge in judges.items()
     }

@@ -58,13 +58,13 @@ RIGS = {
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
     truths = 1000 if is_long else 15
-    found = []
+    result = []
     for number, (name, rig) in enumerate(RIGS.items()):
         rng = np.random.default_rng([5, number])
         calls = sum(is_called(rig, rng) for _ in range(truths))
         promise = "healthy plate not called (2f-curvature)"
-        found.append(Row(promise, name, 1.0 - FALSE_CALLS, truths - calls, truths))
-    return found
+        result.append(Row(promise, name, 1.0 - FALSE_CALLS, truths - calls, truths))
+    return result
 
 
 def is_called(rig: Rig, rng: np.random.Generator) -> bool:
@@ -81,8 +81,8 @@ def is_called(rig: Rig, rng: np.random.Generator) -> bool:
     field += rng.normal(scale=noise, size=field.shape)
     case = intact(df.preset("embedded", {"excitation.frequency": f, "mesh.elements": 20}))
     responses = drive_responses(case, surface_of(case, None), x, f)
-    found = shapes_of(field, times, f, x).without_drive(responses)
-    return mark("curvature", found).is_detected
+    fitted = shapes_of(field, times, f, x).without_drive(responses)
+    return mark("curvature", fitted).is_detected
 
 
 def velocity(x: FloatArray, frequency: float, rig: Rig) -> npt.NDArray[np.complex128]:
@@ -91,8 +91,10 @@ def velocity(x: FloatArray, frequency: float, rig: Rig) -> npt.NDArray[np.comple
     Between the clamps EI w'''' = m ω² w; at both ends w = w₀ and EI w'' = ± k w'.
     """
     case = df.preset("embedded")
-    h = sum(own.thickness for own in case.lamina)
-    L, b, omega = case.length, case.lamina[0].width, 2.0 * np.pi * frequency
+    h = sum(lamina.thickness for lamina in case.lamina)
+    L = case.length
+    b = case.lamina[0].width
+    omega = 2.0 * np.pi * frequency
     mass = case.lamina[0].density * b * h
     damping = 2.0 * case.lamina[0].damping_ratio * rig.damping
     EI = rig.stiffness * case.lamina[0].young_modulus * b * h**3 / 12.0 * (1.0 + 1j * damping)
@@ -105,7 +107,8 @@ def velocity(x: FloatArray, frequency: float, rig: Rig) -> npt.NDArray[np.comple
         grown = [(-k) ** order * np.exp(-k * s), k**order * np.exp(-k * (L - s))]
         return np.stack([k**order * np.cos(phase), k**order * np.sin(phase), *grown], axis=-1)
 
-    start, end = np.zeros(1), np.full(1, L)
+    start = np.zeros(1)
+    end = np.full(1, L)
     matrix = np.concatenate(
         [
             terms(start, 0), terms(start, 1) - soft * terms(start, 2),

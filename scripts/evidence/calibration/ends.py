@@ -40,8 +40,10 @@ def scanned(
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    case, found = df.preset("embedded"), []
-    whole, surface = intact(case), surface_of(case, None)
+    case = df.preset("embedded")
+    result = []
+    intact_case = intact(case)
+    surface = surface_of(case, None)
     *others, _ = rigs(case, TRUTHS)  # the last has the noise of `infer`
     every = rigs(case, TRUTHS) | {OWN: {}, NOISY: {}}
     for number, rig in enumerate((*others, NOISY)):
@@ -57,13 +59,14 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
                 strict=True,
             )
         ]
-        own = {key: values[:n] for key, values in every[rig].items()}
+        rig_values = {key: values[:n] for key, values in every[rig].items()}
         runs = population(
-            case, specimens, folder / f"rig-{number}", "serial", also=own, resume=True
+            case, specimens, folder / f"rig-{number}", "serial", also=rig_values, resume=True
         )
-        inside, widths = np.zeros((0, 2), dtype=bool), []
+        inside = np.zeros((0, 2), dtype=bool)
+        widths = []
         for k in np.flatnonzero(np.isfinite(runs.rms)).tolist():
-            drive = drive_responses(whole, surface, runs.x, specimens[k].frequency, (2.0,))
+            drive = drive_responses(intact_case, surface, runs.x, specimens[k].frequency, (2.0,))
             shapes = scanned(rig, runs, k, drive, rng)
             if not mark("curvature", shapes).is_detected:
                 continue
@@ -78,5 +81,5 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             row = Row(
                 f"bounds of the {name}", rig, CONFIDENCE, int(inside[:, j].sum()), len(inside)
             )
-            found.append(Row(**vars(row) | {"note": note}))
-    return found
+            result.append(Row(**vars(row) | {"note": note}))
+    return result

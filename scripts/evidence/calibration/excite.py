@@ -32,26 +32,30 @@ BETWEEN = "at another frequency, between the neighbours"
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    case, truths = df.preset("embedded"), TRUTHS if is_long else 4
+    case = df.preset("embedded")
+    truths = TRUTHS if is_long else 4
     *others, _ = rigs(case, truths)  # the last has the noise of `infer`
     rng = np.random.default_rng(61)
-    given = statistics.uniform(prior_of(case), truths, 500)
-    maps = [mapped(one, folder / f"map-{k}") for k, one in enumerate(given)]
-    known = [k for k, own in enumerate(maps) if own.recommended is not None]
+    delaminations = statistics.uniform(prior_of(case), truths, 500)
+    maps = [mapped(one, folder / f"map-{k}") for k, one in enumerate(delaminations)]
+    known = [k for k, map_ in enumerate(maps) if map_.recommended is not None]
     best = [maps[k].recommended for k in known]
     said = np.array([maps[k].worst[at] for k, at in zip(known, best, strict=True)])
     frequencies = FREQUENCIES[[number for _, number in best]]
-    every, found = rigs(case, len(known)) | {OWN: {}}, []
+    every = rigs(case, len(known)) | {OWN: {}}
+    result = []
     for number, rig in enumerate((*others, NOISY, BETWEEN) if is_long else (OWN,)):
         step = (rig == BETWEEN) * np.diff(FREQUENCIES)[0]
         at = frequencies + step * rng.uniform(-1.0, 1.0, len(known))
-        over = ratios(rig, given[known], at, every.get(rig, {}), folder / f"rig-{number}", rng)
+        over = ratios(
+            rig, delaminations[known], at, every.get(rig, {}), folder / f"rig-{number}", rng
+        )
         low, high = np.quantile(over / said, [0.05, 0.95])
-        found.append(
+        result.append(
             Row("scan at the recommended frequency is called", rig, SURE, int((over > 1.0).sum()),
                 truths, truths - len(known), at_least=True, note=f"{low:.2f} … {high:.2f} times")
         )  # fmt: skip
-    return found
+    return result
 
 
 def mapped(one: FloatArray, folder: Path) -> ExcitationMap:
@@ -59,8 +63,8 @@ def mapped(one: FloatArray, folder: Path) -> ExcitationMap:
     middle, length, depth = one.tolist()
     case = df.preset("embedded")
     surface = surface_of(case, None)
-    other = next(own.name for own in case.lamina if own.name != surface)
-    total = sum(own.thickness for own in case.lamina)
+    other = next(lamina.name for lamina in case.lamina if lamina.name != surface)
+    total = sum(lamina.thickness for lamina in case.lamina)
     keys = {
         "delamination.1.start": middle - 0.5 * length, "delamination.1.end": middle + 0.5 * length,
         f"lamina.{surface}.thickness": depth, f"lamina.{other}.thickness": total - depth,
@@ -77,15 +81,16 @@ def ratios(
 ) -> FloatArray:  # fmt: skip
     """Return the largest index over its limit of a scan of each structure, shape (n,)."""
     case = df.preset("embedded")
-    whole, surface = intact(case), surface_of(case, None)
+    intact_case = intact(case)
+    surface = surface_of(case, None)
     specimens = [
         Specimen(middle - 0.5 * length, middle + 0.5 * length, depth, "clamped", frequency)
         for (middle, length, depth), frequency in zip(given, frequencies, strict=True)
     ]
     runs = population(case, specimens, folder, "serial", also=also, resume=True)
-    found = []
+    result = []
     for k, specimen in enumerate(specimens):
-        drive = drive_responses(whole, surface, runs.x, specimen.frequency, (2.0,))
+        drive = drive_responses(intact_case, surface, runs.x, specimen.frequency, (2.0,))
         shapes = scanned(rig, runs, k, drive, rng)
-        found.append(float(mark("curvature", shapes).over_limits.max()))
-    return np.array(found)
+        result.append(float(mark("curvature", shapes).over_limits.max()))
+    return np.array(result)

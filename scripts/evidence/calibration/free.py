@@ -28,24 +28,26 @@ RIGS = (OWN, "damping × 2", "damping × ½", SECOND, GROWING, RISING)
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    found, truths = [], TRUTHS if is_long else 20
+    result = []
+    truths = TRUTHS if is_long else 20
     for number, rig in enumerate(RIGS):
         rng = np.random.default_rng([53, number])
-        seen = np.array([trial(rig, rng) for _ in range(truths)])
-        known = seen[np.isfinite(seen).all(axis=1)]
+        deviations = np.array([trial(rig, rng) for _ in range(truths)])
+        known = deviations[np.isfinite(deviations).all(axis=1)]
         for k, what in enumerate(("frequency", "damping ratio")):
             inside = int((known[:, k] <= 2.0).sum())
             note = f"median error {np.median(known[:, 2 + k]):.1g} of it"
-            found.append(
+            result.append(
                 Row(f"{what} ± 2 errors", rig, TWO_ERRORS, inside, truths, truths - len(known),
                     at_least=True, note=note)
             )  # fmt: skip
-    return found
+    return result
 
 
 def trial(rig: str, rng: np.random.Generator) -> tuple[float, ...]:
     """Return how far frequency and damping are off over their errors, and the relative errors."""
-    f, D = rng.uniform(2.0, 20.0), damping(rng)
+    f = rng.uniform(2.0, 20.0)
+    D = damping(rng)
     D *= {"damping × 2": 2.0, "damping × ½": 0.5}.get(rig, 1.0)
     t = np.arange(0.0, 1.1 * CYCLES / f, 1.0 / (f * rng.uniform(20.0, 40.0)))
     rises = 1.0 + 0.01 * (rig == RISING) * (t * f / CYCLES - 0.5)
@@ -60,9 +62,9 @@ def trial(rig: str, rng: np.random.Generator) -> tuple[float, ...]:
     for name, value in {"variable": "sensor_a", "units": "m", "lamina": ""}.items():
         data[f"channel_{name}"] = ("channel", [value])
     free = with_free_vibrations(data, "a", 0.95 * f, 1.05 * f, CYCLES / f)
-    own = {name: float(free[f"free_{name}"][0]) for name in ("frequency", "damping")}
-    errors = [float(free[f"free_{name}_error"][0]) for name in own]
-    away = [abs(own["frequency"] - f) / errors[0], abs(own["damping"] - D) / errors[1]]
+    values = {name: float(free[f"free_{name}"][0]) for name in ("frequency", "damping")}
+    errors = [float(free[f"free_{name}_error"][0]) for name in values]
+    away = [abs(values["frequency"] - f) / errors[0], abs(values["damping"] - D) / errors[1]]
     return *away, errors[0] / f, errors[1] / D
 
 

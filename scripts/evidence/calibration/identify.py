@@ -42,7 +42,9 @@ UNKNOWNS = (
     Unknown("lamina.*.damping_ratio", 0.004, 0.016),
     Unknown("lamina.thin.bending_stiffness", 0.14, 0.18),
 )
-LEVEL, TRUTHS, TURN = 0.9, 200, 2.0 * np.pi
+LEVEL = 0.9
+TRUTHS = 200
+TURN = 2.0 * np.pi
 THICK = "lamina.thick.bending_stiffness"
 STEPS = "time.steps_per_period"
 EXACT = "the case itself"
@@ -68,46 +70,55 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
     size, repeated, left_out, most = (1000, 100, 200, 1000) if is_long else (120, 6, 20, 20)
     rig = df.preset("paper", CASE)
-    given = Experiment(rig, (1.25, 3.25), UNKNOWNS, 1e-4, uncertain=of_rig(rig))
-    parameters = statistics.uniform(given.bounds, size, 1)
-    also = drawn(given.uncertain, given.case, size, 2)
-    exact = given.simulate(parameters, folder / "table", also=also, executor="serial")
+    experiment = Experiment(rig, (1.25, 3.25), UNKNOWNS, 1e-4, uncertain=of_rig(rig))
+    parameters = statistics.uniform(experiment.bounds, size, 1)
+    also = drawn(experiment.uncertain, experiment.case, size, 2)
+    exact = experiment.simulate(parameters, folder / "table", also=also, executor="serial")
     more = {key: values[:repeated] for key, values in also.items()}
-    more |= identify.finer_than(given.case, repeated)
-    finer = given.simulate(parameters[:repeated], folder / "finer", also=more, executor="serial")
-    whole = given.table(exact, parameters, 3, finer)
-    part = np.arange(len(whole.parameters)) // left_out  # 20 truths of a short form are enough
-    kept = [
-        statistics.Table(whole.parameters[part != k], whole.statistics[part != k], whole.bounds)
+    more |= identify.finer_than(experiment.case, repeated)
+    finer = experiment.simulate(
+        parameters[:repeated], folder / "finer", also=more, executor="serial"
+    )
+    full_table = experiment.table(exact, parameters, 3, finer)
+    part = np.arange(len(full_table.parameters)) // left_out  # 20 truths of a short form are enough
+    partial_tables = [
+        statistics.Table(
+            full_table.parameters[part != k], full_table.statistics[part != k], full_table.bounds
+        )
         for k in range(part[-1] + 1)
     ]
-    own = [kept[k] for k in part[:most]]
-    found = judged(OWN, given, own, whole.parameters[:most], whole.statistics[:most])
+    own_tables = [partial_tables[k] for k in part[:most]]
+    result = judged(
+        OWN, experiment, own_tables, full_table.parameters[:most], full_table.statistics[:most]
+    )
     for number, (rig, keys) in enumerate(RIGS.items() if is_long else ()):
-        truths = statistics.uniform(given.bounds, TRUTHS, 100 + number)
-        rng, tables = np.random.default_rng([17, number]), [whole] * TRUTHS
+        truths = statistics.uniform(experiment.bounds, TRUTHS, 100 + number)
+        rng = np.random.default_rng([17, number])
+        tables = [full_table] * TRUTHS
         if rig == RECORD:
-            every = [recorded(given, truth, k) for k, truth in enumerate(truths)]
-            seen = np.stack([values for values, _ in every])
+            every = [recorded(experiment, truth, k) for k, truth in enumerate(truths)]
+            observations = np.stack([values for values, _ in every])
             noise = float(np.median([noise for _, noise in every]))
-            tables = [replace(given, noise=noise).table(exact, parameters, 3, finer)] * TRUTHS
+            tables = [replace(experiment, noise=noise).table(exact, parameters, 3, finer)] * TRUTHS
         elif rig == SHAKER:
-            motions = np.stack([distorted(given, truth, rng) for truth in truths])
-            seen = observed(identify.noisy(motions, given.error, rng))
+            motions = np.stack([distorted(experiment, truth, rng) for truth in truths])
+            observations = observed(identify.noisy(motions, experiment.error, rng))
         else:
             more = {key: np.full(TRUTHS, value) for key, value in keys.items()}
-            motions = given.simulate(truths, folder / f"rig-{number}", also=more, executor="serial")
+            motions = experiment.simulate(
+                truths, folder / f"rig-{number}", also=more, executor="serial"
+            )
             sizes = np.ones((*motions.shape[:3], 1))
             if rig == NOISY:  # a table has the noise that its record shows
                 sizes = np.exp(0.7 * rng.standard_normal(sizes.shape))
-                shown = given.noise * np.sqrt((sizes**2).mean(axis=(2, 3))).max(axis=1)
+                noises = experiment.noise * np.sqrt((sizes**2).mean(axis=(2, 3))).max(axis=1)
                 tables = [
-                    replace(given, noise=noise).table(exact, parameters, 3, finer)
-                    for noise in shown.tolist()
+                    replace(experiment, noise=noise).table(exact, parameters, 3, finer)
+                    for noise in noises.tolist()
                 ]
-            seen = observed(identify.noisy(motions, given.error * sizes, rng))
-        found += judged(rig, given, tables, truths, seen)
-    return found
+            observations = observed(identify.noisy(motions, experiment.error * sizes, rng))
+        result += judged(rig, experiment, tables, truths, observations)
+    return result
 
 
 def observed(motions: beams.ComplexArray) -> FloatArray:
@@ -118,7 +129,8 @@ def observed(motions: beams.ComplexArray) -> FloatArray:
 def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatArray, float]:
     """Return the statistics of records of the tips with noise, and the noise that they show [m]."""
     rng = np.random.default_rng([18, number])
-    motions, noises = [], []
+    motions = []
+    noises = []
     for frequency in given.frequencies:
         time, tips = moved(given, truth, frequency, 0.0, 0.0)
         tips = tips + given.noise * rng.standard_normal(tips.shape)
@@ -130,19 +142,19 @@ def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatAr
 
 def distorted(given: Experiment, truth: FloatArray, rng: np.random.Generator) -> beams.ComplexArray:
     """Return the harmonics of motions under a base with a second harmonic of any phase [m]."""
-    found = []
+    amplitudes = []
     for frequency in given.frequencies:
         time, tips = moved(given, truth, frequency, 0.01, rng.uniform(0.0, TURN))
-        found.append(identify.of_history(time, tips, frequency)[0])
-    return np.stack(found)
+        amplitudes.append(identify.of_history(time, tips, frequency)[0])
+    return np.stack(amplitudes)
 
 
 def moved(
     given: Experiment, truth: FloatArray, frequency: float, shaker: float, phase: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return times, from any origin [s], and tips [m] of a case with values of the unknowns."""
-    keys = {key: value for own, value in zip(given.unknowns, truth.tolist(), strict=True)
-            for key in own.keys(given.case)}  # fmt: skip
+    keys = {key: value for unknown, value in zip(given.unknowns, truth.tolist(), strict=True)
+            for key in unknown.keys(given.case)}  # fmt: skip
     case = given.case.with_overrides(keys | {"excitation.frequency": frequency})
     tips = shaken(case, shaker, phase)
     return case.time_step * np.arange(tips.shape[1]), tips
@@ -156,16 +168,16 @@ def judged(
     seen: FloatArray,
 ) -> list[Row]:
     """Return a row for each unknown."""
-    whole = np.flatnonzero(np.isfinite(seen).all(axis=1))
-    bounds = np.stack([tables[k].posterior(seen[k]).interval(LEVEL) for k in whole])
-    warned = sum(mismatch(given, tables[k], seen[k]) is not None for k in whole)
-    inside = (truths[whole] >= bounds[..., 0]) & (truths[whole] <= bounds[..., 1])
+    complete = np.flatnonzero(np.isfinite(seen).all(axis=1))
+    bounds = np.stack([tables[k].posterior(seen[k]).interval(LEVEL) for k in complete])
+    warned = sum(mismatch(given, tables[k], seen[k]) is not None for k in complete)
+    inside = (truths[complete] >= bounds[..., 0]) & (truths[complete] <= bounds[..., 1])
     widths = np.median(bounds[..., 1] - bounds[..., 0], axis=0)
     return [
         Row(
-            f"{own.key}, 90 % interval", rig, LEVEL, int(inside[:, j].sum()), whole.size,
+            f"{unknown.key}, 90 % interval", rig, LEVEL, int(inside[:, j].sum()), complete.size,
             warned=warned,
-            note=f"{widths[j]:.2g} of {LEVEL * (own.high - own.low):.2g}; {warned} named",
+            note=f"{widths[j]:.2g} of {LEVEL * (unknown.high - unknown.low):.2g}; {warned} named",
         )
-        for j, own in enumerate(given.unknowns)
+        for j, unknown in enumerate(given.unknowns)
     ]  # fmt: skip

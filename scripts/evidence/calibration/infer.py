@@ -42,41 +42,47 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     wide = np.subtract(
         *np.quantile(infer.edges(statistics.uniform(prior, 9999, 1)), [0.95, 0.05], axis=0)
     )
-    found = []
+    result = []
     for number, (rig, keys) in enumerate(rigs(case, TRUTHS).items()):
         n = TRUTHS if is_long else 4 * (rig in (OWN, SHAKER))
         if not n:
             continue
-        given = statistics.uniform(prior, n, (100 if rig == OWN else 400) + number)
+        true_parameters = statistics.uniform(prior, n, (100 if rig == OWN else 400) + number)
         also = {key: values[:n] for key, values in keys.items()}
-        runs = computed(case, given, folder / f"rig-{number}", also)
+        runs = computed(case, true_parameters, folder / f"rig-{number}", also)
         rng = np.random.default_rng([6 if rig == OWN else 16, number])
-        whole = np.flatnonzero(np.isfinite(runs.rms.reshape(2, n)).all(axis=0)).tolist()
-        noise, lines, judge = NOISE_DB, np.inf, known
+        complete = np.flatnonzero(np.isfinite(runs.rms.reshape(2, n)).all(axis=0)).tolist()
+        noise = NOISE_DB
+        lines = np.inf
+        judge = known
         if rig == NOISY:  # the table has the noise that the first of the scans shows
-            noise, lines = LOUD_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES
+            noise = LOUD_DB + rng.normal(0.0, 6.0, runs.x.size)
+            lines = N_LINES
             sensors = tuple(
-                infer.Sensor.of(runs.shapes(i, noise, rng, lines), float(runs.rms[i]), own.drive)
-                for i, own in zip((0, n), known.sensors, strict=True)
+                infer.Sensor.of(runs.shapes(i, noise, rng, lines), float(runs.rms[i]), sensor.drive)
+                for i, sensor in zip((0, n), known.sensors, strict=True)
             )
             judge = infer.knowledge(table, parameters, prior, sensors)
         judged = []
-        for k in whole:
+        for k in complete:
             scans = tuple(runs.shapes(i, noise, rng, lines) for i in (k, n + k))
             if rig == SHAKER:
-                scans = tuple(map(shaken, scans, [own.drive for own in judge.sensors], [rng, rng]))
+                scans = tuple(
+                    map(shaken, scans, [sensor.drive for sensor in judge.sensors], [rng, rng])
+                )
             interval = infer.edge_posterior(judge.posterior(scans)).interval(LEVEL)
             judged.append((interval, judge.mismatch(scans) is not None))
-        bounds, warned = np.array([b for b, _ in judged]), sum(w for _, w in judged)
-        true = infer.edges(given)[whole]
+        bounds = np.array([b for b, _ in judged])
+        warned = sum(w for _, w in judged)
+        true = infer.edges(true_parameters)[complete]
         for j, name in enumerate(infer.NAMES):
             low, high = bounds[:, j].T
             width = 1e3 * np.median(high - low)
             note = f"{width:.3g} of {1e3 * wide[j]:.3g} mm; {warned} named"
             hits = int(np.sum((true[:, j] >= low) & (true[:, j] <= high)))
             promise = f"{name}, 90 % interval"
-            found.append(Row(promise, rig, LEVEL, hits, len(whole), warned=warned, note=note))
-    return found
+            result.append(Row(promise, rig, LEVEL, hits, len(complete), warned=warned, note=note))
+    return result
 
 
 def rigs(case: Case, n: int) -> dict[str, dict[str, FloatArray]]:
@@ -85,7 +91,7 @@ def rigs(case: Case, n: int) -> dict[str, dict[str, FloatArray]]:
     clamp = of_rig(case)[-1].low * 2.0  # k L/EI = 100
 
     def every(key: str, value: float) -> dict[str, FloatArray]:
-        return {f"lamina.{own.name}.{key}": np.full(n, value) for own in case.lamina}
+        return {f"lamina.{lamina.name}.{key}": np.full(n, value) for lamina in case.lamina}
 
     return {
         OWN: drawn(of_rig(case), case, n, 9),
@@ -113,9 +119,10 @@ def known_of(
     case: Case, table: Population, parameters: FloatArray, prior: FloatArray
 ) -> infer.Knowledge:
     """Return what a table says with the usual noise."""
-    whole, surface = intact(case), surface_of(case, None)
+    intact_case = intact(case)
+    surface = surface_of(case, None)
     sensors = tuple(
-        infer.Sensor(NOISE_DB, drive=drive_responses(whole, surface, table.x, f, (2.0,)))
+        infer.Sensor(NOISE_DB, drive=drive_responses(intact_case, surface, table.x, f, (2.0,)))
         for f in Infer().frequency
     )
     return infer.knowledge(table, parameters, prior, sensors)

@@ -56,36 +56,46 @@ def rows_of(rig: str, rng: np.random.Generator, is_long: bool) -> list[Row]:
     """Return the rows of a rig."""
     drawn = (judged(rng, rig) for _ in itertools.count())
     # neither what stays on the stop nor what never meets it
-    clapping = (own for own in drawn if math.isfinite(own[1]) and own[1] != 0.0)
-    found = list(itertools.islice(clapping, TRUTHS if is_long else SHORT))
-    known = [(own, exact) for own, exact in found if math.isfinite(own.value + exact)]
-    inside = sum(abs(own.value - exact) <= BARS * own.error for own, exact in known)
-    sure = [(own, exact) for own, exact in known if abs(own.value) > BARS * own.error]
-    right = sum(own.value * exact > 0.0 for own, exact in sure)
-    width = float(np.median([own.error for own, _ in known]))
+    clapping = (pair for pair in drawn if math.isfinite(pair[1]) and pair[1] != 0.0)
+    pairs = list(itertools.islice(clapping, TRUTHS if is_long else SHORT))
+    known = [
+        (exponent, exact) for exponent, exact in pairs if math.isfinite(exponent.value + exact)
+    ]
+    inside = sum(abs(exponent.value - exact) <= BARS * exponent.error for exponent, exact in known)
+    sure = [
+        (exponent, exact)
+        for exponent, exact in known
+        if abs(exponent.value) > BARS * exponent.error
+    ]
+    right = sum(exponent.value * exact > 0.0 for exponent, exact in sure)
+    width = float(np.median([exponent.error for exponent, _ in known]))
     chaos = sum(exact > 0.0 for _, exact in known)
     return [
-        Row(f"exponent ± {BARS:g} errors", rig, NOMINAL, inside, len(found),
-            len(found) - len(known), at_least=True,
+        Row(f"exponent ± {BARS:g} errors", rig, NOMINAL, inside, len(pairs),
+            len(pairs) - len(known), at_least=True,
             note=f"median error {width:.2g} /s; {chaos} chaotic"),
-        Row("its sign", rig, NOMINAL, right, len(found), len(found) - len(sure), at_least=True),
+        Row("its sign", rig, NOMINAL, right, len(pairs), len(pairs) - len(sure), at_least=True),
     ]  # fmt: skip
 
 
 def judged(rng: np.random.Generator, rig: str) -> tuple[Exponent, float]:
     """Return what the program finds for an oscillator, and the exact exponent."""
     steps, perturbation = RIGS[rig]
-    omega, s, e = rng.uniform(2.1, 3.3), rng.uniform(-0.1, 0.05), rng.uniform(0.5, 0.9)
-    T, operators = 2.0 * math.pi / omega, oscillator(s)
+    omega = rng.uniform(2.1, 3.3)
+    s = rng.uniform(-0.1, 0.05)
+    e = rng.uniform(0.5, 0.9)
+    T = 2.0 * math.pi / omega
+    operators = oscillator(s)
     table = forcing(omega, 0.0)(T / steps * np.arange(steps + 1))
-    span, law = Span(T / steps, steps, SETTLE, limit=1e6), Law("newton", restitution=e)
+    span = Span(T / steps, steps, SETTLE, limit=1e6)
+    law = Law("newton", restitution=e)
     scheme = SCHEMES["moreau-jean" if "moreau-jean" in rig else "newmark"]
     with session(operators, law, scheme, lambda period: table, span, engine="compiled") as opened:
         opened.run()
         x, v = opened.engine.state().motion[:2, 0].tolist()
-        found = largest_exponent(
+        exponent = largest_exponent(
             opened, operators, direction=np.ones(1), period=T, periods=FOLLOW,
             perturbation=perturbation,
         )  # fmt: skip
     start = journey(min(x, s - 1e-9), v, omega, s, e, SETTLE)[:2]
-    return found, journey(*start, omega, s, e, LONG)[2] / (LONG * T)
+    return exponent, journey(*start, omega, s, e, LONG)[2] / (LONG * T)

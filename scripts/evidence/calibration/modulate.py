@@ -28,7 +28,8 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the row of the page."""
     pairs, truths = (PAIRS, 200) if is_long else (PAIRS[2:3], 40)
     calls = sum(called(probe, pump, truths) for probe, pump in pairs)
-    promise, n = "healthy plate not called (sidebands)", truths * len(pairs)
+    promise = "healthy plate not called (sidebands)"
+    n = truths * len(pairs)
     return [Row(promise, OWN, 1.0 - FALSE_CALLS, n - calls, n)]
 
 
@@ -38,10 +39,11 @@ def called(probe: float, pump: float, truths: int) -> int:
     limits = modulation(case, Modulate(pump_frequency=pump, pump_amplitude=0.1, periods=4)).mark
     scan = Scan(periods=4)
     pure = simulated(case, scan, pump=pump_of(case, pump, 0.1))
-    inside, noise = np.isin(pure.x, limits.x), pure.noise_of(scan)
-    found = 0
+    inside = np.isin(pure.x, limits.x)
+    noise = pure.noise_of(scan)
+    n_called = 0
     for k in range(truths):
-        own = pure.noisy(noise, SEED + k)
-        ratio = sideband_ratio(own.field[:, inside], own.times, pump, probe)
-        found += bool(np.any(ratio > limits.limits))
-    return found
+        noisy_scan = pure.noisy(noise, SEED + k)
+        ratio = sideband_ratio(noisy_scan.field[:, inside], noisy_scan.times, pump, probe)
+        n_called += bool(np.any(ratio > limits.limits))
+    return n_called

@@ -55,7 +55,7 @@ class Harmonic:
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return how often intervals of multipliers contain them."""
-    found = []
+    result = []
     for number, (name, (rig, steps)) in enumerate(RIGS.items()):
         if steps and not is_long:
             continue
@@ -70,11 +70,11 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             }.items()
         ):
             note = f"{name}; median {('width', 'error')[k]} {np.median(known[:, 2 + k]):.2g}"
-            found.append(
+            result.append(
                 Row(what, rig, share, int(known[:, k].sum()), truths, truths - len(known),
                     at_least=True, note=note)
             )  # fmt: skip
-    return found
+    return result
 
 
 def judged(is_henon: bool, steps: int, rng: np.random.Generator) -> tuple[float, ...]:
@@ -83,11 +83,11 @@ def judged(is_henon: bool, steps: int, rng: np.random.Generator) -> tuple[float,
     coarse = coarse_orbit(map_, parameter, state, 1, USUAL)
     if not coarse.solved.is_solved:
         return (math.nan,) * 4
-    found = coarse.multipliers
-    low, high = found.largest
-    away = np.abs(found.values - matched(exact, found.values)) / found.errors
+    estimate = coarse.multipliers
+    low, high = estimate.largest
+    away = np.abs(estimate.values - matched(exact, estimate.values)) / estimate.errors
     is_inside = low <= np.abs(exact).max() <= high
-    return float(is_inside), float(away.max() <= BARS), high - low, float(found.errors.max())
+    return float(is_inside), float(away.max() <= BARS), high - low, float(estimate.errors.max())
 
 
 def of_oscillator(
@@ -95,7 +95,9 @@ def of_oscillator(
 ) -> tuple[PeriodMap, FloatArray, float, FloatArray]:
     """Return the map of an oscillator, a state of its orbit, ω, and the exact multipliers."""
     while True:
-        e, s, omega = rng.uniform(0.4, 0.85), rng.uniform(-0.1, 0.1), rng.uniform(2.05, 3.3)
+        e = rng.uniform(0.4, 0.85)
+        s = rng.uniform(-0.1, 0.1)
+        omega = rng.uniform(2.05, 3.3)
         try:
             phase = impact_phase(omega, s, e)
         except ArithmeticError:
@@ -122,7 +124,8 @@ def stepped(s: float, e: float, steps: int) -> StrobeMap:
 
 def of_henon(rng: np.random.Generator) -> tuple[PeriodMap, FloatArray, float, FloatArray]:
     """Return a rough map, its fixed point, λ, and the exact multipliers without jumps."""
-    b, rough = rng.uniform(-0.3, 0.5), float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
+    b = rng.uniform(-0.3, 0.5)
+    rough = float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
     a = rng.uniform(-0.15, 0.78) * (1.0 - b) ** 2
     exact = np.linalg.eigvals(np.array([[-2.0 * a * fixed(b, a), 1.0], [b, 0.0]]))
     return *henon(b, rough, a, rng), a, exact

@@ -22,7 +22,11 @@ from delam_fem.studies.identification.identify import drawn, of_rig
 from delam_fem.studies.signals.reading import SCHEMA
 from delam_fem.studies.signals.writing import write_measured
 
-LEVEL, TRUTHS, LOW, HIGH, ERRORS = 0.9, 200, 0.05, 0.25, (0.2, 1.0)
+LEVEL = 0.9
+TRUTHS = 200
+LOW = 0.05
+HIGH = 0.25
+ERRORS = (0.2, 1.0)
 PLACE = "support.2.position"
 CASE = Case(
     name="moving", support=[{"start": "clamped"}, {"kind": "clamped", "position": 0.1}],
@@ -35,7 +39,8 @@ CASE = Case(
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    found, truths = [], TRUTHS if is_long else 20
+    result = []
+    truths = TRUTHS if is_long else 20
     clamp = 2.0 * of_rig(CASE)[-1].low
     rigs = {
         OWN: drawn(of_rig(CASE), CASE, truths, 3),
@@ -46,7 +51,8 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     }
     for number, (rig, keys) in enumerate(rigs.items() if is_long else [(OWN, rigs[OWN])]):
         rng = np.random.default_rng([57, number])
-        places, errors = rng.uniform(LOW, HIGH, truths), rng.choice(ERRORS, truths)
+        places = rng.uniform(LOW, HIGH, truths)
+        errors = rng.choice(ERRORS, truths)
         frequencies = [
             first_frequency({PLACE: place, **{key: v[k].item() for key, v in keys.items()}})
             for k, place in enumerate(places.tolist())
@@ -63,10 +69,10 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         low, _, high = ends[:, :, 0].T
         inside = int(np.sum((low <= places) & (places <= high)))
         note = f"{1e3 * np.median(high - low):.3g} of {1e3 * LEVEL * (HIGH - LOW):.3g} mm"
-        found.append(
+        result.append(
             Row(f"{PLACE}, 90 % interval", rig, LEVEL, inside, truths, at_least=True, note=note)
         )
-    return found
+    return result
 
 
 def first_frequency(keys: dict[str, float]) -> float:

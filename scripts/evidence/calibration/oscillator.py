@@ -35,7 +35,8 @@ def oscillator(stop: float) -> Operators:
     Args:
         stop: s [m].
     """
-    one, zero = np.ones(1), np.zeros(1)
+    one = np.ones(1)
+    zero = np.zeros(1)
     return Operators(
         mass=sp.csr_matrix([[1.0]]),
         damping=sp.csr_matrix([[0.0]]),
@@ -53,7 +54,8 @@ def forcing(omega: float, phase: float) -> Callable[[FloatArray], FloatArray]:
 
     def motion(times: FloatArray) -> FloatArray:
         angle = omega * times + phase
-        cos, sin = np.cos(angle), np.sin(angle)
+        cos = np.cos(angle)
+        sin = np.sin(angle)
         return np.stack([cos, -omega * sin, -(omega**2) * cos], axis=-1)
 
     return motion
@@ -64,10 +66,13 @@ def orbit(omega: float, e: float, phase: float) -> tuple[float, float]:
 
     x = a cos t + b sin t + G cos(ωt + phase); x(0) = x(T) = s, x'(0) = -e V, x'(T) = V.
     """
-    T, G = 2.0 * np.pi / omega, 1.0 / (1.0 - omega**2)
-    C, S = np.cos(T), np.sin(T)
+    T = 2.0 * np.pi / omega
+    G = 1.0 / (1.0 - omega**2)
+    C = np.cos(T)
+    S = np.sin(T)
     conditions = [[1, 0, 0, -1], [C, S, 0, -1], [0, 1, e, 0], [-S, C, -1, 0]]
-    x, v = G * np.cos(phase), omega * G * np.sin(phase)
+    x = G * np.cos(phase)
+    v = omega * G * np.sin(phase)
     _, _, V, s = np.linalg.solve(np.array(conditions, dtype=float), [-x, -x, v, v])
     return float(V), float(s)
 
@@ -90,8 +95,10 @@ def impact_phase(omega: float, s: float, e: float) -> float:
 
 def state_at_zero(omega: float, s: float, e: float, phase: float) -> FloatArray:
     """Return (x, v) at t = 0 of the motion whose only impact in a period has a phase."""
-    V, G = orbit(omega, e, phase)[0], 1.0 / (1.0 - omega**2)
-    a, b = s - G * np.cos(phase), -e * V + omega * G * np.sin(phase)
+    V = orbit(omega, e, phase)[0]
+    G = 1.0 / (1.0 - omega**2)
+    a = s - G * np.cos(phase)
+    b = -e * V + omega * G * np.sin(phase)
     t = (-phase / omega) % (2.0 * np.pi / omega)
     angle = omega * t + phase
     return np.array([
@@ -110,10 +117,11 @@ def multipliers(omega: float, s: float, e: float) -> np.ndarray:
     phase = impact_phase(omega, s, e)
     V, _ = orbit(omega, e, phase)
     T = 2.0 * math.pi / omega
-    C, S = math.cos(T), math.sin(T)
+    C = math.cos(T)
+    S = math.sin(T)
     J = np.array([[-e, 0.0], [(1.0 + e) * (math.cos(phase) - s) / V, -e]])
-    found: np.ndarray = np.linalg.eigvals(np.array([[C, S], [-S, C]]) @ J)
-    return found
+    values: np.ndarray = np.linalg.eigvals(np.array([[C, S], [-S, C]]) @ J)
+    return values
 
 
 def fold_stop(omega: float, e: float) -> float:
@@ -134,13 +142,20 @@ def journey(
     Returns:
         x, v, and the logarithm of the growth of a difference; NaN if the impacts do not end.
     """
-    G, T = 1.0 / (1.0 - omega**2), 2.0 * math.pi / omega
-    h, t, end, growth = T / SAMPLES, 0.0, periods * T, 0.0
+    G = 1.0 / (1.0 - omega**2)
+    T = 2.0 * math.pi / omega
+    h = T / SAMPLES
+    t = 0.0
+    end = periods * T
+    growth = 0.0
     d0, d1, n_impacts = 1.0, 0.0, 0
     while t < end - 1e-12:
         angle = omega * t
-        a, b = x - G * math.cos(angle), v + omega * G * math.sin(angle)
-        left, before, hit = 0.0, v, False
+        a = x - G * math.cos(angle)
+        b = v + omega * G * math.sin(angle)
+        left = 0.0
+        before = v
+        hit = False
         while t + left < end - 1e-12 and not hit:
             right = min(left + h, end - t)
             after = -a * math.sin(right) + b * math.cos(right)
@@ -148,7 +163,8 @@ def journey(
             up = a * math.cos(right) + b * math.sin(right) + G * math.cos(angle + omega * right)
             last = right
             if before > 0.0 > after:  # a maximum between two samples
-                low, high = left, right
+                low = left
+                high = right
                 for _ in range(60):
                     middle = 0.5 * (low + high)
                     speed = -a * math.sin(middle) + b * math.cos(middle)
@@ -156,28 +172,39 @@ def journey(
                     low, high = (middle, high) if speed > 0.0 else (low, middle)
                 top = a * math.cos(low) + b * math.sin(low) + G * math.cos(angle + omega * low)
                 if top > s:
-                    right, up = low, top
+                    right = low
+                    up = top
             if up > s:
-                low, high = left, right
+                low = left
+                high = right
                 for _ in range(60):
                     middle = 0.5 * (low + high)
                     place = a * math.cos(middle) + b * math.sin(middle)
                     place += G * math.cos(angle + omega * middle)
                     low, high = (low, middle) if place > s else (middle, high)
-                left, hit = low, True
+                left = low
+                hit = True
             else:
-                left, before = last, after
-        C, S = math.cos(left), math.sin(left)
-        t, angle = t + left, angle + omega * left
-        x, v = a * C + b * S + G * math.cos(angle), -a * S + b * C - omega * G * math.sin(angle)
+                left = last
+                before = after
+        C = math.cos(left)
+        S = math.sin(left)
+        t = t + left
+        angle = angle + omega * left
+        x = a * C + b * S + G * math.cos(angle)
+        v = -a * S + b * C - omega * G * math.sin(angle)
         d0, d1 = C * d0 + S * d1, C * d1 - S * d0
         if hit:
             d0, d1 = -e * d0, (1.0 + e) * (math.cos(angle) - s) / v * d0 - e * d1
-            x, v, n_impacts = s, -e * v, n_impacts + 1
+            x = s
+            v = -e * v
+            n_impacts = n_impacts + 1
             if n_impacts > MOST_IMPACTS * periods or v >= 0.0:
                 return math.nan, math.nan, math.nan
         size = math.hypot(d0, d1)
-        growth, d0, d1 = growth + math.log(size), d0 / size, d1 / size
+        growth = growth + math.log(size)
+        d0 = d0 / size
+        d1 = d1 / size
     return x, v, growth
 
 

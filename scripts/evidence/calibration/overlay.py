@@ -45,7 +45,11 @@ from delam_fem.studies.sweeps.point import probe_motion
 
 BEFORE, WINDOW, AFTER = 400, 40, 60
 """Periods of the run, those that it keeps, and those after it, of which records are taken."""
-FREQUENCIES, NEAR, RUNS, SAME, OTHERS = {1: 3.25, 2: 3.65}, 0.01, 10, 20, 10
+FREQUENCIES = {1: 3.25, 2: 3.65}
+NEAR = 0.01
+RUNS = 10
+SAME = 20
+OTHERS = 10
 """Of the base, by the period of the motion, and by how much a run may differ from them [Hz]; runs
 about each frequency; records of the same motion of each run, and of others."""
 DURATION, STEP = 2.0, 0.05
@@ -93,31 +97,32 @@ def changed(rng: np.random.Generator, period: int, has_base: bool) -> dict[str, 
     """Return records that differ, drawn anew for each truth."""
     way = rng.choice([-1.0, 1.0])
     clock = 1.0 + way * np.exp(rng.uniform(*np.log([0.003, 0.02])))
-    found = {
+    records = {
         "a tip 1.1 … 2 times as large or small": Record("amplitude", rng.uniform(1.1, 2.0) ** way),
         "a tip 10° … 90° late": Record("phase", late=rng.uniform(10.0, 90.0) / 360.0),
         "clock 0.3 … 2 % fast or slow": Record("clock", clock=clock),
         "5 % more frequency": Record("clock", frequency=1.05),
     }
     if has_base:
-        found["a tip with its sign turned"] = Record("amplitude", -1.0)
+        records["a tip with its sign turned"] = Record("amplitude", -1.0)
     if period > 1:
-        found["a tip one period of the drive late"] = Record("shape", late=1.0)
-    return found
+        records["a tip one period of the drive late"] = Record("shape", late=1.0)
+    return records
 
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    found: list[Row] = []
+    result: list[Row] = []
     n_runs, n_same, n_others = (RUNS, SAME, OTHERS) if is_long else (1, 2, 1)
     for period, frequency in FREQUENCIES.items():
         runs = list(islice(runs_near(frequency, period), n_runs))
-        truths, path = n_runs * n_others, folder / "record.csv"
-        own = [{k: motion(k / run.case.period) for k in (1.0, 1.05)} for run in runs]
+        truths = n_runs * n_others
+        path = folder / "record.csv"
+        own_motions = [{k: motion(k / run.case.period) for k in (1.0, 1.05)} for run in runs]
         for has_base in (True, False):
             rig = f"{frequency:g} Hz with{'' if has_base else 'out'} base"
             rng = np.random.default_rng([3, period, has_base])
-            setting = [(*both, path, has_base, rng) for both in zip(runs, own, strict=True)]
+            setting = [(*both, path, has_base, rng) for both in zip(runs, own_motions, strict=True)]
             same = np.array([trial(Record(), *one) for one in setting * n_same])
             for what, share, k, most in (
                 ("start, of all periods", ALL, 0, STEP), ("start ± 2 errors", TWO_ERRORS, 1, 2.0),
@@ -125,25 +130,25 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
                 ("amplitude of a tip ± 2 errors", TWO_ERRORS, 5, 2.0),
                 ("phase of a tip ± 2 errors", TWO_ERRORS, 6, 2.0),
             ):  # fmt: skip
-                found.append(Row(what, rig, share, int((same[:, k] < most).sum()), len(same)))
+                result.append(Row(what, rig, share, int((same[:, k] < most).sum()), len(same)))
             for name in changed(rng, period, has_base):
                 records = (
                     (changed(rng, period, has_base)[name], one) for one in setting * n_others
                 )
                 right = sum(bool(trial(record, *one)[4]) for record, one in records)
-                found.append(Row(f"“differs”: {name}", rig, ALL, right, truths))
+                result.append(Row(f"“differs”: {name}", rig, ALL, right, truths))
         for number, (rig, (record, keys)) in enumerate(RIGS.items() if is_long else ()):
             rng = np.random.default_rng([6, period, number])
             moved = [{1.0: motion(1.0 / run.case.period, keys, record.shaker)} for run in runs]
             both = list(zip(runs, moved, strict=True)) * n_others
-            seen = np.array([trial(record, *one, path, True, rng) for one in both])
-            named = int((seen[:, 3] > 0.0).sum())
-            found += [
-                Row(what, f"{frequency:g} Hz, {rig}", TWO_ERRORS, int((seen[:, k] < 2.0).sum()),
+            outcomes = np.array([trial(record, *one, path, True, rng) for one in both])
+            named = int((outcomes[:, 3] > 0.0).sum())
+            result += [
+                Row(what, f"{frequency:g} Hz, {rig}", TWO_ERRORS, int((outcomes[:, k] < 2.0).sum()),
                     truths, warned=named, note=f"“differs” in {named}")
                 for what, k in (("start ± 2 errors", 1), ("clock ± 2 errors", 2))
             ]  # fmt: skip
-    return found
+    return result
 
 
 def runs_near(frequency: float, period: int) -> Iterator[Result]:
@@ -182,10 +187,13 @@ def shaken(case: Case, shaker: float, phase: float) -> FloatArray:
         shaker: second harmonic of the acceleration of its base over the first.
         phase: of that [rad].
     """
-    structure, span, base = closed_form.assemble(case), span_of(case), base_motion(case.excitation)
+    structure = closed_form.assemble(case)
+    span = span_of(case)
+    base = base_motion(case.excitation)
     once = base.states(span.time_step * np.arange(span.steps_per_period + 1))
     angle = 2.0 * np.linspace(0.0, 2.0 * np.pi, len(once)) + phase
-    omega, A = 4.0 * np.pi / case.period, 0.25 * shaker * case.excitation.amplitude
+    omega = 4.0 * np.pi / case.period
+    A = 0.25 * shaker * case.excitation.amplitude
     second = [np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)]
     table = once + A * np.stack(second, axis=-1)
     with session(
@@ -211,7 +219,8 @@ def trial(
     noise = np.exp(rng.uniform(*np.log([5e-5, 3e-4])))
     t = np.arange(0.0, DURATION, 1.0 / rng.uniform(300.0, 600.0))
     start = rng.uniform(time[0] + 2.0 * turn, time[-1] - 1.1 * DURATION)
-    u, wrong = start + record.clock * t, int(rng.integers(2))
+    u = start + record.clock * t
+    wrong = int(rng.integers(2))
     channels = {}
     for k, name in enumerate(TIPS):
         gain, late = (record.gain, record.late) if k == wrong else (1.0, 0.0)
@@ -221,21 +230,30 @@ def trial(
     if has_base:
         frequency = record.frequency / turn
         angle = 2.0 * np.pi * frequency * u
-        whole = np.sin(angle) + 0.25 * record.shaker * np.sin(2.0 * angle)
-        channels["base"] = run.case.excitation.amplitude * whole
+        base_course = np.sin(angle) + 0.25 * record.shaker * np.sin(2.0 * angle)
+        channels["base"] = run.case.excitation.amplitude * base_course
         channels["base"] += 0.01 * noise * rng.standard_normal(t.size)
     head = ",".join(["time [s]", *(f"{name} [m]" for name in channels)])
     np.savetxt(path, np.stack([t, *channels.values()]).T, delimiter=",", header=head, comments="")
-    found = df.overlay(run, path)
+    comparison = df.overlay(run, path)
     repeats = turn * run.summary["periodicity"]
-    away = abs((found.offset - start + repeats / 2) % repeats - repeats / 2)
-    own = found.alignment
+    away = abs((comparison.offset - start + repeats / 2) % repeats - repeats / 2)
+    alignment = comparison.alignment
     is_named = any(
         one.kind == record.kind
         and (one.channel in ("", TIPS[wrong]) or not has_base or record.kind == "shape")
-        for one in found.findings
+        for one in comparison.findings
     )
-    clock = abs(own.rate - record.clock) / own.rate_error
-    tip = next(one for one in found.channels if one.name == TIPS[wrong])
-    gain, phase = abs(tip.gain - 1.0) / tip.gain_error, abs(tip.delay) / tip.delay_error
-    return away / turn, away / own.start_error, clock, len(found.findings), is_named, gain, phase
+    clock = abs(alignment.rate - record.clock) / alignment.rate_error
+    tip = next(one for one in comparison.channels if one.name == TIPS[wrong])
+    gain = abs(tip.gain - 1.0) / tip.gain_error
+    phase = abs(tip.delay) / tip.delay_error
+    return (
+        away / turn,
+        away / alignment.start_error,
+        clock,
+        len(comparison.findings),
+        is_named,
+        gain,
+        phase,
+    )

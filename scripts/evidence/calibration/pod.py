@@ -21,7 +21,9 @@ from scipy.stats import norm
 from delam_fem.api import FloatArray
 from delam_fem.studies.detection.population import DEPTHS, LENGTHS, MIDDLES, logistic
 
-NOMINAL, LEVEL, TRUTHS = 0.95, 0.90, (400, 12)
+NOMINAL = 0.95
+LEVEL = 0.90
+TRUTHS = (400, 12)
 RIGS = (OWN, "probit in a", "three depths, a90 × ⅔ … 1½ apart")
 
 
@@ -37,7 +39,8 @@ def row_of(number: int, truths: int) -> Row:
     each = np.tile(np.repeat(np.arange(len(DEPTHS)), len(MIDDLES)), len(LENGTHS))
     ratios = []
     for _ in range(truths):
-        middle, slope = np.exp(rng.uniform(*np.log([0.06, 0.3]))), rng.uniform(2.0, 8.0)
+        middle = np.exp(rng.uniform(*np.log([0.06, 0.3])))
+        slope = rng.uniform(2.0, 8.0)
         share = partial(chances, a90=middle, slope=slope, number=number)
         true = brentq(lambda a, f=share: f(np.array([a])).mean() - LEVEL, 1e-3, 10.0)
         hit = rng.uniform(size=lengths.size) < share(lengths)[each, np.arange(lengths.size)]

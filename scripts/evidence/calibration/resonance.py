@@ -66,7 +66,7 @@ RIGS = {
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
     truths = TRUTHS if is_long else 2
-    found = []
+    result = []
     for number, (name, rig) in enumerate(RIGS.items()):
         rng = np.random.default_rng([9, number])
         ends = [_trial(rig, rng) for _ in range(truths)]
@@ -76,16 +76,17 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             away = [abs(getattr(end[0], key) - end[k]) for end in ends]
             inside = sum(bool(a < 2.0 * e) for a, e in zip(away, errors, strict=True))
             width = float(np.median([e / end[k] for e, end in zip(errors, ends, strict=True)]))
-            found.append(
+            result.append(
                 Row(f"{what} ± 2 errors", name, TWO_ERRORS, inside, truths, 0, warned,
                     f"median error {width:.1g} of it; something named in {warned}")
             )  # fmt: skip
-    return found
+    return result
 
 
 def _trial(rig: Rig, rng: np.random.Generator) -> tuple[Resonance, float, float]:
     """Return what is found in a record, and the true frequency [Hz] and damping ratio."""
-    f, D = rng.uniform(1.2, 3.5), rig.damping * np.exp(rng.uniform(*np.log([0.004, 0.02])))
+    f = rng.uniform(1.2, 3.5)
+    D = rig.damping * np.exp(rng.uniform(*np.log([0.004, 0.02])))
     ends = f * np.array([rng.uniform(0.5, 0.85), rng.uniform(1.2, 1.6)])
     motion = SweptMotion(
         *(ends if rng.random() < 0.5 else ends[::-1]), rng.uniform(60.0, 150.0), AMPLITUDE,
@@ -105,10 +106,12 @@ def tip(motion: SweptMotion, f: float, D: float, rig: Rig, at: FloatArray) -> Fl
     t = h * np.arange(int(motion.duration / h) + 2)
     z, speed, acceleration = motion.states(t).T
     second = rig.shaker * motion.amplitude * np.cos(4.0 * np.pi * motion.turns(t))
-    z, acceleration = z + second, acceleration + np.gradient(np.gradient(second, h), h)
+    z = z + second
+    acceleration = acceleration + np.gradient(np.gradient(second, h), h)
     x = z.copy()
     for ratio, more, share in (*MODES, (1.08, 1.0, rig.second)):
-        w, d = 2.0 * np.pi * f * ratio, D * more
+        w = 2.0 * np.pi * f * ratio
+        d = D * more
         air = 2.0 * d * w if rig.air else 0.0
         force = -acceleration - air * (speed + np.gradient(second, h))
         matrices = (np.array([[0, 1], [-w * w, -2 * d * w]]), np.array([[0.0], [1.0]]))

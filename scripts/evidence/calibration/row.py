@@ -54,7 +54,8 @@ class Row:
         For the own rig this is the binomial band about the nominal share. For others it begins
         where twice as many are wrong as promised, and has no upper end.
         """
-        tail, n = 0.5 * (1.0 - BAND), self.decided
+        tail = 0.5 * (1.0 - BAND)
+        n = self.decided
         if self.rig == OWN:
             most = n if self.at_least else int(binom.isf(tail, n, self.nominal))
             return int(binom.ppf(tail, n, self.nominal)), most

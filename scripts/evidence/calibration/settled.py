@@ -32,8 +32,10 @@ SOFT = {
 
 def laminae(key: str, factor: float) -> dict[str, float]:
     """Return a key of both laminae, times a factor."""
-    whole = df.preset("default").lamina
-    return {f"lamina.{own.name}.{key}": factor * getattr(own, key) for own in whole}
+    default_laminae = df.preset("default").lamina
+    return {
+        f"lamina.{lamina.name}.{key}": factor * getattr(lamina, key) for lamina in default_laminae
+    }
 
 
 RIG = "run ten times as long"
@@ -58,17 +60,17 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     result = []
     for rig in RIGS if is_long else (RIG,):
         frequencies = LONG[rig == RIG] if is_long else SHORT
-        found = [verdict_and_truth(frequency, RIGS[rig]) for frequency in frequencies]
+        verdicts = [verdict_and_truth(frequency, RIGS[rig]) for frequency in frequencies]
         for word in ("settled", "irregular"):
-            own = [P == true for said, P, true, _ in found if said == word]
+            hits = [P == true for said, P, true, _ in verdicts if said == word]
             waits = [
                 (true is None) == (word == "irregular")
-                for said, _, true, _ in found
+                for said, _, true, _ in verdicts
                 if said == "not settled"
             ]
-            truths = len(own) + sum(waits)
-            result.append(Row(f"`run`: {word}", rig, NOMINAL, sum(own), truths, sum(waits)))
-        means = [away[k % len(away)] for k, (said, _, _, away) in enumerate(found)
+            truths = len(hits) + sum(waits)
+            result.append(Row(f"`run`: {word}", rig, NOMINAL, sum(hits), truths, sum(waits)))
+        means = [away[k % len(away)] for k, (said, _, _, away) in enumerate(verdicts)
                  if said == "irregular"]  # fmt: skip
         inside = sum(away <= 1.0 for away in means)
         result.append(Row("mean of an extreme, 95 % interval", rig, NOMINAL, inside, len(means)))

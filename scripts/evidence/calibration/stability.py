@@ -97,25 +97,25 @@ _log = logging.getLogger(__name__)
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return how often "stable" and "unstable" are right, by structure."""
-    given = {RIG: LONG, f"{RIG}, right beside them": NEAR} if is_long else {RIG: SHORT}
-    return [row for rig, orbits in given.items() for row in rows_of(rig, orbits)]
+    orbits_by_rig = {RIG: LONG, f"{RIG}, right beside them": NEAR} if is_long else {RIG: SHORT}
+    return [row for rig, orbits in orbits_by_rig.items() for row in rows_of(rig, orbits)]
 
 
 def rows_of(rig: str, orbits: Mapping[tuple[str, int], tuple[float, ...]]) -> Iterator[Row]:
     """Yield the rows of the structures of some orbits."""
-    found: dict[str, list[tuple[str, bool]]] = {}
+    verdicts: dict[str, list[tuple[str, bool]]] = {}
     for (name, periods), frequencies in orbits.items():
         for frequency in frequencies:
             said, is_stable = verdict_and_truth(case_of(name, frequency), periods)
             _log.info("%s %g Hz, period %d: %s, %s", name, frequency, periods, said, is_stable)
-            found.setdefault(name, []).append((said, is_stable))
-    for name, each in found.items():
+            verdicts.setdefault(name, []).append((said, is_stable))
+    for name, each in verdicts.items():
         undecided = sum(said == "undecided" for said, _ in each)
         for word, truth in (("stable", True), ("unstable", False)):
-            own = [is_stable == truth for said, is_stable in each if said == word]
+            hits = [is_stable == truth for said, is_stable in each if said == word]
             open_ = sum(said == "undecided" and is_stable == truth for said, is_stable in each)
             yield Row(
-                f"`orbit`: {word}", f"{name}, {rig}", 1.0, sum(own), len(own) + open_, open_,
+                f"`orbit`: {word}", f"{name}, {rig}", 1.0, sum(hits), len(hits) + open_, open_,
                 note=f"undecided: {undecided} of {len(each)} orbits",
             )  # fmt: skip
 
@@ -139,12 +139,14 @@ def verdict_and_truth(case: Case, periods: int) -> tuple[str, bool]:
     guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
     coarse = coarse_orbit(map_, parameter, guess, periods, USUAL, multiple)
     state = coarse.solved.state
-    seen = map_.watched(state, parameter, periods)
-    found = Orbit(case, periods, coarse, None, np.inf, scatter, map_.nature, seen, 0.0, 0)
+    trajectory = map_.watched(state, parameter, periods)
+    closed_orbit = Orbit(
+        case, periods, coarse, None, np.inf, scatter, map_.nature, trajectory, 0.0, 0
+    )
     steps = FINER * case.steps_per_period
     fine = CaseFamily(case.with_overrides({"time.steps_per_period": steps}), FREQUENCY)
     finer = StrobeMap(fine.problem, map_.slow, phase=map_.phase)
-    return found.stability, stays(finer, parameter, state, periods)
+    return closed_orbit.stability, stays(finer, parameter, state, periods)
 
 
 def stays(map_: ProblemMap, parameter: float, orbit: FloatArray, periods: int) -> bool:

@@ -47,8 +47,9 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     levels, truths = (LEVELS, 400) if is_long else (LEVELS[:1], 60)
     x = np.arange(0.02, 0.39, 0.02)
     times, model = taps(plate(), "upper", x)
-    sound, promise = lengths(model, times), "healthy plate not called (taps)"
-    found = []
+    sound = lengths(model, times)
+    promise = "healthy plate not called (taps)"
+    result = []
     for rig, keys in (rigs() if is_long else {OWN: {}}).items():
         force = taps(plate().with_overrides(keys), "upper", x)[1]
         calls = 0
@@ -57,20 +58,24 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             rng = np.random.default_rng(SEED + k)
             for _ in range(truths):
                 size = np.exp(0.7 * (rig == NOISY) * rng.standard_normal(x.size))
-                own = level - 20.0 * np.log10(size / np.sqrt(np.mean(size**2)))
-                values = index(lengths(noisy(force, own, rng), times), sound)
+                noise_level = level - 20.0 * np.log10(size / np.sqrt(np.mean(size**2)))
+                values = index(lengths(noisy(force, noise_level, rng), times), sound)
                 calls += bool(np.any(values > limit))
         n = truths * len(levels)
-        found.append(Row(promise, rig, 1.0 - FALSE_CALLS, n - calls, n, at_least=True))
-    return found
+        result.append(Row(promise, rig, 1.0 - FALSE_CALLS, n - calls, n, at_least=True))
+    return result
 
 
 def rigs() -> dict[str, dict[str, float]]:
     """Return the keys of each rig."""
-    lamina, clamp = plate().lamina[0], 2.0 * of_rig(plate())[-1].low  # k L/EI = 100
+    lamina = plate().lamina[0]
+    clamp = 2.0 * of_rig(plate())[-1].low  # k L/EI = 100
 
     def every(key: str, factor: float) -> dict[str, float]:
-        return {f"lamina.{own.name}.{key}": factor * getattr(lamina, key) for own in plate().lamina}
+        return {
+            f"lamina.{plate_lamina.name}.{key}": factor * getattr(lamina, key)
+            for plate_lamina in plate().lamina
+        }
 
     return {
         OWN: {},

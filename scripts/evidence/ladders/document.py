@@ -95,8 +95,8 @@ def literal_figure() -> Figure:
             keys = {"contact.law": "newton", "contact.impulse": impulse, "mesh.elements": elements}
             few = {"time.periods": SHOWN_PERIODS, "time.steps_per_period": 1000}
             chosen = preset("paper", {**keys, **few, "damping.rayleigh": damping})
-            found = run(chosen, "compiled", structure=closed_form.assemble(chosen)).history
-            y1 = 1e3 * np.abs(found["envelope_min"].to_numpy()[0])
+            history = run(chosen, "compiled", structure=closed_form.assemble(chosen)).history
+            y1 = 1e3 * np.abs(history["envelope_min"].to_numpy()[0])
             label = f"{damping}, {elements} elements, {impulse} impulses"
             axes.semilogy(np.arange(1, y1.size + 1), y1, line, color=colour, label=label)
     axes.axhline(1e3 * chosen.lamina[0].length, color=style.BLACK, linestyle=":", label="length")

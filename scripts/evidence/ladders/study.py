@@ -55,37 +55,37 @@ def varied(law: str, label: str, **keys: object) -> Method:
 
 def ladders() -> dict[str, Ladder]:
     """Return all ladders by name."""
-    found = {}
+    result = {}
     refined = tuple(REFINED[r] for r in REFINEMENTS)
     springs = (
         varied(law, f"k = {k:g} N/m", penalty_stiffness=k)
         for law in ("newton-penalty@newmark", "penalty@newmark")
         for k in STIFFNESSES
     )
-    found["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=0)
+    result["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=0)
     for damping in DAMPINGS:
         base = case(damping)
-        found[f"uniform {damping}"] = Ladder(base, (PLAIN,), (20,), FEW, limit_steps=0)
-        found[f"errors {damping}"] = Ladder(
+        result[f"uniform {damping}"] = Ladder(base, (PLAIN,), (20,), FEW, limit_steps=0)
+        result[f"errors {damping}"] = Ladder(
             base, (*LAWS, *refined), (20,), (250, 500, 1000, 2000, 4000), limit_steps=LAST
         )
-        found[f"petsc {damping}"] = Ladder(
+        result[f"petsc {damping}"] = Ladder(
             base, (PLAIN, *refined), (20,), (1000,), PETSC_PERIODS, limit_steps=0, engine="petsc"
         )
         for name, meshes in POINTS.items():
             methods = tuple(REFINED[r] for r in FINEST[name])
-            found[f"{name} {damping}"] = Ladder(base, methods, meshes, (1000,), limit_steps=0)
+            result[f"{name} {damping}"] = Ladder(base, methods, meshes, (1000,), limit_steps=0)
         for f in FREQUENCIES:
             moved = case(damping, **{"excitation.frequency": f})
-            found[f"{f:.2f} Hz {damping}"] = _with_default(moved)
+            result[f"{f:.2f} Hz {damping}"] = _with_default(moved)
         for e in RESTITUTIONS:
             bouncing = case(damping, **{"contact.restitution": e})
-            found[f"e = {e:g} {damping}"] = _with_default(bouncing)
+            result[f"e = {e:g} {damping}"] = _with_default(bouncing)
     for damping in ("mass", *DAMPINGS):
-        found[f"literal {damping}"] = Ladder(
+        result[f"literal {damping}"] = Ladder(
             case(damping), LITERAL, MESHES, (1000, 4000), LITERAL_PERIODS, limit_steps=0
         )
-    return found
+    return result
 
 
 def _with_default(case: Case) -> Ladder:

@@ -59,17 +59,18 @@ def per_cent(found: Convergence, rung: Rung) -> str:
 
 def what_converges(all_found: Found) -> Table:
     """Return the smallest y1 of every law over steps per period."""
-    found = all_found["laws"]
+    study = all_found["laws"]
     rows = []
-    for entry in found.ladder.methods:
-        rungs = found.ladder.along_steps(entry, 20)
-        rows.append((entry.name, *(mm(found, rung) for rung in rungs)))
+    for entry in study.ladder.methods:
+        rungs = study.ladder.along_steps(entry, 20)
+        rows.append((entry.name, *(mm(study, rung) for rung in rungs)))
     return Table("", ("law", *(f"N = {n}" for n in FEW)), tuple(rows))
 
 
 def refined(all_found: Found) -> Table:
     """Return y1 and steps per period with refined steps beside y1 with uniform small steps."""
-    heading, columns = ["r"], [["1", *map(str, REFINEMENTS)]]
+    heading = ["r"]
+    columns = [["1", *map(str, REFINEMENTS)]]
     for damping in DAMPINGS:
         names = (f"errors {damping}", f"petsc {damping}", f"uniform {damping}")
         compiled, petsc, uniform = (all_found[name] for name in names)
@@ -104,10 +105,10 @@ def motions(all_found: Found) -> Table:
     rows = []
     for damping in DAMPINGS:
         for f in FREQUENCIES:
-            found = all_found[f"{f:.2f} Hz {damping}"]
-            last = found.ladder.limit_of(20)
-            shown = [number(q.factor * found.value(last, q.name), ".2f") for q in EXTREMA]
-            rows.append((damping, f"{f:.2f}", *shown, *_of_default(found)))
+            study = all_found[f"{f:.2f} Hz {damping}"]
+            last = study.ladder.limit_of(20)
+            extremes = [number(q.factor * study.value(last, q.name), ".2f") for q in EXTREMA]
+            rows.append((damping, f"{f:.2f}", *extremes, *_of_default(study)))
     heading = ("damping", "f [Hz]", *(q.heading for q in EXTREMA), *DEFAULT_HEADING)
     return Table("", heading, tuple(rows))
 
@@ -118,10 +119,10 @@ DEFAULT_HEADING = ("plain T/1000 [%]", "plain T/4000 [%]", "default [%]", "its s
 def _of_default(found: Convergence) -> list[str]:
     """Return errors of plain steps and of the default; its steps; its cost over that of T/4000."""
     few, many = (found.ladder.rung(PLAIN, 20, n) for n in (DEFAULT_STEPS, 4000))
-    own = found.ladder.rung(DEFAULT, 20, DEFAULT_STEPS)
-    cells = [per_cent(found, rung) for rung in (few, many, own)]
-    cost = found.cost(own) / found.cost(many)
-    return [*cells, number(found.value(own, "steps"), ".0f"), number(cost, ".1f")]
+    default_rung = found.ladder.rung(DEFAULT, 20, DEFAULT_STEPS)
+    cells = [per_cent(found, rung) for rung in (few, many, default_rung)]
+    cost = found.cost(default_rung) / found.cost(many)
+    return [*cells, number(found.value(default_rung, "steps"), ".0f"), number(cost, ".1f")]
 
 
 def restitutions(all_found: Found) -> Table:
@@ -129,9 +130,9 @@ def restitutions(all_found: Found) -> Table:
     rows = []
     for damping in DAMPINGS:
         for e in RESTITUTIONS:
-            found = all_found[f"e = {e:g} {damping}"]
-            limit = mm(found, found.ladder.limit_of(20))
-            rows.append((damping, f"{e:g}", limit, *_of_default(found)))
+            study = all_found[f"e = {e:g} {damping}"]
+            limit = mm(study, study.ladder.limit_of(20))
+            rows.append((damping, f"{e:g}", limit, *_of_default(study)))
     return Table("", ("damping", "e", "y1 at T/256000 [mm]", *DEFAULT_HEADING), tuple(rows))
 
 
@@ -140,13 +141,13 @@ def limits(all_found: Found) -> Table:
     rows = []
     for damping in DAMPINGS:
         for name in POINTS:
-            found = all_found[f"{name} {damping}"]
-            for mesh in found.ladder.meshes:
-                rungs = [found.ladder.rung(REFINED[r], mesh, 1000) for r in FINEST[name]]
+            study = all_found[f"{name} {damping}"]
+            for mesh in study.ladder.meshes:
+                rungs = [study.ladder.rung(REFINED[r], mesh, 1000) for r in FINEST[name]]
                 elements, per_element = _sizes(mesh)
                 points = str(elements * per_element)
-                rows.append((damping, str(elements), points, *_with_change(found, rungs)))
-            rows.append((damping, name, "→ ∞", *_limit_row(found, REFINED[FINEST[name][-1]])))
+                rows.append((damping, str(elements), points, *_with_change(study, rungs)))
+            rows.append((damping, name, "→ ∞", *_limit_row(study, REFINED[FINEST[name][-1]])))
     heading = ("damping", "elements", "points", *(q.heading for q in (*EXTREMA, WORK)), "steps")
     return Table("", heading, tuple(rows))
 
@@ -183,11 +184,11 @@ def literal(all_found: Found) -> Table:
     """Return the energy that impacts of the literal scheme add, or when its motion diverges."""
     rows = []
     for damping in ("mass", *DAMPINGS):
-        found = all_found[f"literal {damping}"]
+        study = all_found[f"literal {damping}"]
         for entry in LITERAL:
-            for steps in found.ladder.steps:
-                rungs = found.ladder.along_meshes(entry, steps)
-                cells = [_literal_cell(found, rung) for rung in rungs]
+            for steps in study.ladder.steps:
+                rungs = study.ladder.along_meshes(entry, steps)
+                cells = [_literal_cell(study, rung) for rung in rungs]
                 rows.append((damping, entry.name.split("/")[0], str(steps), *cells))
     return Table("", ("damping", "law", "N", *(f"{n} elements" for n in MESHES)), tuple(rows))
 

@@ -155,5 +155,5 @@ def measure(
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         futures = {key: pool.submit(compute, *key, periods) for key in wanted}
         results = {key: future.result() for key, future in futures.items()}
-    found = {name: Found({n: results[name, n] for n in steps}) for name in runners()}
-    return found, results[LIMIT, limit_steps]
+    measured = {name: Found({n: results[name, n] for n in steps}) for name in runners()}
+    return measured, results[LIMIT, limit_steps]

@@ -100,32 +100,32 @@ def densely(
     """Run a scheme of `schemes.py` on dense matrices."""
     matrices = make(ts.Problem.of(operators), case.time_step, *arguments)
     bases = motion_of(case)(0).copy()
-    found = steps.envelopes(step, matrices, bases, case.n_periods, operators.probes.indices)
-    return np.asarray(found)
+    extremes = steps.envelopes(step, matrices, bases, case.n_periods, operators.probes.indices)
+    return np.asarray(extremes)
 
 
 def runners() -> dict[str, Runner]:
     """Return all trial methods by name; the first two are methods of the package."""
-    found: dict[str, Runner] = {
+    result: dict[str, Runner] = {
         name: partial(by_engine, name, 0.5) for name in (LIMIT, "newton@newmark")
     }
     for theta in (0.52, 0.6, 1.0):
-        found[f"{LIMIT}, θ = {theta:g}"] = partial(by_engine, LIMIT, theta)
-    found["newton-penalty@newmark, k by m/Δt², γ by Δt"] = by_scaled_springs
+        result[f"{LIMIT}, θ = {theta:g}"] = partial(by_engine, LIMIT, theta)
+    result["newton-penalty@newmark, k by m/Δt², γ by Δt"] = by_scaled_springs
     for n in (5, 10):
-        found[f"{LIMIT}, {n} modes of each lamina"] = partial(by_modes, LIMIT, n)
-    found["exact linear motion, impulses at the end"] = partial(
+        result[f"{LIMIT}, {n} modes of each lamina"] = partial(by_modes, LIMIT, n)
+    result["exact linear motion, impulses at the end"] = partial(
         densely, steps.exact_step, ts.exact_matrices, (RESTITUTION, False)
     )
-    found["exact linear motion, impulses spread over the step"] = partial(
+    result["exact linear motion, impulses spread over the step"] = partial(
         densely, steps.exact_step, ts.exact_matrices, (RESTITUTION, True)
     )
     for radius in (0.9, 0.5):
-        found[f"non-smooth generalised-α, ρ∞ = {radius:g}"] = partial(
+        result[f"non-smooth generalised-α, ρ∞ = {radius:g}"] = partial(
             densely, steps.alpha_step, ts.alpha_matrices, (RESTITUTION, radius)
         )
     for is_stabilised, name in ((False, "implicit"), (True, "implicit and stabilised")):
-        found[f"Newmark, contact forces {name}"] = partial(
+        result[f"Newmark, contact forces {name}"] = partial(
             densely, steps.implicit_step, ts.implicit_matrices, (is_stabilised,)
         )
     for constraint, name in (
@@ -134,7 +134,7 @@ def runners() -> dict[str, Runner]:
         (ts.BOUNDED, "penetration recovered without work"),
         (ts.RECOVERY, "penetration recovered at once"),
     ):
-        found[name] = partial(
+        result[name] = partial(
             densely, steps.theta_step, ts.theta_matrices, (constraint, RESTITUTION)
         )
-    return found
+    return result

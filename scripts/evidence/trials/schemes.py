@@ -86,11 +86,13 @@ def exact_matrices(d: Problem, dt: float, restitution: float, is_spread: bool) -
     inverse_mass = np.linalg.inv(d.M)
     A = np.zeros((4 * n, 4 * n))
     A[:n, n : 2 * n] = np.eye(n)
-    A[n : 2 * n, :n], A[n : 2 * n, n : 2 * n] = -inverse_mass @ d.K, -inverse_mass @ d.C
+    A[n : 2 * n, :n] = -inverse_mass @ d.K
+    A[n : 2 * n, n : 2 * n] = -inverse_mass @ d.C
     A[n : 2 * n, 2 * n : 3 * n] = inverse_mass
     A[2 * n : 3 * n, 3 * n :] = np.eye(n) / dt
     E = expm(A * dt)[: 2 * n]
-    push, shift = inverse_mass @ d.H.T, np.zeros((n, len(d.gap0)))
+    push = inverse_mass @ d.H.T
+    shift = np.zeros((n, len(d.gap0)))
     if is_spread:
         constant = E[:, 2 * n : 3 * n] @ d.H.T / dt
         shift, push = constant[:n], constant[n:]
@@ -99,7 +101,8 @@ def exact_matrices(d: Problem, dt: float, restitution: float, is_spread: bool) -
 
 def alpha_matrices(d: Problem, dt: float, restitution: float, radius: float) -> Matrices:
     """Return the matrices of `alpha_step`: generalised-α of Chung and Hulbert, given its ρ∞."""
-    am, af = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
+    am = (2 * radius - 1) / (radius + 1)
+    af = radius / (radius + 1)
     gamma = 0.5 + af - am
     beta = 0.25 * (gamma + 0.5) ** 2
     A = (1 - am) * d.M + (1 - af) * (gamma * dt * d.C + beta * dt**2 * d.K)

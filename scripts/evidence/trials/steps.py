@@ -24,7 +24,9 @@ def _load(m, base):  # type: ignore[no-untyped-def]
 @njit
 def _floors(m, gap, rate):  # type: ignore[no-untyped-def]
     """Return the smallest allowed gap rate of each pair, -inf if free; see `schemes.LAWS`."""
-    dt, law, e = m.numbers[0], int(m.numbers[1]), m.numbers[2]
+    dt = m.numbers[0]
+    law = int(m.numbers[1])
+    e = m.numbers[2]
     floors = np.full(gap.size, -np.inf)
     for k in range(gap.size):
         if law == MOREAU or law == CLOSED:
@@ -47,16 +49,16 @@ def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
     chosen = np.nonzero(floors > -np.inf)[0]
     if chosen.size == 0 or (free - floors)[chosen].min() >= 0.0:
         return p
-    own = np.zeros(chosen.size)
+    local = np.zeros(chosen.size)
     right = (free - floors)[chosen]
     block = np.empty((chosen.size, chosen.size))
     for i in range(chosen.size):
         for j in range(chosen.size):
             block[i, j] = W[chosen[i], chosen[j]]
-    if solve_into(block, right, own, np.empty(chosen.size)) != SOLVED:
-        own[:] = np.nan
+    if solve_into(block, right, local, np.empty(chosen.size)) != SOLVED:
+        local[:] = np.nan
     for i in range(chosen.size):
-        p[chosen[i]] = own[i]
+        p[chosen[i]] = local[i]
     return p
 
 
@@ -64,7 +66,8 @@ def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
 def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make a step of the Moreau–Jean scheme with θ = 1/2."""
     dt = m.numbers[0]
-    gap, rate = m.of.H @ u + m.of.gap0, m.of.H @ v
+    gap = m.of.H @ u + m.of.gap0
+    rate = m.of.H @ v
     load = 0.5 * (_load(m, before) + _load(m, after))
     mean = m.inverse @ (m.of.M @ v + 0.5 * dt * (load - m.of.K @ u))
     v_free = 2.0 * mean - v
@@ -77,7 +80,8 @@ def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
 def exact_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make an exact linear step with impulses at its end or as a constant force in it."""
     n = u.size
-    gap, rate = m.of.H @ u + m.of.gap0, m.of.H @ v
+    gap = m.of.H @ u + m.of.gap0
+    rate = m.of.H @ v
     f = _load(m, before)
     x = np.concatenate((u, v, f, _load(m, after) - f))
     x = m.inverse @ x
@@ -96,7 +100,9 @@ def alpha_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     ahead_v = v + dt * (1 - gamma) * a
     inner = m.of.K @ ((1 - af) * ahead_u + af * u) + m.of.C @ ((1 - af) * ahead_v + af * v)
     new = m.inverse @ (load - am * (m.of.M @ a) - inner)
-    u[:], v[:], a[:] = ahead_u + beta * dt * dt * new, ahead_v + gamma * dt * new, new
+    u[:] = ahead_u + beta * dt * dt * new
+    v[:] = ahead_v + gamma * dt * new
+    a[:] = new
     floors = np.where(m.of.H @ u + m.of.gap0 <= 0.0, -e * rate, -np.inf)
     p = _impulses(m, W, m.of.H @ v, floors)
     u += m.shift @ p
@@ -112,7 +118,8 @@ def implicit_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """
     dt = m.numbers[0]
     load = 0.5 * (_load(m, before) + _load(m, after))
-    x, none = u + dt * v, np.zeros(m.of.gap0.size)
+    x = u + dt * v
+    none = np.zeros(m.of.gap0.size)
     if m.numbers[1] == 1.0:
         x += m.shift @ _impulses(m, m.of.H @ m.shift, m.of.H @ x + m.of.gap0, none)
     right = 2.0 / dt * (m.of.M @ x) + m.of.C @ (x - dt * v) + dt * load - 0.5 * dt * (m.of.K @ u)
@@ -138,15 +145,19 @@ def envelopes(step, m, bases, n_periods, observed):  # type: ignore[no-untyped-d
     """
     n = m.of.M.shape[0]
     W = m.of.H @ m.push
-    u, v, a = np.zeros(n), np.zeros(n), np.zeros(n)
-    found = np.full((n_periods, 2, observed.size), np.nan)
+    u = np.zeros(n)
+    v = np.zeros(n)
+    a = np.zeros(n)
+    result = np.full((n_periods, 2, observed.size), np.nan)
     for period in range(n_periods):
-        low, high = u[observed].copy(), u[observed].copy()
+        low = u[observed].copy()
+        high = u[observed].copy()
         for j in range(1, len(bases)):
             step(m, W, u, v, a, bases[j - 1], bases[j])
             for k in range(observed.size):
                 low[k], high[k] = min(low[k], u[observed[k]]), max(high[k], u[observed[k]])
         if not np.abs(u).max() < 1e3:
-            return found
-        found[period, 0], found[period, 1] = low, high
-    return found
+            return result
+        result[period, 0] = low
+        result[period, 1] = high
+    return result

@@ -35,5 +35,5 @@ def test_lines_of_templates_fit_a_screen(kind: str) -> None:
 
 def without_comment(line: str) -> str:
     """Return the heading of a table, or a key and its value, also where # stands before it."""
-    found = re.match(r"(# )?(\[+\w[\w.]*\]+|\w+ =[^#]*)", line)
-    return found.group().rstrip() if found else ""
+    match = re.match(r"(# )?(\[+\w[\w.]*\]+|\w+ =[^#]*)", line)
+    return match.group().rstrip() if match else ""

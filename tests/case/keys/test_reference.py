@@ -7,16 +7,16 @@ from delam_fem.case.keys import Table
 
 
 def table(name: str, kind: str = "") -> Table:
-    found, *_ = (t for t in tables() if (t.name, t.kind) == (name, kind))
-    return found
+    match, *_ = (t for t in tables() if (t.name, t.kind) == (name, kind))
+    return match
 
 
 def test_every_key_has_a_meaning_and_every_number_a_unit() -> None:
-    for own in tables():
-        assert own.meaning.endswith("."), own.name
-        for key in own.keys:
-            assert key.meaning, f"{own.heading} {key.name}: no row in Attributes"
-            assert key.type != "a value", f"{own.heading} {key.name}: no words for its type"
+    for section in tables():
+        assert section.meaning.endswith("."), section.name
+        for key in section.keys:
+            assert key.meaning, f"{section.heading} {key.name}: no row in Attributes"
+            assert key.type != "a value", f"{section.heading} {key.name}: no words for its type"
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -27,9 +27,9 @@ def test_every_key_of_a_preset_is_listed(name: str) -> None:
         for entry in entries:
             if isinstance(entry, dict):
                 listed = table(key, entry.get("kind", ""))
-                assert set(entry) <= {own.name for own in listed.keys}
+                assert set(entry) <= {listed_key.name for listed_key in listed.keys}
             else:
-                assert key in {own.name for own in table("").keys}
+                assert key in {listed_key.name for listed_key in table("").keys}
 
 
 def test_numbers_have_type_unit_and_default() -> None:
@@ -62,6 +62,6 @@ def test_tables_say_how_they_are_written() -> None:
     assert table("lamina").heading == "[[lamina]]"
     assert table("gap").heading == "[gap]"
     assert table("").heading == ""
-    kinds = [own.kind for own in tables() if own.name == "excitation"]
+    kinds = [section.kind for section in tables() if section.name == "excitation"]
     assert kinds == ["harmonic", "sweep", "force", "hammer", "table"]
     assert "mass_per_length" in {key.name for key in table("lamina").keys}

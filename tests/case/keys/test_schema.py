@@ -31,11 +31,11 @@ def test_presets_and_complete_cases_are_taken(
 def changed(changes: dict[str, Any], section: str) -> dict[str, Any]:
     """Return the preset "paper" with keys of a section changed; None removes one."""
     data = tomllib.loads(preset_text("paper"))
-    own = data["lamina"][0] if section == "lamina" else data.setdefault(section, {})
+    table = data["lamina"][0] if section == "lamina" else data.setdefault(section, {})
     for key, value in changes.items():
-        own.pop(key, None)
+        table.pop(key, None)
         if value is not None:
-            own[key] = value
+            table[key] = value
     return data
 
 
@@ -86,7 +86,7 @@ def test_what_the_models_take_is_not_marked(
 
 def test_every_key_is_there_with_its_meaning() -> None:
     schema = case_schema()
-    for own in tables():
-        place = schema["$defs"][own.model.__name__] if own.name else schema
-        for key in own.keys:
+    for table in tables():
+        place = schema["$defs"][table.model.__name__] if table.name else schema
+        for key in table.keys:
             assert place["properties"][key.name]["description"] == key.meaning

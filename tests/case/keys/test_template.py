@@ -19,7 +19,7 @@ def test_a_commented_file_is_the_case_of_its_preset(kind: KindName, tmp_path: Pa
     path.write_text(case_text(kind, "mine"), encoding="utf-8")
     strips = preset(PRESETS[kind], {"name": "mine"})
     if kind == "apart":  # own strips: of a material
-        materials = {f"lamina.{own.name}.material": "aluminium" for own in strips.lamina}
+        materials = {f"lamina.{lamina.name}.material": "aluminium" for lamina in strips.lamina}
         strips = strips.with_overrides(materials)
     assert load_case(path) == strips
 

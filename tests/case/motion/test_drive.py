@@ -244,10 +244,10 @@ def test_the_window_of_a_drive_that_does_not_repeat_is_the_whole_run() -> None:
     late = {"excitation.start": 0.75, "output.window_periods": 10, "output.fields_per_period": 0}
     few = case.with_overrides(late)
     assert (few.n_window_periods, few.frames_per_period) == (10, 0)
-    for own in (case, few):
-        again = Case.from_toml(own.to_toml())
-        assert (again, again.n_window_periods) == (own, own.n_window_periods)
-        assert again.frames_per_period == own.frames_per_period and not again.unread
+    for variant in (case, few):
+        again = Case.from_toml(variant.to_toml())
+        assert (again, again.n_window_periods) == (variant, variant.n_window_periods)
+        assert again.frames_per_period == variant.frames_per_period and not again.unread
     sweep = {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 5.0, "duration": 40.0}
     swept = with_excitation(**sweep, amplitude=1e-3)
     assert (swept.n_periods, swept.n_window_periods, swept.frames_per_period) == (200, 200, 2)

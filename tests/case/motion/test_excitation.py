@@ -77,8 +77,8 @@ def test_harmonic_motion_is_the_sine() -> None:
 @pytest.mark.parametrize(("logarithmic", "middle"), [(False, 2.25), (True, math.sqrt(2.0))])
 def test_frequency_moves_from_start_to_end_and_stays(logarithmic: bool, middle: float) -> None:
     motion = SweptMotion(0.5, 4.0, T, A, logarithmic=logarithmic)
-    seen = motion.instantaneous_frequency([0.0, T / 2, T, T + 1])
-    assert seen == pytest.approx([0.5, middle, 4.0, 4.0], rel=1e-14)
+    frequencies = motion.instantaneous_frequency([0.0, T / 2, T, T + 1])
+    assert frequencies == pytest.approx([0.5, middle, 4.0, 4.0], rel=1e-14)
 
 
 @pytest.mark.parametrize("spacing", ["linear", "logarithmic"])

@@ -7,5 +7,5 @@ from delam_fem.cli.console import table
 
 def test_units_in_brackets_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
     table("a [b]title[/b]", ("x [m]", "y"), [("tip [mm]", "[s]")])
-    shown = capsys.readouterr().out
-    assert all(text in shown for text in ("[b]title[/b]", "x [m]", "tip [mm]", "[s]"))
+    output = capsys.readouterr().out
+    assert all(text in output for text in ("[b]title[/b]", "x [m]", "tip [mm]", "[s]"))

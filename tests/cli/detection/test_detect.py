@@ -75,8 +75,8 @@ def test_what_was_interrupted_goes_on_to_the_same_numbers(
     assert status == 0, output
     assert len(asked) == n_whole  # no period was computed again
     assert not (tmp_path / "cut" / "checkpoints").exists()
-    found = [(tmp_path / name / result).read_text() for name in ("whole", "cut")]
-    assert found[1] == found[0]
+    contents = [(tmp_path / name / result).read_text() for name in ("whole", "cut")]
+    assert contents[1] == contents[0]
 
 
 def test_a_bad_scan_leaves_no_folder_behind(tmp_path: Path) -> None:
@@ -95,17 +95,17 @@ def test_a_measured_file_is_judged_like_a_simulated_scan(tmp_path: Path) -> None
     from delam_fem.studies.detection.study import Scan
 
     case = preset("embedded", {"mesh.elements": 20, "excitation.frequency": 80.0})
-    own = simulated(case, Scan())
-    own = own.noisy(own.noise_of(Scan()), 3)
+    measurement = simulated(case, Scan())
+    measurement = measurement.noisy(measurement.noise_of(Scan()), 3)
     points = [k for k in range(41) if k % 2 == 0]  # every 20 mm
     names = [f"P{k}" for k in points]
-    table = np.column_stack([own.times, own.field[:, points]])
+    table = np.column_stack([measurement.times, measurement.field[:, points]])
     header = ",".join(["time [s]", *(f"{name} [m/s]" for name in names)])
     np.savetxt(tmp_path / "scan.csv", table, delimiter=",", header=header, comments="")
     channels = [
         text
         for k, name in zip(points, names, strict=True)
-        for text in ("--channel", f"p{k}={name}:m/s@{own.x[k]:.3f}/upper")
+        for text in ("--channel", f"p{k}={name}:m/s@{measurement.x[k]:.3f}/upper")
     ]
     keys = ("--set", "excitation.frequency=80", "--measured", tmp_path / "scan.csv")
     status, output = invoke(

@@ -56,8 +56,8 @@ def test_infer(tmp_path: Path) -> None:
         "detect", "infer", "embedded", "-n", "200", "-j", "1", "-q", "-o", tmp_path
     )
     assert status == 0, output
-    found = json.loads((tmp_path / "inference.json").read_text("utf-8"))
-    for truth, (low, high) in zip(found["truth"], found["interval_90"], strict=True):
+    inference = json.loads((tmp_path / "inference.json").read_text("utf-8"))
+    for truth, (low, high) in zip(inference["truth"], inference["interval_90"], strict=True):
         assert low < truth < high
     assert (tmp_path / "figures" / "posterior.png").is_file()
 
@@ -72,24 +72,26 @@ def test_infer_takes_a_measured_scan(tmp_path: Path) -> None:
 
     keys = {"mesh.elements": 20, "excitation.frequency": 250.0, "time.steps_per_period": 100}
     scan = Scan(spacing=0.02, first=0.02)  # neither the first point nor the last is at a clamp
-    own = simulated(preset("embedded", keys), scan)
-    own = own.noisy(own.noise_of(scan), 3)
+    measurement = simulated(preset("embedded", keys), scan)
+    measurement = measurement.noisy(measurement.noise_of(scan), 3)
     header = ",".join(["time [s]", *(f"P{k} [m/s]" for k in range(18))])
-    table = np.column_stack([own.times, own.field[:, :18]])
+    table = np.column_stack([measurement.times, measurement.field[:, :18]])
     np.savetxt(tmp_path / "scan.csv", table, delimiter=",", header=header, comments="")
     places = [
-        text for k in range(18) for text in ("--channel", f"p{k}=P{k}:m/s@{own.x[k]:.3f}/upper")
+        text
+        for k in range(18)
+        for text in ("--channel", f"p{k}=P{k}:m/s@{measurement.x[k]:.3f}/upper")
     ]
-    given = ("--measured", tmp_path / "scan.csv", "--frequency", "250", "-n", "130")
-    command = ("detect", "infer", "embedded", *given, *FAST)
+    options = ("--measured", tmp_path / "scan.csv", "--frequency", "250", "-n", "130")
+    command = ("detect", "infer", "embedded", *options, *FAST)
     status, output = invoke(*command, *places, "-o", tmp_path / "a")
     assert status == 0, output
-    found = json.loads((tmp_path / "a" / "inference.json").read_text("utf-8"))
-    assert found["is_measured"] and found["truth"] is None and found["mismatch"] is None
-    for truth, (low, high) in zip((0.12, 0.28, 0.0006), found["interval_90"], strict=True):
+    inference = json.loads((tmp_path / "a" / "inference.json").read_text("utf-8"))
+    assert inference["is_measured"] and inference["truth"] is None and inference["mismatch"] is None
+    for truth, (low, high) in zip((0.12, 0.28, 0.0006), inference["interval_90"], strict=True):
         assert low < truth < high
-    assert np.diff(found["interval_90"][:2], axis=1).max() < 0.13  # the prior has 0.19 m
-    assert [own["key"] for own in found["uncertain"]] == [
+    assert np.diff(inference["interval_90"][:2], axis=1).max() < 0.13  # the prior has 0.19 m
+    assert [entry["key"] for entry in inference["uncertain"]] == [
         "lamina.*.young_modulus", "lamina.*.damping_ratio", "support.rotational_stiffness",
     ]  # fmt: skip
     status, output = invoke(*command, *places, "--frequency", "92", "-o", tmp_path / "b")

@@ -27,12 +27,12 @@ def test_an_exact_orbit(tmp_path: Path) -> None:
     folder = tmp_path / "o"
     status, output = invoke("paper", *SOFT, "--settle", "150", "-o", folder)
     assert status == 0, output
-    found = json.loads((folder / "orbit.json").read_text("utf-8"))
-    assert found["kind"] == "exact" and "An exact orbit" in " ".join(output.split())
-    assert found["residual"] <= 1e-10 and found["residual_error"] == 0.0
-    assert found["period"] == pytest.approx(0.8) and found["drive_periods"] == 1
-    assert found["stability"] == "stable"
-    moduli = [abs(complex(*mu)) for mu in found["multipliers"]]
+    content = json.loads((folder / "orbit.json").read_text("utf-8"))
+    assert content["kind"] == "exact" and "An exact orbit" in " ".join(output.split())
+    assert content["residual"] <= 1e-10 and content["residual_error"] == 0.0
+    assert content["period"] == pytest.approx(0.8) and content["drive_periods"] == 1
+    assert content["stability"] == "stable"
+    moduli = [abs(complex(*mu)) for mu in content["multipliers"]]
     assert moduli == sorted(moduli, reverse=True) and 0.8 < moduli[0] < 1.0
     assert (folder / "orbit.png").stat().st_size > 10_000
     with np.load(folder / "orbit.npz") as file:
@@ -44,11 +44,11 @@ def test_a_coarse_orbit_says_so(tmp_path: Path) -> None:
     few = ("--set", "mesh.elements=6", "--set", "time.steps_per_period=300", "--settle", "100")
     status, output = invoke("paper", *few, "-o", tmp_path / "o")
     assert status == 0, output
-    found = json.loads((tmp_path / "o" / "orbit.json").read_text("utf-8"))
-    assert found["kind"] == "coarse" and found["residual_error"] > 1e-6
-    assert found["exact_search"]["smallest_residual"] > found["exact_search"]["needed"]
-    assert found["coarse"]["kick"] <= 0.03
-    assert len(found["multipliers"]) == len(found["multipliers_error"]) == 8
+    content = json.loads((tmp_path / "o" / "orbit.json").read_text("utf-8"))
+    assert content["kind"] == "coarse" and content["residual_error"] > 1e-6
+    assert content["exact_search"]["smallest_residual"] > content["exact_search"]["needed"]
+    assert content["coarse"]["kick"] <= 0.03
+    assert len(content["multipliers"]) == len(content["multipliers_error"]) == 8
 
 
 @pytest.mark.parametrize(
@@ -72,6 +72,6 @@ def test_an_orbit_in_modes(tmp_path: Path) -> None:
     model = [word for key in keys for word in ("--set", key)]
     status, output = invoke("default", *few, *model, "--quiet", "-o", tmp_path / "o")
     assert status == 0, output
-    found = json.loads((tmp_path / "o" / "orbit.json").read_text("utf-8"))
-    assert found["model"] == "2 modes of each part, r = 4"
-    assert found["coarse"]["kick"] <= 0.03
+    content = json.loads((tmp_path / "o" / "orbit.json").read_text("utf-8"))
+    assert content["model"] == "2 modes of each part, r = 4"
+    assert content["coarse"]["kick"] <= 0.03

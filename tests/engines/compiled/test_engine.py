@@ -95,11 +95,11 @@ def on_addresses(arrays):  # type: ignore[no-untyped-def]
 @numba.njit
 def smallest_of_lanes(arrays, size, ahead):  # type: ignore[no-untyped-def]
     bare = two_at(arrays)
-    X, rest = bare.start, bare.value
+    X, rest_gaps = bare.start, bare.value
     return (
-        simd_chains.smallest_gap(X, size, rest, ahead),
-        simd_chains.smallest_approach(X, size, rest, ahead),
-        simd_chains.smallest_margin(X, size, rest, ahead),
+        simd_chains.smallest_gap(X, size, rest_gaps, ahead),
+        simd_chains.smallest_approach(X, size, rest_gaps, ahead),
+        simd_chains.smallest_margin(X, size, rest_gaps, ahead),
     )
 
 
@@ -108,12 +108,12 @@ def test_smallest_gaps_in_lanes_are_those_of_the_rows() -> None:
     draw, rows = np.random.default_rng(3), 5
     for _ in range(50):
         X = draw.normal(size=(simd_chains.N_FIELDS, rows, 2, 4))
-        rest = draw.normal(size=(rows, 4))
-        rest[:, 2:] = np.inf  # of the halves that have the negative of the gap
+        rest_gaps = draw.normal(size=(rows, 4))
+        rest_gaps[:, 2:] = np.inf  # of the halves that have the negative of the gap
         size, ahead = 8 * rows, float(draw.uniform())
-        found = smallest_of_lanes(address_of(Two(X.ravel(), rest.ravel())), size, ahead)
+        smallest = smallest_of_lanes(address_of(Two(X.ravel(), rest_gaps.ravel())), size, ahead)
         gap, rate = (
-            X[k, :, 0][:, [2, 3]] - X[k, :, 0][:, [0, 1]] + (rest[:, :2] if k == 0 else 0.0)
+            X[k, :, 0][:, [2, 3]] - X[k, :, 0][:, [0, 1]] + (rest_gaps[:, :2] if k == 0 else 0.0)
             for k in (simd_chains.U, simd_chains.V)
         )
         expected = (
@@ -121,7 +121,7 @@ def test_smallest_gaps_in_lanes_are_those_of_the_rows() -> None:
             (gap + np.minimum(ahead * rate, 0.0)).min(),
             (gap - ahead * np.abs(rate)).min(),
         )
-        np.testing.assert_allclose(found, expected, rtol=1e-13)
+        np.testing.assert_allclose(smallest, expected, rtol=1e-13)
 
 
 def test_vector_operations() -> None:
@@ -186,8 +186,8 @@ def test_chains_solve_and_measure(n: int) -> None:
     fields[simd_chains.R, order], fields[simd_chains.P, order] = right, p
     solve(address_of(Two(simd_chains.solution_tape(chains), X)), size)
     exact = sp.linalg.spsolve(A.tocsc(), right)
-    found = fields[simd_chains.Z, order]
-    np.testing.assert_allclose(found, exact, rtol=0.0, atol=ROUND_OFF * np.abs(exact).max())
+    solution = fields[simd_chains.Z, order]
+    np.testing.assert_allclose(solution, exact, rtol=0.0, atol=ROUND_OFF * np.abs(exact).max())
     value = form(address_of(Two(simd_chains.form_tape(chains), X)), size)
     assert value == pytest.approx(p @ (A @ p), rel=ROUND_OFF)
 
@@ -204,10 +204,10 @@ def test_what_couples_more_than_neighbours_is_no_chain() -> None:
 def test_rayleigh_damping_is_recognised() -> None:
     case = paper(**{"mesh.elements": 5})
     o = closed_form.assemble(case).operators
-    found = simd_chains.rayleigh(o)
-    assert found is not None
+    coefficients = simd_chains.rayleigh(o)
+    assert coefficients is not None
     for i in (0, 1):
-        assert (found[0][i], found[1][i]) == pytest.approx(case.rayleigh(i), rel=1e-9)
+        assert (coefficients[0][i], coefficients[1][i]) == pytest.approx(case.rayleigh(i), rel=1e-9)
     damper = sp.csr_matrix(([1e-6], ([9], [9])), shape=o.damping.shape)
     assert simd_chains.rayleigh(dataclasses.replace(o, damping=o.damping + damper)) is None
 
@@ -246,10 +246,10 @@ def test_what_sizes_of_steps_share_is_that_of_their_operators() -> None:
     schemes = [StepNumbers.newmark(1e-3), StepNumbers.moreau_jean(1e-6), StepNumbers.newmark(1e-6)]
     order = [(o, scheme) for scheme in schemes for o in (first, second, first)]
     shared = [numbers_in(build(o, scheme)[0]) for o, scheme in order]
-    for (o, scheme), found in zip(order, shared, strict=True):
+    for (o, scheme), numbers in zip(order, shared, strict=True):
         build.cache_clear()
         matrices._chained.cache_clear()
-        assert numbers_in(build(o, scheme)[0]) == found
+        assert numbers_in(build(o, scheme)[0]) == numbers
     assert shared[0] != shared[1] and shared[0] == shared[2]
     assert build(first, schemes[0])[0].is_chained
 

@@ -43,9 +43,9 @@ def test_modes_diagonalise_the_matrices(operators: Operators) -> None:
         (operators.damping, modal.damping.diagonal()[:n]),
         (operators.stiffness, modal.stiffness.diagonal()[:n]),
     ):
-        found = unknowns.shapes.T @ matrix @ unknowns.shapes
+        product = unknowns.shapes.T @ matrix @ unknowns.shapes
         largest = diagonal.max()
-        assert np.abs(found[:n, :n] - np.diag(diagonal)).max() < 1e-12 * largest
+        assert np.abs(product[:n, :n] - np.diag(diagonal)).max() < 1e-12 * largest
     state = np.random.default_rng(1).normal(size=(3, n))
     assert unknowns.outward(unknowns.inward(state)) == pytest.approx(state, abs=1e-11)
 
@@ -54,8 +54,8 @@ def test_lowest_modes_are_as_exact_as_the_others(operators: Operators) -> None:
     modal, _ = inner_points.in_modes(operators)
     K, M = operators.stiffness.toarray(), operators.mass.toarray()
     exact = 1.0 / np.linalg.eigvalsh(_symmetric(K, M))[::-1]  # the lowest are the largest here
-    found = modal.stiffness.diagonal()[: operators.n_dofs]
-    assert found[:3] == pytest.approx(exact[:3], rel=1e-10)
+    squares = modal.stiffness.diagonal()[: operators.n_dofs]
+    assert squares[:3] == pytest.approx(exact[:3], rel=1e-10)
 
 
 def _symmetric(K: np.ndarray, M: np.ndarray) -> np.ndarray:

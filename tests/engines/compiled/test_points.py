@@ -83,21 +83,21 @@ def test_no_gap_is_overlooked(
         system, state = loaded(o, (u, v))
         assert system.is_chained and system.is_within
         gap, rate = o.gap_matrix @ u + o.gap0, o.gap_matrix @ v
-        seen = (gap + AHEAD * rate, gap + np.minimum(AHEAD * rate, 0.0))
+        exact_gaps = (gap + AHEAD * rate, gap + np.minimum(AHEAD * rate, 0.0))
         tables = packed(system), packed(state)
         at = [table.ctypes.data for table in tables]
         low = lowest(*at, AHEAD)
-        for least, exact, is_closing in zip(low, seen, (False, True), strict=True):
+        for least, exact, is_closing in zip(low, exact_gaps, (False, True), strict=True):
             n_open += exact.min() > 0.0
             n_told += least > 0.0
             assert exact.min() > 0.0 or not least > 0.0
-            found = measured(*at, AHEAD, is_closing)
-            own, is_seen = np.array(state.gap), np.isfinite(state.gap)
+            smallest = measured(*at, AHEAD, is_closing)
+            gaps, is_seen = np.array(state.gap), np.isfinite(state.gap)
             assert (exact[~is_seen] > 0.0).all()
-            assert own[is_seen] == pytest.approx(exact[is_seen], rel=1e-12, abs=1e-16)
+            assert gaps[is_seen] == pytest.approx(exact[is_seen], rel=1e-12, abs=1e-16)
             assert state.rate[is_seen] == pytest.approx(rate[is_seen], rel=1e-12, abs=1e-15)
-            assert found == own.min()
-            n_closed += found <= 0.0
+            assert smallest == gaps.min()
+            n_closed += smallest <= 0.0
     assert n_told >= TOLD * n_open and n_closed >= 10
 
 

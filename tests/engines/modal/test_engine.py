@@ -110,15 +110,17 @@ def test_a_resumed_run_is_that_of_one_go_bit_for_bit(tmp_path: Path) -> None:
         if period == 4:
             os.kill(os.getpid(), signal.SIGINT)
 
-    case, whole = short(), df.run(short())
+    case, complete_run = short(), df.run(short())
     first = df.run(case, directory=tmp_path, progress=interrupt)
     assert first.summary["outcome"] == "interrupted"
-    rest = df.run(case, directory=tmp_path, resume=True)
-    for name in whole.history.variables:
-        np.testing.assert_array_equal(rest.history[name], whole.history[name], err_msg=str(name))
-    assert whole.state is not None and rest.state is not None
-    np.testing.assert_array_equal(rest.state.internal, whole.state.internal)
-    rest.save(tmp_path)
+    resumed = df.run(case, directory=tmp_path, resume=True)
+    for name in complete_run.history.variables:
+        np.testing.assert_array_equal(
+            resumed.history[name], complete_run.history[name], err_msg=str(name)
+        )
+    assert complete_run.state is not None and resumed.state is not None
+    np.testing.assert_array_equal(resumed.state.internal, complete_run.state.internal)
+    resumed.save(tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "completed"
     longer = df.run(case, directory=tmp_path, extend=2).history["strobe_displacement"]
     again = df.run(short(time__periods=8)).history["strobe_displacement"]
@@ -138,15 +140,15 @@ def test_a_motion_of_all_dofs_is_read_in_modes() -> None:
 
 
 def test_sensors_read_the_modes() -> None:
-    own = [
+    sensors = [
         {"name": "tip", "lamina": "thin", "position": 0.685, "quantity": "displacement"},
         {"name": "rate", "lamina": "thin", "position": 0.685, "quantity": "velocity"},
         {"name": "force", "between": ["thick", "thin"], "quantity": "contact force"},
         {"name": "acceleration", "lamina": "thin", "position": 0.685, "quantity": "acceleration"},
     ]
     case = short()
-    given: dict[str, Any] = case.model_dump(exclude_unset=True)
-    case = Case(**given | {"sensor": own})
+    sections: dict[str, Any] = case.model_dump(exclude_unset=True)
+    case = Case(**sections | {"sensor": sensors})
     data = df.run(case).history
     np.testing.assert_allclose(data["sensor_tip"], data["tip_displacement"][1], atol=1e-14)
     np.testing.assert_allclose(data["sensor_rate"], data["tip_velocity"][1], atol=1e-12)

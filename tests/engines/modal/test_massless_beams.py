@@ -33,13 +33,16 @@ def beams(preset: str = "default", **overrides: object) -> Case:
 @pytest.mark.parametrize("n", [4, 5, 12])
 def test_masses_at_middles_keep_total_centre_and_moment_of_inertia(n: int, is_tied: bool) -> None:
     h = 1.0 + 0.3 * np.sin(np.arange(n))
-    own, ends = 2.0 * h, np.concatenate([[0.0], np.cumsum(h)])
-    found, x = closed_form.middle_masses(own, h, is_tied=is_tied), 0.5 * (ends[1:] + ends[:-1])
+    element_masses, ends = 2.0 * h, np.concatenate([[0.0], np.cumsum(h)])
+    masses, x = (
+        closed_form.middle_masses(element_masses, h, is_tied=is_tied),
+        0.5 * (ends[1:] + ends[:-1]),
+    )
     for power in range(3):
         moment = 2.0 * ends[-1] ** (power + 1) / (power + 1)
-        assert found @ x**power == pytest.approx(moment, rel=1e-12)
-    assert np.count_nonzero(found) == n - is_tied
-    assert found.min() >= 0.0
+        assert masses @ x**power == pytest.approx(moment, rel=1e-12)
+    assert np.count_nonzero(masses) == n - is_tied
+    assert masses.min() >= 0.0
 
 
 def test_lengths_that_differ_much_are_refused() -> None:
@@ -50,11 +53,11 @@ def test_lengths_that_differ_much_are_refused() -> None:
 def test_frequencies_converge_at_order_four() -> None:
     errors = []
     for n in (20, 40):
-        case, own = beams(mesh__elements=n), slice(0, 2 * n)
+        case, dofs = beams(mesh__elements=n), slice(0, 2 * n)
         o = closed_form.assemble(case).operators
-        found, _ = lowest(o.stiffness[own, own], o.mass[own, own], 3)
+        frequencies, _ = lowest(o.stiffness[dofs, dofs], o.mass[dofs, dofs], 3)
         exact = case.lamina[0].angular_frequencies(3) / (2.0 * np.pi)
-        errors.append(np.abs(found / exact - 1.0))
+        errors.append(np.abs(frequencies / exact - 1.0))
     assert errors[1].max() < 1.5e-5
     assert (np.log2(errors[0] / errors[1]) > 3.4).all()
 
@@ -63,16 +66,18 @@ def test_frequencies_converge_at_order_four() -> None:
 def test_every_node_may_touch(preset: str) -> None:
     case = beams(preset, mesh__elements=20)
     o = closed_form.assemble(case).operators
-    found = reduce(o, case.n_modes)
-    assert o.n_dofs - found.n_modes >= o.n_pairs
-    W = found.compliance.sum(axis=0)
+    reduced = reduce(o, case.n_modes)
+    assert o.n_dofs - reduced.n_modes >= o.n_pairs
+    W = reduced.compliance.sum(axis=0)
     scale = 1.0 / np.sqrt(W.diagonal())
     assert np.linalg.eigvalsh(scale[:, None] * W * scale)[0] > 1e-3
     # nothing is lost: modes and what has no mass are the static flexibility
     H = o.gap_matrix.toarray()
-    whole = H @ np.linalg.solve(o.stiffness.toarray(), H.T)
-    G = found.gap_modes
-    np.testing.assert_allclose(W + (G / found.squares) @ G.T, whole, atol=1e-8 * whole.max())
+    flexibility = H @ np.linalg.solve(o.stiffness.toarray(), H.T)
+    G = reduced.gap_modes
+    np.testing.assert_allclose(
+        W + (G / reduced.squares) @ G.T, flexibility, atol=1e-8 * flexibility.max()
+    )
 
 
 def test_it_moves_as_small_implicit_steps_of_all_dofs() -> None:
@@ -100,25 +105,25 @@ def test_it_moves_as_small_implicit_steps_of_all_dofs() -> None:
         tips.append(o.probes @ u)
     expected = np.array(tips)[steps // 1000 - 1 :: steps // 1000].T
     assert touched > 20
-    found = result.history["tip_displacement"].to_numpy()
-    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+    massless_tips = result.history["tip_displacement"].to_numpy()
+    np.testing.assert_allclose(massless_tips, expected, atol=0.01 * np.abs(expected).max())
     assert result.summary["energy_residual"] < 1e-9
     assert result.summary["minimum_tip_gap"] > -1e-9
 
 
 def test_two_tones_are_computed_without_mass_at_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     """The run of two tones reads `time.mass`; it took all dofs and their consistent mass before."""
-    given: list[int | None] = []
+    asked_modes: list[int | None] = []
 
     def stopped(*_: object, modes: int | None = None, **__: object) -> None:
-        given.append(modes)
+        asked_modes.append(modes)
         raise InterruptedError
 
     monkeypatch.setattr("delam_fem.studies.detection.detect.session", stopped)
     case = beams("embedded", mesh__elements=10)
     with pytest.raises(InterruptedError):
         simulated(case, Scan(periods=1), pump=pump_of(case, 20.0, 1e-4))
-    assert given == [case.n_modes]
+    assert asked_modes == [case.n_modes]
 
 
 KINDS = ("beam", "modes", "plane-stress", "solid")
@@ -183,13 +188,13 @@ def test_commands_that_need_mass_say_so(words: tuple[str, ...], message: str) ->
 def test_impactors_run_on_springs_and_are_refused_without() -> None:
     case = beams(mesh__elements=6, time__steps_per_period=60, time__periods=1,
                  output__window_periods=1)  # fmt: skip
-    given: dict[str, Any] = case.model_dump(exclude_unset=True)
+    data: dict[str, Any] = case.model_dump(exclude_unset=True)
     ball = {"lamina": "thin", "mass": 0.01, "gap": 1e-4, "spring": 50.0}
-    assert df.run(Case(**given | {"impactor": [ball]})).summary["energy_residual"] < 1e-9
+    assert df.run(Case(**data | {"impactor": [ball]})).summary["energy_residual"] < 1e-9
     with pytest.raises(
         df.CaseError, match=r"support: expected a structure that is held with .*imp"
     ):
-        Case(**given | {"impactor": [ball | {"spring": 0.0}]})
+        Case(**data | {"impactor": [ball | {"spring": 0.0}]})
 
 
 @pytest.mark.nightly

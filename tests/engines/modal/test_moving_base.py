@@ -60,7 +60,7 @@ def test_strobes_envelopes_and_fields_are_those_of_the_tip() -> None:
 def test_damping_and_base_take_and_give_what_they_do_with_all_masses(rayleigh: str) -> None:
     keys = {"damping__rayleigh": rayleigh, "contact__law": "none", "time__periods": 20}
     massless = df.run(beam(**keys)).history
-    whole = df.run(beam(**keys, time__mass="consistent"), "compiled").history
+    consistent = df.run(beam(**keys, time__mass="consistent"), "compiled").history
     for name in ("energy_damping_loss", "energy_base_work"):
-        ours, theirs = (float(history[name].sum()) for history in (massless, whole))
+        ours, theirs = (float(history[name].sum()) for history in (massless, consistent))
         assert ours == pytest.approx(theirs, rel=0.02), name

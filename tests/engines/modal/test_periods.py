@@ -74,13 +74,13 @@ def test_a_steady_force_gives_the_static_contact_of_all_dofs(modes: int) -> None
     periods = Periods(reduced, 0.01, 4)
     states = np.zeros((1001, 3))
     states[:, 0] = 50.0
-    found = periods.record(np.zeros(reduced.n_state), periods.drive(states))
+    record = periods.record(np.zeros(reduced.n_state), periods.drive(states))
     K = o.stiffness.toarray()
     H, free = o.gap_matrix.toarray(), np.linalg.solve(K, -o.base.stiffness * 50.0)
     forces = solve(H @ np.linalg.solve(K, H.T), H @ free + o.gap0)
-    u = reduced.displacement(found.trace.q, found.trace.s, states[:, 0])[-1]
+    u = reduced.displacement(record.trace.q, record.trace.s, states[:, 0])[-1]
     assert (forces > 0.0).all()
-    np.testing.assert_allclose(found.trace.impulse[-1] / 0.01, forces, rtol=1e-6)
+    np.testing.assert_allclose(record.trace.impulse[-1] / 0.01, forces, rtol=1e-6)
     np.testing.assert_allclose(u, free + np.linalg.solve(K, H.T @ forces), rtol=1e-6)
 
 
@@ -96,14 +96,14 @@ def test_the_ledger_adds_up_and_contact_only_takes_energy(creep: float) -> None:
     state = np.zeros(reduced.n_state)
     for _ in range(4):
         before = sum(periods.energies(state))
-        found = periods.record(state, periods.drive(states))
-        state = found.end
-        work, modal, creeping, closing = found.exchanged
-        assert (found.trace.impulse > 0.0).any()
+        record = periods.record(state, periods.drive(states))
+        state = record.end
+        work, modal, creeping, closing = record.exchanged
+        assert (record.trace.impulse > 0.0).any()
         assert min(modal, creeping, closing) > 0.0
         change = sum(periods.energies(state)) - before
         assert change == pytest.approx(work - modal - creeping - closing, abs=1e-10 * modal)
-        assert found.lowest.min() > -1e-12
+        assert record.lowest.min() > -1e-12
 
 
 def test_coarse_and_fine_steps_agree_without_contact() -> None:

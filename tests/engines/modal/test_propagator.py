@@ -44,5 +44,5 @@ def test_damping_loss_is_the_integral_of_power() -> None:
             inner = X * np.array([1.0, 1.0, 1.0, place])  # the load's rise up to there
             v = part[[2, 3, 5, 7], 0] @ inner
             total += weight * length * damping[j] * v * v
-        found = float((loss[:, j] * X[rows] * X[columns]).sum())
-        assert found == pytest.approx(total, rel=1e-8, abs=1e-18)
+        computed_loss = float((loss[:, j] * X[rows] * X[columns]).sum())
+        assert computed_loss == pytest.approx(total, rel=1e-8, abs=1e-18)

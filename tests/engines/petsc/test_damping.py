@@ -58,5 +58,5 @@ def test_motion_and_loss_are_those_of_products_with_the_damping(theta: float) ->
         stepper.destroy()
     (state, loss), (expected, expected_loss) = ends
     assert loss == pytest.approx(expected_loss, rel=ROUND_OFF)
-    for given, row in zip(state, expected, strict=True):
-        assert np.abs(given - row).max() <= ROUND_OFF * np.abs(row).max()
+    for values, row in zip(state, expected, strict=True):
+        assert np.abs(values - row).max() <= ROUND_OFF * np.abs(row).max()

@@ -14,9 +14,9 @@ from delam_fem.model.operators import matrix
 
 def test_a_matrix_of_one_rank_is_in_the_memory_of_its_rows() -> None:
     rows = sp.identity(3, format="csr")
-    whole = matrix(rows, MPI.COMM_SELF)
+    petsc_matrix = matrix(rows, MPI.COMM_SELF)
     rows.data[0] = 7.0
-    assert whole.getValue(0, 0) == 7.0
+    assert petsc_matrix.getValue(0, 0) == 7.0
 
 
 FREEING = """

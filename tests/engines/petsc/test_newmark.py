@@ -65,8 +65,8 @@ def test_springs_are_those_of_a_stiffer_matrix(
     for base in base_states[1:]:
         stepper.advance()
         state = dense_step(o, state, base, stiffness * weights * resting)
-    for given, expected in zip(stepper.state(), state, strict=True):
-        assert np.abs(given - expected).max() <= ROUND_OFF * np.abs(expected).max()
+    for values, expected in zip(stepper.state(), state, strict=True):
+        assert np.abs(values - expected).max() <= ROUND_OFF * np.abs(expected).max()
     gap = o.gap_matrix @ state[0] + o.gap0
     energy = 0.5 * stiffness * float((weights * gap**2)[resting].sum())
     assert stepper.energies().spring == pytest.approx(energy, rel=1e-6)
@@ -178,14 +178,14 @@ def test_what_is_seen_belongs_to_the_present_state(scheme: type[Newmark | Moreau
         u, v, _ = stepper.state()
         rows = np.vstack([o.base.mass, o.base.damping, o.base.stiffness, o.observed.toarray()])
         gap, rate = stepper.margins()
-        for seen, expected in (
+        for computed, expected in (
             (gap, o.gap_matrix @ u + o.gap0),
             (rate, o.gap_matrix @ v),
             (stepper.seen_u, rows @ u),
             (stepper.seen_v, o.observed @ v),
         ):
             scale = max(np.abs(expected).max(), 1e-9)
-            assert np.abs(seen - expected).max() <= ROUND_OFF * scale, name
+            assert np.abs(computed - expected).max() <= ROUND_OFF * scale, name
     stepper.destroy()
 
 
@@ -207,7 +207,7 @@ def test_pairs_on_springs_have_negative_margins() -> None:
 def test_kept_responses_make_the_jump_that_a_solve_makes(monkeypatch: pytest.MonkeyPatch) -> None:
     o = problem()
     push = Decision(np.array([2, 5]), np.array([2e-4, 1e-4]), np.array([-1.0, -2.0]), np.ones(2))
-    found = []
+    results = []
     for room in (theta.ROOM, 0):
         monkeypatch.setattr(theta, "ROOM", room)
         stepper = MoreauJean(o, 2 * DT, DT)
@@ -217,9 +217,9 @@ def test_kept_responses_make_the_jump_that_a_solve_makes(monkeypatch: pytest.Mon
             stepper.advance()
             assert stepper.jump(push)[0] == pytest.approx(-5e-5)
             stepper.observe()
-        found.append((stepper.state()[:2], stepper.dissipated, stepper.margins()[1].copy()))
+        results.append((stepper.state()[:2], stepper.dissipated, stepper.margins()[1].copy()))
         stepper.destroy()
-    (state, loss, rate), (solved, its_loss, its_rate) = found
+    (state, loss, rate), (solved, its_loss, its_rate) = results
     for row, expected in ((state[0], solved[0]), (state[1], solved[1]), (rate, its_rate)):
         assert np.abs(row - expected).max() <= ROUND_OFF * np.abs(expected).max()
     assert loss == pytest.approx(its_loss, rel=1e-9)
@@ -259,7 +259,7 @@ def test_what_is_near_is_sought_anew_when_the_state_changes(
 def test_a_step_that_is_undone_leaves_no_trace(
     scheme: type[Newmark | MoreauJean], is_observed: bool
 ) -> None:
-    rows, found = shaken(2).tolist(), []
+    rows, results = shaken(2).tolist(), []
     for is_detour in (False, True):
         stepper = scheme(problem(), DT)
         stepper.begin(shaken(2))
@@ -275,9 +275,9 @@ def test_a_step_that_is_undone_leaves_no_trace(
         stepper.begin_step(rows[0], rows[1])
         stepper.advance()
         stepper.observe()
-        found.append((stepper.dissipated - (lost if is_observed else 0.0), stepper.state()))
+        results.append((stepper.dissipated - (lost if is_observed else 0.0), stepper.state()))
         stepper.destroy()
-    (loss, state), (its_loss, its_state) = found
+    (loss, state), (its_loss, its_state) = results
     assert loss == pytest.approx(its_loss, rel=1e-9) and loss > 0.0
     assert np.array_equal(state, its_state)
 
@@ -317,6 +317,6 @@ def test_blocks_of_the_compliance_are_those_of_the_mass_and_the_last_is_at_hand(
     for pairs in ([1, 3], [3, 1], [0, 2, 4], [5], [1, 3]):
         block = stepper.compliance.block(np.array(pairs))
         assert block == pytest.approx(W[np.ix_(pairs, pairs)], rel=ROUND_OFF)
-        asked, found = stepper.compliance.recent
-        assert asked.tolist() == pairs and found is block
+        asked, recent_block = stepper.compliance.recent
+        assert asked.tolist() == pairs and recent_block is block
     stepper.destroy()

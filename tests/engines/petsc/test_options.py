@@ -42,13 +42,13 @@ def solution(scale: float = -0.5) -> np.ndarray:
 
 
 def test_a_destroyed_factor_leaves_no_matrix_behind() -> None:
-    whole = matrix(CHAIN.copy(), MPI.COMM_SELF)
-    factor = linear_algebra.Factor(whole, "moreau_")
-    assert not whole  # a factor is enough: in 3D its matrix is as large
-    own = factor.solve.__self__
-    assert isinstance(own, PETSc.Mat) and own
+    petsc_matrix = matrix(CHAIN.copy(), MPI.COMM_SELF)
+    factor = linear_algebra.Factor(petsc_matrix, "moreau_")
+    assert not petsc_matrix  # a factor is enough: in 3D its matrix is as large
+    factored_matrix = factor.solve.__self__
+    assert isinstance(factored_matrix, PETSc.Mat) and factored_matrix
     factor.destroy()
-    assert not own  # a sweep of many points would keep 24 kB of each
+    assert not factored_matrix  # a sweep of many points would keep 24 kB of each
 
 
 @pytest.mark.parametrize("kind", ["beam", "plane-stress"])

@@ -16,14 +16,14 @@ FOUR_DIGITS = 1e-4
 
 def test_constant_profiles_are_the_case_itself() -> None:
     case = preset("paper", {"mesh.elements": 4})
-    given = forms.assemble(
+    structure = forms.assemble(
         case,
         flexural_rigidity=lambda i, x: np.full_like(x, (1.51, 0.16)[i]),
         mass_per_length=lambda i, x: case.lamina[i].mass_per_length,
     )
     expected = forms.assemble(case)
     for name in ("mass", "damping", "stiffness"):
-        difference = getattr(given.operators, name) - getattr(expected.operators, name)
+        difference = getattr(structure.operators, name) - getattr(expected.operators, name)
         assert abs(difference).max() <= 1e-14 * abs(getattr(expected.operators, name)).max()
 
 
@@ -52,8 +52,8 @@ def test_a_softer_stretch_lowers_one_lamina_only() -> None:
         inside = (x > 0.2) & (x < 0.4)
         return case.lamina[i].flexural_rigidity * np.where((i == 1) & inside, 0.5, 1.0)
 
-    given = forms.assemble(case, flexural_rigidity=damaged).operators.stiffness
+    damaged_stiffness = forms.assemble(case, flexural_rigidity=damaged).operators.stiffness
     sound = forms.assemble(case).operators.stiffness
     n = sound.shape[0] // 2
-    assert abs(given - sound)[:n].max() == 0.0
-    assert given.diagonal()[n:].sum() < sound.diagonal()[n:].sum()
+    assert abs(damaged_stiffness - sound)[:n].max() == 0.0
+    assert damaged_stiffness.diagonal()[n:].sum() < sound.diagonal()[n:].sum()

@@ -102,13 +102,13 @@ def test_total_mass_is_that_of_both_laminae(paper: Case, model: Structure) -> No
 
 def test_damping_is_rayleigh_per_lamina(paper: Case, model: Structure) -> None:
     ops, half = model.operators, model.operators.n_dofs // 2
-    for i, own in enumerate((slice(0, half), slice(half, None))):
+    for i, dofs in enumerate((slice(0, half), slice(half, None))):
         alpha, beta = paper.rayleigh(i)
-        expected = alpha * ops.mass[own, own] + beta * ops.stiffness[own, own]
-        difference = abs(ops.damping[own, own] - expected).max()
+        expected = alpha * ops.mass[dofs, dofs] + beta * ops.stiffness[dofs, dofs]
+        difference = abs(ops.damping[dofs, dofs] - expected).max()
         assert difference < ROUND_OFF * expected.max()
-        column = alpha * ops.base.mass[own] + beta * ops.base.stiffness[own]
-        np.testing.assert_allclose(ops.base.damping[own], column, rtol=ROUND_OFF)
+        column = alpha * ops.base.mass[dofs] + beta * ops.base.stiffness[dofs]
+        np.testing.assert_allclose(ops.base.damping[dofs], column, rtol=ROUND_OFF)
     assert ops.damping[:half, half:].nnz == 0
 
 

@@ -30,8 +30,8 @@ def frequencies(operators: Operators, own: slice) -> list[float]:
 def test_exact_cantilever_with_a_tip_mass(ratio: float) -> None:
     """1 + cos B cosh B + µ B (cos B sinh B - sin B cosh B) = 0; Blevins, table 8-8."""
     thin = preset("paper").lamina[1]
-    whole = thin.mass_per_length * thin.length
-    case = preset("paper", {"point_mass": [{"lamina": "thin", "mass": ratio * whole}]})
+    lamina_mass = thin.mass_per_length * thin.length
+    case = preset("paper", {"point_mass": [{"lamina": "thin", "mass": ratio * lamina_mass}]})
 
     def equation(B: float) -> float:
         with_mass = np.cos(B) * np.sinh(B) - np.sin(B) * np.cosh(B)
@@ -46,19 +46,19 @@ def test_exact_cantilever_with_a_tip_mass(ratio: float) -> None:
     ][:3]
     speed = np.sqrt(thin.flexural_rigidity / thin.mass_per_length)
     exact = [B**2 / thin.length**2 * speed / (2.0 * np.pi) for B in roots]
-    found = closed_form.assemble(case).operators
-    assert frequencies(found, slice(40, 80)) == pytest.approx(exact, rel=2e-5)  # of 20 elements
-    assert frequencies(found, slice(0, 40))[0] == pytest.approx(3.1649, rel=1e-4)
+    operators = closed_form.assemble(case).operators
+    assert frequencies(operators, slice(40, 80)) == pytest.approx(exact, rel=2e-5)  # of 20 elements
+    assert frequencies(operators, slice(0, 40))[0] == pytest.approx(3.1649, rel=1e-4)
 
 
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
 def test_the_judge_has_the_same_matrices(mass: str) -> None:
     case = preset("paper", {"point_mass": MASSES, "time.mass": mass})
-    found = closed_form.assemble(case)
-    expected = matrices.assemble(case, found.layout.x)
-    assert max(operator_differences(found.operators, expected).values()) < ROUND_OFF
-    plain = matrices.assemble(preset("paper", {"time.mass": mass}), found.layout.x)
-    assert max(operator_differences(found.operators, plain).values()) > 0.01
+    structure = closed_form.assemble(case)
+    expected = matrices.assemble(case, structure.layout.x)
+    assert max(operator_differences(structure.operators, expected).values()) < ROUND_OFF
+    plain = matrices.assemble(preset("paper", {"time.mass": mass}), structure.layout.x)
+    assert max(operator_differences(structure.operators, plain).values()) > 0.01
 
 
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
@@ -66,9 +66,9 @@ def test_the_judge_has_the_same_matrices_of_a_bonded_stack(mass: str) -> None:
     keys = {"lamina": "upper", "mass": 0.005}
     masses = [{**keys, "position": 0.2}, {**keys, "position": 0.033}]
     case = preset("embedded", {"point_mass": masses, "time.mass": mass})
-    found = closed_form.assemble(case)
-    expected = matrices.assemble(case, found.layout.x, found.layout.probes[0].point)
-    assert max(operator_differences(found.operators, expected).values()) < 1e-6
+    structure = closed_form.assemble(case)
+    expected = matrices.assemble(case, structure.layout.x, structure.layout.probes[0].point)
+    assert max(operator_differences(structure.operators, expected).values()) < 1e-6
 
 
 def test_the_weak_forms_have_the_same_matrices() -> None:
@@ -76,5 +76,5 @@ def test_the_weak_forms_have_the_same_matrices() -> None:
     from delam_fem.model.beams import forms
 
     case: Case = preset("paper", {"point_mass": MASSES, "mesh.elements": 7})
-    found, expected = forms.assemble(case).operators, closed_form.assemble(case).operators
-    assert max(operator_differences(found, expected).values()) < ROUND_OFF
+    operators, expected = forms.assemble(case).operators, closed_form.assemble(case).operators
+    assert max(operator_differences(operators, expected).values()) < ROUND_OFF

@@ -68,18 +68,18 @@ def whole_section() -> tuple[float, float]:
 
 def largest_difference(a: Operators, b: Operators) -> float:
     """Return the largest relative difference of matrices, base coupling and gap operator."""
-    found = []
+    differences = []
     for name in ("mass", "damping", "stiffness"):
         A, B = getattr(a, name), getattr(b, name)
-        found.append(abs(A - B).max() / abs(A).max())
+        differences.append(abs(A - B).max() / abs(A).max())
         u, v = getattr(a.base, name), getattr(b.base, name)
         scale = abs(A).max()
-        found.append(np.abs(u - v).max() / scale)
-    found.append(np.abs(a.lumped_mass - b.lumped_mass).max() / a.lumped_mass.max())
-    found += [np.abs((a.gap_matrix - b.gap_matrix).toarray()).max(initial=0.0)]
-    found += [np.abs(a.gap0 - b.gap0).max(initial=0.0)]
+        differences.append(np.abs(u - v).max() / scale)
+    differences.append(np.abs(a.lumped_mass - b.lumped_mass).max() / a.lumped_mass.max())
+    differences += [np.abs((a.gap_matrix - b.gap_matrix).toarray()).max(initial=0.0)]
+    differences += [np.abs(a.gap0 - b.gap0).max(initial=0.0)]
     corners = zip(a.base.corner, b.base.corner, strict=True)
-    return max(*found, *(abs(p - q) / max(abs(p), 1e-300) for p, q in corners))
+    return max(*differences, *(abs(p - q) / max(abs(p), 1e-300) for p, q in corners))
 
 
 def frequencies(structure: Structure, n: int = 4, *, closed: bool = False) -> np.ndarray:
@@ -139,9 +139,9 @@ def test_an_intact_stack_of_three_materials_is_one_beam(supports: str, roots: li
     EI, rhoA = whole_section()
     exact = np.array(roots) ** 2 / 0.4**2 * math.sqrt(EI / rhoA) / (2.0 * math.pi)
     for assemble in (closed_form.assemble, forms.assemble):
-        found = frequencies(assemble(case), 2) / exact - 1.0
-        assert np.abs(found) == pytest.approx([0.0, 0.0], abs=2e-6)
-        assert abs(found[0]) < 1e-6
+        deviations = frequencies(assemble(case), 2) / exact - 1.0
+        assert np.abs(deviations) == pytest.approx([0.0, 0.0], abs=2e-6)
+        assert abs(deviations[0]) < 1e-6
 
 
 def test_stiffness_of_an_intact_stack_is_exact_to_round_off() -> None:
@@ -161,12 +161,12 @@ def test_stiffness_of_an_intact_stack_is_exact_to_round_off() -> None:
 
 def test_a_short_delamination_tends_to_the_intact_stack() -> None:
     n = 80
-    whole = frequencies(closed_form.assemble(intact(mesh__elements=n)), 1)[0]
+    intact_frequency = frequencies(closed_form.assemble(intact(mesh__elements=n)), 1)[0]
     changes = []
     for half in (0.02, 0.01, 0.005):
         gone = [{"between": ["a", "b"], "start": 0.1 - half, "end": 0.1 + half}]
-        found = frequencies(closed_form.assemble(stack(gone, mesh__elements=n)), 1)[0]
-        changes.append(1.0 - found / whole)
+        frequency = frequencies(closed_form.assemble(stack(gone, mesh__elements=n)), 1)[0]
+        changes.append(1.0 - frequency / intact_frequency)
     assert all(change > 0.0 for change in changes)
     assert changes[2] < changes[1] / 3 < changes[0] / 9
     assert changes[2] < 1e-3
@@ -234,8 +234,8 @@ def test_damping_has_its_ratio_at_the_modes_of_the_closed_structure() -> None:
     o = structure.operators
     S = kept_closed(structure.layout, o.n_dofs)
     K, C, M = (S.T @ m @ S for m in (o.stiffness, o.damping, o.mass))
-    found, vectors = lowest(K, M, 2)
-    for frequency, v in zip(found, vectors.T, strict=True):
+    lowest_frequencies, vectors = lowest(K, M, 2)
+    for frequency, v in zip(lowest_frequencies, vectors.T, strict=True):
         ratio = (v @ C @ v) / (v @ M @ v) / (2.0 * 2.0 * math.pi * frequency)
         assert ratio == pytest.approx(0.005, rel=1e-6)
 
@@ -265,7 +265,7 @@ def test_too_few_elements_are_told() -> None:
 
 def test_unknowns_run_node_by_node_and_from_the_bottom() -> None:
     case = preset("embedded", {"mesh.elements": 10})
-    found = network(case, np.linspace(0.0, 0.4, 11))
-    assert found.dofs[:, 3].tolist() == [[4, 5], [4, 5]]
-    assert found.dofs[:, 4].tolist() == [[6, 7], [8, 9]]
-    assert (found.n_free, found.n_axial) == (2 * 9 + 2 * 3, 2)
+    unknowns = network(case, np.linspace(0.0, 0.4, 11))
+    assert unknowns.dofs[:, 3].tolist() == [[4, 5], [4, 5]]
+    assert unknowns.dofs[:, 4].tolist() == [[6, 7], [8, 9]]
+    assert (unknowns.n_free, unknowns.n_axial) == (2 * 9 + 2 * 3, 2)

@@ -26,27 +26,27 @@ def with_one_pair() -> Operators:
 @pytest.mark.parametrize("points", [1, 3])  # 3: more pairs than independent shapes
 def test_the_basis_makes_the_matrices_diagonal(points: int) -> None:
     o = operators(**{"contact.points_per_element": points})
-    found = basis_of(o, 6)
-    V, omega = found.vectors, np.sqrt(found.squares)
+    basis = basis_of(o, 6)
+    V, omega = basis.vectors, np.sqrt(basis.squares)
     np.testing.assert_allclose(V.T @ o.mass @ V, np.eye(omega.size), atol=ROUND_OFF)
     scaled = V.T @ o.stiffness @ V / np.outer(omega, omega)
     np.testing.assert_allclose(scaled, np.eye(omega.size), atol=ROUND_OFF)
-    assert (found.dropped > 0) == (points == 3)
+    assert (basis.dropped > 0) == (points == 3)
 
 
 def test_pairs_give_way_to_steady_forces_as_in_the_full_model() -> None:
     o = operators()
-    found = basis_of(o, 4)
-    G = o.gap_matrix @ found.vectors
+    basis = basis_of(o, 4)
+    G = o.gap_matrix @ basis.vectors
     H, K = o.gap_matrix.toarray(), o.stiffness.toarray()
     full = H @ np.linalg.solve(K, H.T)
-    np.testing.assert_allclose((G / found.squares) @ G.T, full, rtol=1e-8)
-    assert abs(found.compliance_error) < 1e-8
+    np.testing.assert_allclose((G / basis.squares) @ G.T, full, rtol=1e-8)
+    assert abs(basis.compliance_error) < 1e-8
 
 
 def test_a_slow_base_moves_the_structure_as_in_the_full_model() -> None:
     o = with_one_pair()
-    V, squares = (found := basis_of(o, 4)).vectors, found.squares
+    V, squares = (basis := basis_of(o, 4)).vectors, basis.squares
     shape = -V @ ((V.T @ o.base.stiffness) / squares)
     np.testing.assert_allclose(shape[::2], 1.0, rtol=1e-8)
     np.testing.assert_allclose(shape[1::2], 0.0, atol=1e-8)
@@ -54,7 +54,7 @@ def test_a_slow_base_moves_the_structure_as_in_the_full_model() -> None:
 
 def test_the_inertia_of_a_base_bends_the_structure_as_in_the_full_model() -> None:
     o = with_one_pair()
-    V, squares = (found := basis_of(o, 2)).vectors, found.squares
+    V, squares = (basis := basis_of(o, 2)).vectors, basis.squares
     stiffness = o.stiffness.toarray()
     load = o.base.mass - o.mass @ np.linalg.solve(stiffness, o.base.stiffness)
     expected = np.linalg.solve(stiffness, load)
@@ -65,12 +65,12 @@ def test_the_inertia_of_a_base_bends_the_structure_as_in_the_full_model() -> Non
 
 def test_normal_modes_are_kept_as_they_are() -> None:
     o = operators()
-    found = basis_of(o, 6)
+    basis = basis_of(o, 6)
     exact = np.linalg.eigvals(np.linalg.solve(o.mass.toarray(), o.stiffness.toarray()))
-    np.testing.assert_allclose(found.lowest, np.sort(exact.real)[:10], rtol=1e-6)
-    np.testing.assert_allclose(np.sort(found.squares[found.is_mode])[:8], found.lowest[:8])
-    assert found.squares[~found.is_mode].min() > found.squares[found.is_mode].min()
-    assert np.bincount(found.body[found.is_mode]).tolist() == [6, 6]
+    np.testing.assert_allclose(basis.lowest, np.sort(exact.real)[:10], rtol=1e-6)
+    np.testing.assert_allclose(np.sort(basis.squares[basis.is_mode])[:8], basis.lowest[:8])
+    assert basis.squares[~basis.is_mode].min() > basis.squares[basis.is_mode].min()
+    assert np.bincount(basis.body[basis.is_mode]).tolist() == [6, 6]
 
 
 def test_a_point_force_has_its_static_shape() -> None:
@@ -78,24 +78,24 @@ def test_a_point_force_has_its_static_shape() -> None:
         "excitation.lamina": "upper", "excitation.position": 0.1, "excitation.amplitude": 1.0,
         "excitation.frequency": 9.0})  # fmt: skip
     o = closed_form.assemble(case).operators
-    found = basis_of(o, 3)
+    basis = basis_of(o, 3)
     load = -o.base.stiffness
-    answer = found.vectors @ ((found.vectors.T @ load) / found.squares)
+    answer = basis.vectors @ ((basis.vectors.T @ load) / basis.squares)
     full = np.linalg.solve(o.stiffness.toarray(), load)
     np.testing.assert_allclose(answer, full, atol=1e-8 * np.abs(full).max())
 
 
 def test_the_stiffest_shapes_are_left_out_first() -> None:
     o = operators()
-    whole, cut = basis_of(o, 4), basis_of(o, 4, most=30)
-    assert cut.squares.size == 30 and cut.dropped == whole.squares.size - 30
+    full_basis, cut = basis_of(o, 4), basis_of(o, 4, most=30)
+    assert cut.squares.size == 30 and cut.dropped == full_basis.squares.size - 30
     assert 1e-4 < cut.compliance_error < 1.0
-    assert cut.squares.max() < whole.squares.max()
+    assert cut.squares.max() < full_basis.squares.max()
     assert basis_of(o, 4, most=8).squares.size == 8
     with pytest.raises(ValueError, match="coordinates: expected at least 8, the number of"):
         basis_of(o, 4, most=7)
 
 
 def test_all_modes_leave_nothing_to_residual_shapes() -> None:
-    found = basis_of(operators(4), 8)
-    assert found.is_mode.all() and found.squares.size == 16
+    basis = basis_of(operators(4), 8)
+    assert basis.is_mode.all() and basis.squares.size == 16

@@ -35,11 +35,11 @@ def test_static_shapes_are_the_rest_of_the_flexibility() -> None:
     (body,) = bodies(o)
     squares, modes = body.modes(3)
     load = sp.csc_matrix(np.eye(12)[:, [7]])
-    whole, rest = body.static(load, modes)
+    total, residual = body.static(load, modes)
     flexibility = np.linalg.inv(o.stiffness.toarray())
-    np.testing.assert_allclose(whole, [flexibility[7, 7]], rtol=1e-10)
-    kept = (modes / squares) @ modes.T
-    np.testing.assert_allclose(rest, ((flexibility - kept) @ load.toarray()), atol=1e-12)
+    np.testing.assert_allclose(total, [flexibility[7, 7]], rtol=1e-10)
+    of_modes = (modes / squares) @ modes.T
+    np.testing.assert_allclose(residual, ((flexibility - of_modes) @ load.toarray()), atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [12, 500])
@@ -53,10 +53,10 @@ def test_a_floating_body_moves_as_a_whole_and_gives_way_elastically(n: int) -> N
     assert squares[0] < 1e-9 * squares[1]
     assert np.sqrt(squares[1]) == pytest.approx(omega, rel=1e-6)
     load = sp.csc_matrix(np.eye(n)[:, [0]])
-    _, rest = body.static(load, modes)
+    _, residual = body.static(load, modes)
     exact, vectors = eigh(o.stiffness.toarray(), o.mass.toarray())
     expected = (vectors[:, 4:] / exact[4:]) @ (vectors[:, 4:].T @ load.toarray())
-    np.testing.assert_allclose(rest, expected, atol=2e-5 * np.abs(expected).max())
+    np.testing.assert_allclose(residual, expected, atol=2e-5 * np.abs(expected).max())
 
 
 def test_laminae_that_are_apart_are_bodies_of_their_own() -> None:

@@ -28,13 +28,13 @@ STRAIN = {"name": "s", "quantity": "strain", "lamina": "upper", "position": 0.1}
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Reduction, Case]:
     """Return a reduction, and the case that is computed with its file."""
     folder = tmp_path_factory.mktemp("reduced")
-    found = reduced_case(preset("default", SMALL), 3)
-    return found, load_case(found.save(folder)[1])
+    reduction = reduced_case(preset("default", SMALL), 3)
+    return reduction, load_case(reduction.save(folder)[1])
 
 
 def test_a_structure_comes_back_as_it_was(made: tuple[Reduction, Case]) -> None:
-    found, case = made
-    again, before = assemble(case), found.structure
+    reduction, case = made
+    again, before = assemble(case), reduction.structure
     for name in ("mass", "damping", "stiffness", "gap_matrix", "probes"):
         there, here = (getattr(s.operators, name).toarray() for s in (again, before))
         np.testing.assert_array_equal(there, here, err_msg=name)
@@ -80,10 +80,10 @@ def test_another_model_is_refused_by_the_key_that_differs(
 def test_a_mesh_file_may_move_but_not_change(tmp_path: Path) -> None:
     mesh = tmp_path / "own.msh"
     mesh.write_bytes((ROOT / "meshes" / "laminae_graded.msh").read_bytes())
-    found = reduced_case(preset("default", {"mesh.file": str(mesh)}), 3)
-    case = load_case(found.save(tmp_path / "model")[1])
+    reduction = reduced_case(preset("default", {"mesh.file": str(mesh)}), 3)
+    case = load_case(reduction.save(tmp_path / "model")[1])
     assert case.mesh.file != mesh
-    assert assemble(case).operators.n_pairs == found.full.operators.n_pairs
+    assert assemble(case).operators.n_pairs == reduction.full.operators.n_pairs
     case.mesh.file.write_bytes(case.mesh.file.read_bytes() + b" ")
     with pytest.raises(CaseError, match=r"mesh\.file: is not the mesh with which"):
         assemble(case)
@@ -96,12 +96,12 @@ def test_what_was_not_assembled_may_change(made: tuple[Reduction, Case]) -> None
 
 
 def test_sensors_may_be_anywhere(made: tuple[Reduction, Case]) -> None:
-    found, case = made
+    reduction, case = made
     kinds = ("displacement", "strain")
     sensors = [{**SENSOR, "name": kind, "quantity": kind} for kind in kinds]
     reduced = assemble(case.with_overrides({"sensor": sensors}))
     full = assemble(preset("default", {**SMALL, "sensor": sensors}))
-    V, q = found.basis.vectors, np.random.default_rng(1).normal(size=reduced.operators.n_dofs)
+    V, q = reduction.basis.vectors, np.random.default_rng(1).normal(size=reduced.operators.n_dofs)
     for k in range(2):
         a, b = (s.layout.sensors[k] for s in (reduced, full))
         there = reduced.operators.sensors[a.of_u] @ q
@@ -110,12 +110,14 @@ def test_sensors_may_be_anywhere(made: tuple[Reduction, Case]) -> None:
 
 def test_strains_of_a_bonded_stack_are_those_it_had(tmp_path: Path) -> None:
     case = preset("embedded", {"mesh.elements": 20, "sensor": [STRAIN]})
-    found = reduced_case(case, 5)
-    reduced = load_case(found.save(tmp_path)[1])
-    own, full = assemble(reduced), found.full
-    q = np.random.default_rng(1).normal(size=own.operators.n_dofs)
-    u = found.basis.vectors @ q
-    np.testing.assert_allclose(own.operators.sensors @ q, full.operators.sensors @ u, rtol=1e-9)
+    reduction = reduced_case(case, 5)
+    reduced = load_case(reduction.save(tmp_path)[1])
+    reduced_structure, full = assemble(reduced), reduction.full
+    q = np.random.default_rng(1).normal(size=reduced_structure.operators.n_dofs)
+    u = reduction.basis.vectors @ q
+    np.testing.assert_allclose(
+        reduced_structure.operators.sensors @ q, full.operators.sensors @ u, rtol=1e-9
+    )
     other = reduced.with_overrides({"sensor": [{**STRAIN, "surface": "bottom"}]})
     with pytest.raises(CaseError, match=r"expected one of the 1 strains .* lamina upper at 0.1 m"):
         assemble(other)
@@ -142,7 +144,7 @@ def test_a_damaged_file_is_refused_in_words(made: tuple[Reduction, Case], tmp_pa
     [
         ("format", np.array(99)),
         ("H", np.zeros((3, 2))),
-        *(("squares", own) for own in (-np.ones(4), np.ones((2, 2)), np.zeros(0))),
+        *(("squares", values) for values in (-np.ones(4), np.ones((2, 2)), np.zeros(0))),
         ("gap0", np.full(6, np.nan)),
         ("lower", np.array([1])),
         ("places_0", np.arange(5.0)),

@@ -34,8 +34,10 @@ def test_damping_is_diagonal_where_it_is_rayleigh_s_in_each_body() -> None:
     part = reduced.layout.reading.part
     for i in range(2):
         alpha, beta = case.rayleigh(i)
-        own = part == i
-        np.testing.assert_allclose(C.diagonal()[own], alpha + beta * squares[own], rtol=1e-6)
+        of_part = part == i
+        np.testing.assert_allclose(
+            C.diagonal()[of_part], alpha + beta * squares[of_part], rtol=1e-6
+        )
     assert not (C - np.diag(C.diagonal())).any()
 
 

@@ -62,12 +62,12 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def case_of(**sections: Any) -> Case:
-    given = {
+    data = {
         "name": "struck", "lamina": [LAMINA], "mesh": {"elements": 10}, "excitation": SHAKER,
         "contact": SPRINGS, "time": {"steps_per_period": 400, "periods": 2},
         "output": {"window_periods": 2},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def reduced(case: Case, modes: int, folder: Path) -> Case:
@@ -86,10 +86,10 @@ def test_all_modes_move_as_the_beams_and_few_modes_nearly(name: str, tmp_path: P
     full = df.run(case, engine="compiled", structure=closed_form.assemble(case))
     errors = []
     for modes in (1, 5, ALL):
-        found = reduced(case, modes, tmp_path)
-        one, other = (df.run(found, engine=engine) for engine in ENGINES)
+        reduced_beams = reduced(case, modes, tmp_path)
+        one, other = (df.run(reduced_beams, engine=engine) for engine in ENGINES)
         np.testing.assert_allclose(tips(one), tips(other), rtol=0.0, atol=ROUND_OFF)
-        assert max(own.summary["energy_residual"] for own in (one, other)) < 1e-8
+        assert max(result.summary["energy_residual"] for result in (one, other)) < 1e-8
         errors.append(np.abs(tips(one) - tips(full)).max())
     assert errors[2] < ROUND_OFF
     assert errors[1] < 0.3 * errors[0], errors
@@ -134,12 +134,12 @@ def test_bonded_laminae_strike_and_are_struck(tmp_path: Path) -> None:
         time={"steps_per_period": 2000, "periods": 1}, output={"window_periods": 1},
     )  # fmt: skip
     full = df.run(case, engine="compiled", structure=closed_form.assemble(case)).history
-    found = df.run(reduced(case, ALL, tmp_path), engine="compiled").history
+    history = df.run(reduced(case, ALL, tmp_path), engine="compiled").history
     for name in ("sensor_strain", "sensor_blow", "sensor_stop", "impactor_displacement"):
         size = np.abs(full[name]).max()
         assert size > 0.0, name
-        assert np.abs(found[name] - full[name]).max() < 1e-6 * size, name
-    np.testing.assert_array_equal(found["stop_height"], full["stop_height"])
+        assert np.abs(history[name] - full[name]).max() < 1e-6 * size, name
+    np.testing.assert_array_equal(history["stop_height"], full["stop_height"])
 
 
 def test_what_strikes_may_change_but_not_where(tmp_path: Path) -> None:
@@ -156,8 +156,8 @@ def test_what_strikes_may_change_but_not_where(tmp_path: Path) -> None:
     expected = case.with_overrides(changes)
     full = df.run(expected, engine="compiled", structure=closed_form.assemble(expected))
     assert np.abs(tips(full) - tips(df.run(case, engine="compiled"))).max() > 1e-5
-    found = df.run(small.with_overrides(changes), engine="compiled")
-    np.testing.assert_allclose(tips(found), tips(full), rtol=0.0, atol=ROUND_OFF)
+    result = df.run(small.with_overrides(changes), engine="compiled")
+    np.testing.assert_allclose(tips(result), tips(full), rtol=0.0, atol=ROUND_OFF)
     for key, value, message in (
         ("stop.1.position", 0.3, r"stop\.0\.position: expected None, with which .* given 0\.3"),
         ("impactor.1.position", 0.3, r"impactor\.0\.position: expected None"),
@@ -170,7 +170,7 @@ def test_what_strikes_may_change_but_not_where(tmp_path: Path) -> None:
 def test_few_massless_modes_rest_on_stops_as_massless_beams() -> None:
     stops = [STOP, STOP | {"position": 0.25, "gap": 1e-4, "on": "ground"}]
     rigid = {"law": "newton", "restitution": 0.0}
-    found = []
+    motions = []
     for model in ({"kind": "modes", "modes": 4}, {"kind": "modes", "modes": 8}, {}):
         case = case_of(
             stop=stops, contact=rigid, model=model, damping={"rayleigh": "stiffness"},
@@ -179,6 +179,6 @@ def test_few_massless_modes_rest_on_stops_as_massless_beams() -> None:
         result = df.run(case)
         assert result.summary["energy_residual"] < 1e-9
         assert (result.history["stop_state"] > 0).any()
-        found.append(tips(result))
-    for own in found[:2]:
-        assert np.abs(own - found[2]).max() < 0.01 * np.abs(found[2]).max()
+        motions.append(tips(result))
+    for motion in motions[:2]:
+        assert np.abs(motion - motions[2]).max() < 0.01 * np.abs(motions[2]).max()

@@ -38,11 +38,11 @@ def statics(structure: Structure, load: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("per_element", [1, 3])
 def test_plane_stress_has_the_layout_of_beams(name: str, per_element: int) -> None:
     solid, beam = both(name, {**PLANE, "contact.points_per_element": per_element})
-    for own, other in zip(solid.layout.parts, beam.layout.parts, strict=True):
-        assert own.name == other.name
-        np.testing.assert_array_equal(own.x, other.x)
-        np.testing.assert_allclose(own.flexural_rigidity, other.flexural_rigidity)
-        np.testing.assert_allclose(own.mass_per_length, other.mass_per_length)
+    for part, other in zip(solid.layout.parts, beam.layout.parts, strict=True):
+        assert part.name == other.name
+        np.testing.assert_array_equal(part.x, other.x)
+        np.testing.assert_allclose(part.flexural_rigidity, other.flexural_rigidity)
+        np.testing.assert_allclose(part.mass_per_length, other.mass_per_length)
     assert solid.layout.probes == beam.layout.probes
     for mine, theirs in zip(solid.layout.interfaces, beam.layout.interfaces, strict=True):
         assert (mine.name, mine.parts, mine.pairs) == (theirs.name, theirs.parts, theirs.pairs)
@@ -65,9 +65,9 @@ def test_a_moving_base_carries_all_with_it(name: str, kind: dict[str, object]) -
     for part in layout.parts:
         np.testing.assert_allclose(read[part.dofs[:, DISPLACEMENT]], 1.0, atol=1e-3)
     case = preset(name)
-    whole = sum(lamina.mass_per_length * lamina.length for lamina in case.lamina)
+    total_mass = sum(lamina.mass_per_length * lamina.length for lamina in case.lamina)
     mass = iota @ (o.mass @ iota + 2.0 * o.base.mass) + o.base.corner[0]
-    assert mass == pytest.approx(whole, rel=1e-3)
+    assert mass == pytest.approx(total_mass, rel=1e-3)
     assert np.abs(o.gap_matrix @ iota).max() < 1e-3
     exact = np.where(np.arange(o.n_dofs) >= 0, iota.round(), 0.0)  # 1 along y, 0 elsewhere
     assert np.abs(o.gap_matrix @ exact).max() < ROUND_OFF
@@ -114,11 +114,11 @@ def test_damping_has_the_coefficients_of_the_beam() -> None:
     structure = assemble(case)
     o = structure.operators
     for number in range(2):
-        own = structure.layout.own_dofs(number)
+        dofs = structure.layout.own_dofs(number)
         alpha, beta = case.rayleigh(number)
-        M, C, K = (A[own][:, own] for A in (o.mass, o.damping, o.stiffness))
+        M, C, K = (A[dofs][:, dofs] for A in (o.mass, o.damping, o.stiffness))
         assert abs(C - alpha * M - beta * K).max() < 1e-12 * abs(C).max()
-        m, c, k = o.base.mass[own], o.base.damping[own], o.base.stiffness[own]
+        m, c, k = o.base.mass[dofs], o.base.damping[dofs], o.base.stiffness[dofs]
         np.testing.assert_allclose(c, alpha * m + beta * k)
     both_kinds = both("embedded", PLANE)
     ratios = []
@@ -144,8 +144,8 @@ def test_a_force_bends_a_lamina_as_a_beam(kind: dict[str, object]) -> None:
     a, x = 0.6, part.x
     deflection = np.where(x < a, x**2 * (3 * a - x), a**2 * (3 * x - a))
     exact = deflection / (6.0 * lamina.flexural_rigidity)
-    found = read[part.dofs[:, DISPLACEMENT]]
-    np.testing.assert_allclose(found, exact, atol=SLENDER * exact[-1])
+    deflections = read[part.dofs[:, DISPLACEMENT]]
+    np.testing.assert_allclose(deflections, exact, atol=SLENDER * exact[-1])
     assert np.abs(read[structure.layout.parts[0].dofs]).max() < ROUND_OFF
 
 
@@ -162,7 +162,7 @@ def test_sensors_read_deflection_and_strain_of_surfaces() -> None:
     case = preset("default", {**PLANE, "mesh.elements": 40, "sensor": sensors})
     structure = assemble(case)
     o, lamina = structure.operators, case.lamina[THIN]
-    assert structure.body is not None and [own.name for own in structure.layout.sensors] == [
+    assert structure.body is not None and [sensor.name for sensor in structure.layout.sensors] == [
         "u", "top", "bottom", "other", "a",
     ]  # fmt: skip
     u = spsolve(o.stiffness.tocsc(), o.probes[THIN].toarray().ravel())
@@ -182,11 +182,11 @@ def test_strain_of_a_bonded_stack_is_that_of_the_beam() -> None:
         {"name": "t", "surface": "top", "position": 0.19, **of},
     ]
     solid, beam = both("embedded", {**PLANE, "mesh.elements": 80, "sensor": sensors})
-    found = []
+    strains = []
     for structure in (solid, beam):
         o = structure.operators
-        found.append(o.sensors @ spsolve(o.stiffness.tocsc(), o.probes[0].toarray().ravel()))
-    np.testing.assert_allclose(found[0], found[1], rtol=0.002)
+        strains.append(o.sensors @ spsolve(o.stiffness.tocsc(), o.probes[0].toarray().ravel()))
+    np.testing.assert_allclose(strains[0], strains[1], rtol=0.002)
 
 
 def test_point_masses_lower_frequencies_as_of_beams() -> None:
@@ -195,16 +195,19 @@ def test_point_masses_lower_frequencies_as_of_beams() -> None:
         {"lamina": "thick", "mass": 0.03, "position": 0.33},
     ]
     solid, beam = both("default", {**PLANE, "mesh.elements": 40, "point_mass": masses})
-    found, expected = (
-        lowest(own.operators.stiffness, own.operators.mass, 3)[0] for own in (solid, beam)
+    frequencies, expected = (
+        lowest(structure.operators.stiffness, structure.operators.mass, 3)[0]
+        for structure in (solid, beam)
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-3)
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-3)
     assert expected[0] < 0.9  # 1.4357 Hz without the masses
     o = solid.operators
     iota = np.round(-spsolve(o.stiffness.tocsc(), o.base.stiffness))
-    whole = 0.07 + sum(own.mass_per_length * own.length for own in preset("default").lamina)
+    total_mass = 0.07 + sum(
+        lamina.mass_per_length * lamina.length for lamina in preset("default").lamina
+    )
     mass = iota @ (o.mass @ iota + 2.0 * o.base.mass) + o.base.corner[0]
-    assert mass == pytest.approx(whole, rel=ROUND_OFF)
+    assert mass == pytest.approx(total_mass, rel=ROUND_OFF)
 
 
 def test_lumped_mass_is_diagonal_and_whole() -> None:
@@ -213,13 +216,15 @@ def test_lumped_mass_is_diagonal_and_whole() -> None:
     assert (o.mass - sp.diags(o.mass.diagonal())).nnz == 0
     np.testing.assert_allclose(o.mass.diagonal(), o.lumped_mass)
     iota = np.round(-spsolve(o.stiffness.tocsc(), o.base.stiffness))
-    whole = sum(lamina.mass_per_length * lamina.length for lamina in case.lamina)
-    assert iota @ o.mass @ iota + o.base.corner[0] == pytest.approx(whole)
+    total_mass = sum(lamina.mass_per_length * lamina.length for lamina in case.lamina)
+    assert iota @ o.mass @ iota + o.base.corner[0] == pytest.approx(total_mass)
     acting = {"contact.impulse": "lumped", "mesh.elements": 40}
     consistent = assemble(preset("embedded", {**PLANE, **acting})).operators
     np.testing.assert_allclose(consistent.lumped_mass, o.lumped_mass)
-    found, expected = (lowest(own.stiffness, own.mass, 3)[0] for own in (o, consistent))
-    np.testing.assert_allclose(found, expected, rtol=0.01)
+    frequencies, expected = (
+        lowest(operators.stiffness, operators.mass, 3)[0] for operators in (o, consistent)
+    )
+    np.testing.assert_allclose(frequencies, expected, rtol=0.01)
 
 
 def test_point_masses_on_a_lumped_mass_are_refused() -> None:

@@ -39,8 +39,8 @@ def test_reference_coordinates_invert_the_map(cell: str) -> None:
     corners = mesh.points[mesh.cells]
     x = np.einsum("kv,kvi->ki", shape_functions(cell, X)[0], corners)
     np.testing.assert_allclose(reference_coordinates(cell, corners, x), X, atol=1e-11)
-    found = locate(mesh, x, mesh.lamina)
-    assert found.tolist() == list(range(len(mesh.cells)))
+    cell_numbers = locate(mesh, x, mesh.lamina)
+    assert cell_numbers.tolist() == list(range(len(mesh.cells)))
 
 
 @pytest.mark.parametrize("cell", [*COUNTS, "interval"])
@@ -166,12 +166,12 @@ def test_many_lines_are_met_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     corners = np.stack([np.column_stack([x[:-1], x[:-1]]), np.column_stack([x[1:], x[1:]])], axis=1)
     origins = np.column_stack([np.linspace(0.01, 0.99, 30), np.zeros(30)])
     up = np.tile([0.0, 1.0], (30, 1))
-    whole = meetings(corners, origins, up, "interval")
-    np.testing.assert_allclose(whole.distance, origins[whole.line, 0], atol=1e-12)
+    all_hits = meetings(corners, origins, up, "interval")
+    np.testing.assert_allclose(all_hits.distance, origins[all_hits.line, 0], atol=1e-12)
     monkeypatch.setattr(cells, "_MOST_CANDIDATES", 100)
     parts = meetings(corners, origins, up, "interval")
-    assert np.array_equal(parts.line, whole.line)
-    assert np.array_equal(parts.facet, whole.facet)
+    assert np.array_equal(parts.line, all_hits.line)
+    assert np.array_equal(parts.facet, all_hits.facet)
 
 
 def test_nothing_meets_nothing() -> None:

@@ -37,41 +37,41 @@ def solid(request: pytest.FixtureRequest) -> Solid:
 
 
 def test_nodes_of_a_column_are_those_above_one_another(solid: Solid) -> None:
-    own = Columns.of(solid, np.zeros(0, dtype=np.int64))
+    columns = Columns.of(solid, np.zeros(0, dtype=np.int64))
     at = solid.coordinates
     upper = at[:, 1] > 0.55
     along = np.delete(at, 1, axis=1)
-    np.testing.assert_allclose(along, along[own.reference], atol=ROUND_OFF)
-    np.testing.assert_array_equal(upper, upper[own.reference])
+    np.testing.assert_allclose(along, along[columns.reference], atol=ROUND_OFF)
+    np.testing.assert_array_equal(upper, upper[columns.reference])
     heights = 1 + 2 * solid.degree  # of two cells
-    _, sizes = np.unique(own.reference, return_counts=True)
+    _, sizes = np.unique(columns.reference, return_counts=True)
     assert set(sizes) == {heights}
 
 
 def test_columns_of_held_nodes_keep_their_displacements(solid: Solid) -> None:
-    held = np.flatnonzero(solid.coordinates[:, 0] < ROUND_OFF)
-    own = Columns.of(solid, held[:1])
-    at_end = own.reference == np.arange(solid.n_nodes)
+    clamped = np.flatnonzero(solid.coordinates[:, 0] < ROUND_OFF)
+    columns = Columns.of(solid, clamped[:1])
+    at_end = columns.reference == np.arange(solid.n_nodes)
     beside = np.delete(solid.coordinates, 1, axis=1)
-    is_same = np.all(np.abs(beside - beside[held[0]]) < ROUND_OFF, axis=1)
-    is_same &= (solid.coordinates[:, 1] > 0.55) == (solid.coordinates[held[0], 1] > 0.55)
+    is_same = np.all(np.abs(beside - beside[clamped[0]]) < ROUND_OFF, axis=1)
+    is_same &= (solid.coordinates[:, 1] > 0.55) == (solid.coordinates[clamped[0], 1] > 0.55)
     assert np.all(at_end[is_same])
-    assert np.unique(own.reference[is_same]).size == 1 + 2 * solid.degree
+    assert np.unique(columns.reference[is_same]).size == 1 + 2 * solid.degree
 
 
 def test_stiffness_is_that_of_the_solid(solid: Solid) -> None:
     """K_d = Tᵀ K T, and u = T d."""
-    held = np.flatnonzero(solid.coordinates[:, 0] < ROUND_OFF)
+    clamped = np.flatnonzero(solid.coordinates[:, 0] < ROUND_OFF)
     E = 1.0 + np.arange(len(solid.mesh.cells))
-    own = Columns.of(solid, held)
-    assert not own.is_plain
-    T, K = own.transformation(np.arange(solid.n_nodes)), csr(solid.stiffness(E, NU))
-    found = csr(own.stiffness(E, NU))
-    assert abs(found - T.T @ K @ T).max() < ROUND_OFF * abs(K).max()
+    columns = Columns.of(solid, clamped)
+    assert not columns.is_plain
+    T, K = columns.transformation(np.arange(solid.n_nodes)), csr(solid.stiffness(E, NU))
+    stiffness = csr(columns.stiffness(E, NU))
+    assert abs(stiffness - T.T @ K @ T).max() < ROUND_OFF * abs(K).max()
     d = np.arange(solid.n_nodes * solid.dim, dtype=float).reshape(-1, solid.dim)
     u = (T @ d.ravel()).reshape(d.shape)
-    moved = own.reference != np.arange(solid.n_nodes)
-    np.testing.assert_array_equal(u[moved], d[moved] + d[own.reference[moved]])
+    moved = columns.reference != np.arange(solid.n_nodes)
+    np.testing.assert_array_equal(u[moved], d[moved] + d[columns.reference[moved]])
     np.testing.assert_array_equal(u[~moved], d[~moved])
 
 
@@ -81,26 +81,29 @@ def test_skewed_and_split_cells() -> None:
     points = mesh.points.copy()
     points[:, 0] += 0.1 * points[:, 1] ** 2 * (points[:, 0] > 1.0)
     skewed = SolidMesh(points, mesh.cells, mesh.cell, mesh.lamina)
-    for own in (skewed, lattice(preset("embedded", {"model.kind": "solid", "mesh.elements": 8}))):
-        solid = Solid.on(own, MPI.COMM_SELF, 2)
-        found = Columns.of(solid, np.zeros(0, dtype=np.int64))
-        E = np.ones(len(own.cells))
-        T, K = found.transformation(np.arange(solid.n_nodes)), csr(solid.stiffness(E, NU))
-        assert abs(csr(found.stiffness(E, NU)) - T.T @ K @ T).max() < 1e-11 * abs(K).max()
+    for solid_mesh in (
+        skewed,
+        lattice(preset("embedded", {"model.kind": "solid", "mesh.elements": 8})),
+    ):
+        solid = Solid.on(solid_mesh, MPI.COMM_SELF, 2)
+        columns = Columns.of(solid, np.zeros(0, dtype=np.int64))
+        E = np.ones(len(solid_mesh.cells))
+        T, K = columns.transformation(np.arange(solid.n_nodes)), csr(solid.stiffness(E, NU))
+        assert abs(csr(columns.stiffness(E, NU)) - T.T @ K @ T).max() < 1e-11 * abs(K).max()
     triangles = Solid.on(two_bricks("triangle", (3, 2), (2, 1)), MPI.COMM_SELF, 2)
     assert Columns.of(triangles, np.zeros(0, dtype=np.int64)).is_plain
 
 
 def test_many_cells_are_summed_in_portions(solid: Solid, monkeypatch: pytest.MonkeyPatch) -> None:
-    own, E = Columns.of(solid, np.arange(1)), 1.0 + np.arange(len(solid.mesh.cells))
-    whole = csr(own.stiffness(E, NU))
+    columns, E = Columns.of(solid, np.arange(1)), 1.0 + np.arange(len(solid.mesh.cells))
+    stiffness = csr(columns.stiffness(E, NU))
     monkeypatch.setattr(unknowns, "_MOST_ENTRIES", 1)
-    assert abs(csr(own.stiffness(E, NU)) - whole).max() < ROUND_OFF * abs(whole).max()
+    assert abs(csr(columns.stiffness(E, NU)) - stiffness).max() < ROUND_OFF * abs(stiffness).max()
 
 
 def test_a_moving_base_strains_a_thin_sheet_less_than_round_off_of_plain_dofs() -> None:
     """With cells of 1 mm x 68.5 mm: error of K⁻¹ k_b, the same dofs as displacements of nodes."""
-    found = []
+    errors = []
     for impulse in ("consistent", "lumped"):
         keys = {"model.kind": "plane-stress", "mesh.elements": 10, "contact.impulse": impulse}
         structure = assemble(preset("default", keys))
@@ -108,5 +111,5 @@ def test_a_moving_base_strains_a_thin_sheet_less_than_round_off_of_plain_dofs() 
         assert (o.lumped_mass is None) == (impulse == "consistent")
         iota = np.linalg.solve(o.stiffness.toarray(), -o.base.stiffness)
         read = structure.layout.read(iota[None], np.ones(1))[0, ::2]
-        found.append(float(np.abs(read - 1.0).max()))
-    assert found[0] < 1e-6 and found[0] < 0.05 * found[1]
+        errors.append(float(np.abs(read - 1.0).max()))
+    assert errors[0] < 1e-6 and errors[0] < 0.05 * errors[1]

@@ -89,6 +89,6 @@ def test_nodes_of_cells_are_in_the_order_of_the_basis(solid: Solid) -> None:
     basis = solid.tabulate(0, point)[0, 0]
     linear = Solid.on(solid.mesh, MPI.COMM_SELF, 1).tabulate(0, point)[0, 0]
     cells = np.arange(len(solid.mesh.cells))
-    found = np.einsum("b,cbi->ci", basis, solid.coordinates[solid.nodes_of(cells)])
+    points = np.einsum("b,cbi->ci", basis, solid.coordinates[solid.nodes_of(cells)])
     expected = np.einsum("v,cvi->ci", linear, solid.mesh.points[solid.mesh.cells])
-    np.testing.assert_allclose(found, expected, atol=ROUND_OFF)
+    np.testing.assert_allclose(points, expected, atol=ROUND_OFF)

@@ -50,18 +50,18 @@ def test_polynomials_of_the_degree_are_exact(cell: str, degree: int) -> None:
     dim = mesh.dim
     u = np.column_stack([polynomial(solid.coordinates, i, degree)[0] for i in range(dim)]).ravel()
     x, lamina = points_in(mesh, 40)
-    found = evaluate(solid, x, locate(mesh, x, lamina))
+    evaluation = evaluate(solid, x, locate(mesh, x, lamina))
     directions = np.random.default_rng(1).normal(size=x.shape)
     along = np.zeros(len(x))
     for i in range(dim):
         value, gradient = polynomial(x, i, degree)
         along += directions[:, i] * value
-        np.testing.assert_allclose(found.displacement(i) @ u, value, rtol=0, atol=ROUND_OFF)
+        np.testing.assert_allclose(evaluation.displacement(i) @ u, value, rtol=0, atol=ROUND_OFF)
         for j in range(dim):
             np.testing.assert_allclose(
-                found.derivative(i, j) @ u, gradient[:, j], rtol=0, atol=10 * ROUND_OFF
+                evaluation.derivative(i, j) @ u, gradient[:, j], rtol=0, atol=10 * ROUND_OFF
             )
-    np.testing.assert_allclose(found.along(directions) @ u, along, rtol=0, atol=ROUND_OFF)
+    np.testing.assert_allclose(evaluation.along(directions) @ u, along, rtol=0, atol=ROUND_OFF)
 
 
 SUM = """

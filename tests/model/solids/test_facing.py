@@ -80,9 +80,9 @@ def test_flat_surfaces_that_do_not_match(cell: str, is_turned: bool) -> None:
     assert pairs.weights.sum() == pytest.approx(AREA[dim], rel=ROUND_OFF)
     A, B = np.random.default_rng(2).normal(size=(2, dim, dim))
     shift = np.arange(1.0, dim + 1.0)
-    found = rates(Solid.on(mesh, MPI.COMM_SELF, 2), pairs, A, B, shift)
+    gap_rates = rates(Solid.on(mesh, MPI.COMM_SELF, 2), pairs, A, B, shift)
     expected = (pairs.upper @ B.T + shift - lower.x @ A.T) @ n
-    np.testing.assert_allclose(found, expected, atol=10 * ROUND_OFF)
+    np.testing.assert_allclose(gap_rates, expected, atol=10 * ROUND_OFF)
 
 
 @pytest.mark.parametrize("cell", COUNTS)
@@ -90,8 +90,8 @@ def test_gap_opens_when_the_upper_body_rises(cell: str) -> None:
     mesh = two_bricks(cell, *COUNTS[cell])
     pairs = project(mesh, mesh.sides[0], at_vertices(mesh, mesh.sides[0]))
     still, up = np.zeros((mesh.dim, mesh.dim)), np.eye(mesh.dim)[1]
-    found = rates(Solid.on(mesh, MPI.COMM_SELF, 2), pairs, still, still, 3.0 * up)
-    np.testing.assert_allclose(found, 3.0, atol=ROUND_OFF)
+    gap_rates = rates(Solid.on(mesh, MPI.COMM_SELF, 2), pairs, still, still, 3.0 * up)
+    np.testing.assert_allclose(gap_rates, 3.0, atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("cell", COUNTS)
@@ -136,13 +136,13 @@ def test_normals_of_a_curved_side_tend_to_those_of_the_circle() -> None:
     radius = 2.0
     points[is_top, 0], points[is_top, 1] = 1.0 + radius * np.sin(angle), radius * np.cos(angle) - 1
     mesh = moved(mesh, points)
-    found = at_vertices(mesh, mesh.sides[0])
-    angle = np.arcsin((found.x[:, 0] - 1.0) / radius)
+    vertices = at_vertices(mesh, mesh.sides[0])
+    angle = np.arcsin((vertices.x[:, 0] - 1.0) / radius)
     inner = np.abs(angle) < 0.29
     expected = np.column_stack([np.sin(angle), np.cos(angle), np.zeros(angle.size)])
-    np.testing.assert_allclose(found.normals[inner], expected[inner], atol=ROUND_OFF)
+    np.testing.assert_allclose(vertices.normals[inner], expected[inner], atol=ROUND_OFF)
     chord = 2.0 * radius * np.sin(0.5 * 0.3 * 2.0 / 12)
-    assert found.weights.sum() == pytest.approx(12 * chord * 0.8, rel=1e-12)
+    assert vertices.weights.sum() == pytest.approx(12 * chord * 0.8, rel=1e-12)
 
 
 def test_points_without_a_facet_opposite_are_left_out(caplog: pytest.LogCaptureFixture) -> None:
@@ -282,7 +282,7 @@ def test_edges_of_a_bond_are_no_pairs() -> None:
     mesh = two_bricks("tetrahedron", (1, 1, 1), (1, 1, 1))
     sides = mesh.sides[0]
     front = [side[np.abs(mesh.points[side, 0]) < ROUND_OFF] for side in (sides.lower, sides.upper)]
-    lower, upper = (np.unique(own) for own in front)
+    lower, upper = (np.unique(facets) for facets in front)
     to = np.arange(len(mesh.points))
     to[upper] = lower
     facing = Facing((0, 1), sides.lower, to[sides.upper])
@@ -309,14 +309,14 @@ def part(x: Array) -> Part:
 
 def test_pairs_of_a_row_share_their_station() -> None:
     parts = [part(np.linspace(0, 1, 5))] * 2
-    found = interface(parts, (0, 1), np.repeat([0.25, 0.3, 1.0], 3))
-    assert found.pairs == slice(0, 9)
+    pairing = interface(parts, (0, 1), np.repeat([0.25, 0.3, 1.0], 3))
+    assert pairing.pairs == slice(0, 9)
     expected = np.repeat([1.0, 1.2, 4.0], 3)
-    np.testing.assert_allclose(found.places, expected, atol=1e-12)
+    np.testing.assert_allclose(pairing.places, expected, atol=1e-12)
     assert interface(parts, (0, 1), np.array([0.25, 1.0])).places.tolist() == [1.0, 4.0]
 
 
 def test_pairs_anywhere_belong_to_the_nearest_point() -> None:
     parts = [part(np.linspace(0, 1, 5))] * 2
-    found = interface(parts, (0, 1), np.array([0.0, 0.11, 0.14, 0.9]), at_points=True)
-    assert found.places.tolist() == [0.0, 0.0, 1.0, 4.0]
+    pairing = interface(parts, (0, 1), np.array([0.0, 0.11, 0.14, 0.9]), at_points=True)
+    assert pairing.places.tolist() == [0.0, 0.0, 1.0, 4.0]

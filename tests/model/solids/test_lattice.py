@@ -16,9 +16,9 @@ def plane(name: str, **overrides: object) -> Case:
 
 def boundary(mesh: SolidMesh) -> set[tuple[int, ...]]:
     """Return the facets that belong to one cell only."""
-    facets = np.concatenate([mesh.cells[:, list(own)] for own in FACETS[mesh.cell]])
-    found, count = np.unique(np.sort(facets, axis=1), axis=0, return_counts=True)
-    return {tuple(facet) for facet in found[count == 1].tolist()}
+    facets = np.concatenate([mesh.cells[:, list(facet)] for facet in FACETS[mesh.cell]])
+    distinct, count = np.unique(np.sort(facets, axis=1), axis=0, return_counts=True)
+    return {tuple(facet) for facet in distinct[count == 1].tolist()}
 
 
 def volume(mesh: SolidMesh) -> float:

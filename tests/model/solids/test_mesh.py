@@ -18,9 +18,9 @@ def test_cells_behind_the_facets_of_a_side(cell: str) -> None:
     mesh = two_bricks(cell, COUNTS[cell], COUNTS[cell])
     facets = mesh.sides[0].lower[:, ::-1]
     cells, numbers = mesh.cells_with(facets)
-    for facet, own, number in zip(facets, cells, numbers, strict=True):
-        assert set(mesh.cells[own][list(FACETS[cell][number])]) == set(facet)
-        assert mesh.lamina[own] == 0
+    for facet, cell_number, number in zip(facets, cells, numbers, strict=True):
+        assert set(mesh.cells[cell_number][list(FACETS[cell][number])]) == set(facet)
+        assert mesh.lamina[cell_number] == 0
 
 
 def test_facets_inside_and_outside_are_refused() -> None:

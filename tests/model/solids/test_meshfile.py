@@ -105,8 +105,8 @@ def test_cells_that_are_inside_out_are_turned(name: str, cell: str, tmp_path: Pa
             if block.type == "hexahedron":
                 block.data[::2] = block.data[::2][:, [4, 5, 6, 7, 0, 1, 2, 3]].copy()
 
-    found = volumes(solid_mesh(changed(name, tmp_path, turn)))
-    np.testing.assert_allclose(found, volumes(solid_mesh(case_of(name))), rtol=1e-9)
+    sizes = volumes(solid_mesh(changed(name, tmp_path, turn)))
+    np.testing.assert_allclose(sizes, volumes(solid_mesh(case_of(name))), rtol=1e-9)
 
 
 def test_place_of_the_file_does_not_matter(tmp_path: Path) -> None:
@@ -176,20 +176,20 @@ def detach(mesh: meshio.Mesh) -> None:
     """Give the last cells of the thin lamina vertices of their own."""
     block = [block for block in mesh.cells if block.type == "quad"][-1]
     chosen = mesh.points[block.data[:, 0], 0] > 0.5
-    own, number = np.unique(block.data[chosen], return_inverse=True)
+    vertices, number = np.unique(block.data[chosen], return_inverse=True)
     block.data[chosen] = len(mesh.points) + number.reshape(-1, 4)
     for lines in (block.data for block in mesh.cells if block.type == "line"):
-        inside = np.all(np.isin(lines, own), axis=1)
-        lines[inside] = len(mesh.points) + np.searchsorted(own, lines[inside])
-    mesh.points = np.concatenate([mesh.points, mesh.points[own]])
+        inside = np.all(np.isin(lines, vertices), axis=1)
+        lines[inside] = len(mesh.points) + np.searchsorted(vertices, lines[inside])
+    mesh.points = np.concatenate([mesh.points, mesh.points[vertices]])
 
 
 def tag_both(mesh: meshio.Mesh) -> None:
     blocks = [number for number, block in enumerate(mesh.cells) if block.type == "quad"]
     mesh.cells[blocks[1]] = mesh.cells[blocks[0]]
     tags = mesh.cell_data["gmsh:physical"]
-    for own in mesh.cell_data.values():
-        own[blocks[1]] = own[blocks[0]].copy()
+    for cell_tags in mesh.cell_data.values():
+        cell_tags[blocks[1]] = cell_tags[blocks[0]].copy()
     tags[blocks[1]] = np.full(len(mesh.cells[blocks[1]].data), mesh.field_data["thin"][0])
 
 
@@ -198,7 +198,9 @@ def inner_facets(mesh: meshio.Mesh) -> None:
     quads = [block.data for block in mesh.cells if block.type == "quad"][-1]
     tags = mesh.cell_data["gmsh:physical"]
     start = mesh.field_data["start"][0]
-    lines = next(b for b, own in zip(mesh.cells, tags, strict=True) if own[0] == start)
+    lines = next(
+        b for b, block_tags in zip(mesh.cells, tags, strict=True) if block_tags[0] == start
+    )
     edges = [quads[3, [k, (k + 1) % 4]] for k in range(4)]
     lines.data[0] = next(edge for edge in edges if np.ptp(mesh.points[edge, 0]) < ROUND_OFF)
 
@@ -282,8 +284,8 @@ def test_other_thickness_is_told(caplog: pytest.LogCaptureFixture) -> None:
 def frequencies(case: Case) -> Array:
     """Return the two lowest natural frequencies without contact [Hz]."""
     operators = assemble(case).operators
-    found, _ = linear.lowest(operators.stiffness, operators.mass, 2)
-    return found
+    lowest, _ = linear.lowest(operators.stiffness, operators.mass, 2)
+    return lowest
 
 
 @pytest.mark.parametrize("name", CELLS)
@@ -297,7 +299,9 @@ def test_opening_of_the_mesh_counts_if_the_case_gives_none(tmp_path: Path) -> No
     def opened(mesh: meshio.Mesh) -> None:
         tag = mesh.field_data["lower-upper upper"][0]
         tags = mesh.cell_data["gmsh:physical"]
-        lines = next(b.data for b, own in zip(mesh.cells, tags, strict=True) if own[0] == tag)
+        lines = next(
+            b.data for b, block_tags in zip(mesh.cells, tags, strict=True) if block_tags[0] == tag
+        )
         x = mesh.points[np.unique(lines), 0]
         mesh.points[np.unique(lines), 1] += 1e-5 * np.sin(np.pi * (x - 0.06) / 0.08)
 
@@ -307,21 +311,21 @@ def test_opening_of_the_mesh_counts_if_the_case_gives_none(tmp_path: Path) -> No
         assert structure.layout.interfaces[0].places.size == structure.operators.n_pairs
         return structure.operators.gap0
 
-    given = gaps(None)
-    x = np.linspace(0.06, 0.14, given.size + 2)[1:-1]
-    np.testing.assert_allclose(given, 1e-5 * np.sin(np.pi * (x - 0.06) / 0.08), rtol=1e-6)
+    rest_gaps = gaps(None)
+    x = np.linspace(0.06, 0.14, rest_gaps.size + 2)[1:-1]
+    np.testing.assert_allclose(rest_gaps, 1e-5 * np.sin(np.pi * (x - 0.06) / 0.08), rtol=1e-6)
     assert np.all(gaps(0.0) == 0.0)
 
 
 def test_mesh_of_a_file_runs() -> None:
     """The tips follow the beam's until the first strike; the pairs are at all vertices."""
     further = {"time.periods": 1, "output.window_periods": 1, "time.steps_per_period": 400}
-    found = run(case_of("plane_strips", **further)).history
+    history = run(case_of("plane_strips", **further)).history
     beam = run(preset("paper", further)).history
-    assert found["contact_state"].shape[-1] == found["x"].size == 46
-    assert found["event_time"].min() > 0.0
-    free = int(np.sum(found["frame"].values < found["event_time"].values.min()))
-    tips = [data["displacement"].values[:, :free, -1] for data in (found, beam)]
+    assert history["contact_state"].shape[-1] == history["x"].size == 46
+    assert history["event_time"].min() > 0.0
+    free = int(np.sum(history["frame"].values < history["event_time"].values.min()))
+    tips = [data["displacement"].values[:, :free, -1] for data in (history, beam)]
     assert free > 3
     np.testing.assert_allclose(tips[0], tips[1], atol=0.005 * np.abs(tips[1]).max())
 

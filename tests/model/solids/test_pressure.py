@@ -68,8 +68,8 @@ def _over_facet(
         every = np.array([[(v >> i) & 1 for i in range(dim)] for v in range(2**dim)], dtype=float)
     else:
         every = np.vstack([np.zeros(dim), np.eye(dim)])
-    own, corners = every[list(facet)], mesh.points[cell[list(facet)]]
-    edges, sides = (own[1:dim] - own[0], corners[1:dim] - corners[0])
+    node_points, corners = every[list(facet)], mesh.points[cell[list(facet)]]
+    edges, sides = (node_points[1:dim] - node_points[0], corners[1:dim] - corners[0])
     if dim == 2:
         s, weights, size = q[:, None], w, np.linalg.norm(sides[0])
     else:
@@ -80,7 +80,7 @@ def _over_facet(
         if kind == "tetrahedron":
             weights = both * (1.0 - s[:, 0])
             s = np.column_stack([s[:, 0], s[:, 1] * (1.0 - s[:, 0])])
-    table = _dolfinx.tabulate(kind, shape.degree, 0, own[0] + s @ edges)[0]
+    table = _dolfinx.tabulate(kind, shape.degree, 0, node_points[0] + s @ edges)[0]
     return float(size * weights @ (table @ values))
 
 
@@ -90,12 +90,12 @@ def test_pressure_integrates_to_the_forces_on_both_surfaces(cell: str, inside: b
     shape = shape_of(cell, inside=inside)
     (by_forces,) = shape.pressing
     forces = np.random.default_rng(5).uniform(0.5, 2.0, size=by_forces.shape[1])
-    found = by_forces @ forces
+    pressure = by_forces @ forces
     for height in HEIGHTS:
-        assert integral(shape, found, height) == pytest.approx(forces.sum(), rel=1e-9)
+        assert integral(shape, pressure, height) == pytest.approx(forces.sum(), rel=1e-9)
     beside = ~np.isin(np.round(shape.points[:, 1], 9), HEIGHTS)
     assert beside.any()
-    assert not found[beside].any()
+    assert not pressure[beside].any()
 
 
 @pytest.mark.parametrize("degree", [2, 3])
@@ -119,9 +119,9 @@ def test_a_force_presses_where_it_acts(cell: str) -> None:
     (by_forces,) = shape.pressing
     pairs = shape.touching[0]
     middle = int(np.argmin(np.linalg.norm(pairs.lower.x - pairs.lower.x.mean(axis=0), axis=1)))
-    found = by_forces[:, middle].toarray().ravel()
+    pressure = by_forces[:, middle].toarray().ravel()
     for height in HEIGHTS:
         on = np.abs(shape.points[:, 1] - height) < 1e-12
-        centre = found[on] @ shape.points[on] / found[on].sum()
+        centre = pressure[on] @ shape.points[on] / pressure[on].sum()
         assert abs(centre[0] - pairs.x[middle]) < 0.25
-        assert found[on].min() > -1e-12
+        assert pressure[on].min() > -1e-12

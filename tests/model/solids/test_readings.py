@@ -37,9 +37,9 @@ def test_bending_is_read_at_half_height_and_width(cell: str) -> None:
     u = np.zeros((solid.n_nodes, mesh.dim))
     u[:, 0] = 11.0 * x * y
     u[:, 1] = 0.3 * x**2 - x + 0.2 * x * y + 5.0 * y + 7.0 * z * x
-    found = read(solid, u)
+    readings = read(solid, u)
     for number, height in enumerate((0.25, 0.85)):
-        at = found[number]
+        at = readings[number]
         deflection = 0.3 * X**2 - X + 0.2 * X * height + 5.0 * height
         np.testing.assert_allclose(at[:, DISPLACEMENT], deflection, atol=ROUND_OFF)
         np.testing.assert_allclose(at[:, SLOPE], 0.6 * X - 1.0 + 0.2 * height, atol=ROUND_OFF)
@@ -75,8 +75,8 @@ def test_lamina_that_is_too_short_is_refused() -> None:
 def test_hole_in_the_middle_is_refused() -> None:
     mesh = two_bricks("quadrilateral", (5, 3), (5, 1))
     at = mesh.points[mesh.cells].mean(axis=1)
-    kept = (np.abs(at - np.array([1.0, 0.25])) > 1e-6).any(axis=1)
-    holed = SolidMesh(mesh.points, mesh.cells[kept], mesh.cell, mesh.lamina[kept])
+    is_kept = (np.abs(at - np.array([1.0, 0.25])) > 1e-6).any(axis=1)
+    holed = SolidMesh(mesh.points, mesh.cells[is_kept], mesh.cell, mesh.lamina[is_kept])
     with pytest.raises(CaseError, match=r"without holes .*; point .* is in no cell of lamina 0"):
         body.reading_rows(Solid.on(holed, MPI.COMM_SELF, 2), X)
 
@@ -89,14 +89,14 @@ def test_what_moves_with_the_base_is_read_through_it() -> None:
     free = sp.eye(is_held.size, format="csc")[:, ~is_held]
     base = np.where(is_held & (np.arange(is_held.size) % 2 == 1), 1.0, 0.0)
     rows = body.reading_rows(solid, X)
-    found = Reading(rows @ free, rows @ base, np.zeros(free.shape[1], dtype=np.int64))
+    reading = Reading(rows @ free, rows @ base, np.zeros(free.shape[1], dtype=np.int64))
     u = np.zeros((1, free.shape[1]))
-    still = found.of(u, np.array([2.0])).reshape(2, X.size, 2)
+    still = reading.of(u, np.array([2.0])).reshape(2, X.size, 2)
     np.testing.assert_allclose(still[:, :, DISPLACEMENT], [[2, 0, 0, 0, 0]] * 2, atol=1e-13)
     rigid = np.where(np.arange(is_held.size) % 2 == 1, 2.0, 0.0)[None, ~is_held]
-    whole = found.of(rigid, np.array([2.0])).reshape(2, X.size, 2)
-    np.testing.assert_allclose(whole[:, :, DISPLACEMENT], 2.0, atol=1e-12)
-    np.testing.assert_allclose(whole[:, :, SLOPE], 0.0, atol=ROUND_OFF)
+    rigid_reading = reading.of(rigid, np.array([2.0])).reshape(2, X.size, 2)
+    np.testing.assert_allclose(rigid_reading[:, :, DISPLACEMENT], 2.0, atol=1e-12)
+    np.testing.assert_allclose(rigid_reading[:, :, SLOPE], 0.0, atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize(("cells", "expected"), [(30, 30), (3, body.FEWEST)])

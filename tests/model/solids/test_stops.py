@@ -41,13 +41,13 @@ BONDED = {
 
 
 def case_of(model: dict[str, Any], **sections: Any) -> Case:
-    given = {
+    data = {
         "name": "solid", "lamina": [LAMINA], "mesh": {"elements": 10}, "model": model,
         "excitation": {"kind": "harmonic", "amplitude": 2e-4, "frequency": 20.0},
         "contact": {"law": "penalty"}, "time": {"steps_per_period": 1000, "periods": 2},
         "output": {"window_periods": 2},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def frequencies(case: Case, n: int = 3) -> np.ndarray:
@@ -90,9 +90,9 @@ def test_supports_inside_hold_nothing_along_x(place: float) -> None:
     where they are apart, a clamp holds the turns alone."""
     o, pinned = (
         discretise.assemble(
-            case_of(PLANE, **BONDED, support=[{"start": "free"}, own | {"position": place * L}])
+            case_of(PLANE, **BONDED, support=[{"start": "free"}, support | {"position": place * L}])
         ).operators
-        for own in ({"kind": "clamped"}, {"kind": "pinned"})
+        for support in ({"kind": "clamped"}, {"kind": "pinned"})
     )
     assert pinned.n_dofs - o.n_dofs == 4
     assert o.near_null is not None

@@ -62,8 +62,8 @@ def test_linear_displacements_have_the_stress_of_hooke_s_law(cell: str, degree: 
             normal = np.linalg.solve(S, np.diag(eps))
             shear = E / (1.0 + NU) * np.array([eps[0, 1], eps[1, 2], eps[0, 2]])
             expected = np.concatenate([normal, shear])
-        own = sigma[shape.lamina == lamina]
-        np.testing.assert_allclose(own, np.tile(expected, (len(own), 1)), atol=ROUND_OFF)
+        stress = sigma[shape.lamina == lamina]
+        np.testing.assert_allclose(stress, np.tile(expected, (len(stress), 1)), atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("cell", COUNTS)

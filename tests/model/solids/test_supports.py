@@ -28,32 +28,32 @@ def positions(unknowns: Unknowns, held: Held) -> np.ndarray:
 
 def test_clamped_ends_follow_the_base_along_y_alone() -> None:
     unknowns = of("embedded", EMBEDDED, (1.0, 1.0))
-    own = unknowns.held
-    assert own.dofs.size == 2 * 2 * 5  # two ends of two cells, each with 2 dofs at 5 heights
-    at = positions(unknowns, own)
+    supported = unknowns.held
+    assert supported.dofs.size == 2 * 2 * 5  # two ends of two cells, each with 2 dofs at 5 heights
+    at = positions(unknowns, supported)
     assert set(np.round(at[:, 0], 12)) == {0.0, 0.4}
-    np.testing.assert_array_equal(own.base, own.dofs % 2)
-    assert np.all(own.place == -1) and not own.turn.any()
-    assert unknowns.n_free == unknowns.n_dofs - own.dofs.size
+    np.testing.assert_array_equal(supported.base, supported.dofs % 2)
+    assert np.all(supported.place == -1) and not supported.turn.any()
+    assert unknowns.n_free == unknowns.n_dofs - supported.dofs.size
 
 
 def test_free_ends_are_not_held() -> None:
     unknowns = of("default", {"model.kind": "plane-stress", "mesh.elements": 10}, (1.0, 1.0))
-    own = unknowns.held
-    assert own.dofs.size == 2 * 2 * 3
-    np.testing.assert_allclose(positions(unknowns, own)[:, 0], 0.0, atol=1e-12)
+    supported = unknowns.held
+    assert supported.dofs.size == 2 * 2 * 3
+    np.testing.assert_allclose(positions(unknowns, supported)[:, 0], 0.0, atol=1e-12)
 
 
 def test_a_pinned_end_turns_about_its_neutral_axis() -> None:
     ends = {"support.start": "pinned", "support.end": "free"}
     unknowns = of("embedded", {**EMBEDDED, **ends}, (1.0, 3.0))
-    own, h = unknowns.held, (0.0014, 0.0006)
+    supported, h = unknowns.held, (0.0014, 0.0006)
     axis = (h[0] * 0.7e-3 + 3.0 * h[1] * 1.7e-3) / (h[0] + 3.0 * h[1])
-    height = positions(unknowns, own)[:, 1]
-    along = own.dofs % 2 == 0
-    np.testing.assert_allclose(own.turn[along], axis - height[along])
-    assert np.unique(own.place[along]).size == 1 and np.all(own.place[~along] == -1)
-    assert unknowns.n_free == unknowns.n_dofs - own.dofs.size + 1
+    height = positions(unknowns, supported)[:, 1]
+    along = supported.dofs % 2 == 0
+    np.testing.assert_allclose(supported.turn[along], axis - height[along])
+    assert np.unique(supported.place[along]).size == 1 and np.all(supported.place[~along] == -1)
+    assert unknowns.n_free == unknowns.n_dofs - supported.dofs.size + 1
 
 
 def test_laminae_that_are_apart_at_a_pinned_end_turn_alone() -> None:
@@ -62,11 +62,11 @@ def test_laminae_that_are_apart_at_a_pinned_end_turn_alone() -> None:
     unknowns = of("embedded", {**EMBEDDED, **ends, **opening}, (1.0, 1.0))
     places = np.unique(unknowns.held.place[unknowns.held.place >= 0])
     assert places.size == 3
-    own = unknowns.held
-    at = positions(unknowns, own)
+    supported = unknowns.held
+    at = positions(unknowns, supported)
     for low, high in ((0.0, 0.0014), (0.0014, 0.0020)):  # the lower and the upper one at x = 0
         inside = (at[:, 1] > low + 1e-6) & (at[:, 1] < high - 1e-6) & (at[:, 0] < 0.1)
-        np.testing.assert_allclose(own.turn[inside], 0.0, atol=1e-12)  # their middles
+        np.testing.assert_allclose(supported.turn[inside], 0.0, atol=1e-12)  # their middles
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])

@@ -30,35 +30,35 @@ def unknowns(request: pytest.FixtureRequest) -> Unknowns:
 
 def test_restricted_matrices_are_those_of_the_transformation(unknowns: Unknowns) -> None:
     """S1 of unknowns.py, in dense matrices; T written down anew from what is held."""
-    solid, own = unknowns.solid, unknowns.held
+    solid, supported = unknowns.solid, unknowns.held
     matrix = solid.stiffness(np.ones(len(solid.mesh.cells)), 0.3)
     indptr, columns, values = matrix.getValuesCSR()
     A = sp.csr_matrix((values, columns, indptr), shape=matrix.getSize()).toarray()
-    found = unknowns.restricted(matrix)
+    restricted = unknowns.restricted(matrix)
     T = np.zeros((unknowns.n_dofs, unknowns.n_free))
     for column, dof in enumerate(unknowns.own):
-        if dof not in own.dofs:
+        if dof not in supported.dofs:
             T[dof, column] = 1.0
             continue
-        turning = own.place == dof
-        T[own.dofs[turning], column] = own.turn[turning]
+        turning = supported.place == dof
+        T[supported.dofs[turning], column] = supported.turn[turning]
     g = np.zeros(unknowns.n_dofs)
-    g[own.dofs] = own.base
+    g[supported.dofs] = supported.base
     scale = abs(A).max()
-    np.testing.assert_allclose(found.rows.toarray(), T.T @ A @ T, atol=1e-12 * scale)
-    np.testing.assert_allclose(found.column, T.T @ A @ g, atol=1e-12 * scale)
-    assert found.corner == pytest.approx(g @ A @ g)
+    np.testing.assert_allclose(restricted.rows.toarray(), T.T @ A @ T, atol=1e-12 * scale)
+    np.testing.assert_allclose(restricted.column, T.T @ A @ g, atol=1e-12 * scale)
+    assert restricted.corner == pytest.approx(g @ A @ g)
     np.testing.assert_allclose(unknowns.free.toarray(), T)
     np.testing.assert_allclose(unknowns.base, g)
 
 
 def test_restricted_diagonals_are_those_of_the_transformation(unknowns: Unknowns) -> None:
     values = 1.0 + np.arange(unknowns.n_dofs)
-    found = unknowns.diagonal(values)
+    diagonal = unknowns.diagonal(values)
     T, g = unknowns.free.toarray(), unknowns.base
-    np.testing.assert_allclose(found.rows.toarray(), T.T @ np.diag(values) @ T)
-    assert found.corner == pytest.approx(g @ np.diag(values) @ g)
-    assert not found.column.any()
+    np.testing.assert_allclose(diagonal.rows.toarray(), T.T @ np.diag(values) @ T)
+    assert diagonal.corner == pytest.approx(g @ np.diag(values) @ g)
+    assert not diagonal.column.any()
 
 
 def test_the_order_follows_bodies_and_x(unknowns: Unknowns) -> None:

@@ -66,10 +66,10 @@ def test_matlab(result: Result, tmp_path: Path) -> None:
     assert back["units"]["tip_velocity"] == "m/s"
     assert back["dimensions"]["displacement"] == "lamina, frame, node"
     assert "young_modulus" not in back["outcome"]
-    own = df.read_measured(path)
-    np.testing.assert_array_equal(own["tip_displacement"], HISTORY["tip_displacement"])
-    assert own["lamina"].to_numpy().tolist() == ["thick", "thin"]
-    np.testing.assert_array_equal(own["gap0"], HISTORY["gap0"])
+    measured = df.read_measured(path)
+    np.testing.assert_array_equal(measured["tip_displacement"], HISTORY["tip_displacement"])
+    assert measured["lamina"].to_numpy().tolist() == ["thick", "thin"]
+    np.testing.assert_array_equal(measured["gap0"], HISTORY["gap0"])
 
 
 def close(found: object, wanted: xr.DataArray) -> bool:
@@ -80,9 +80,9 @@ def close(found: object, wanted: xr.DataArray) -> bool:
 def test_universal_files(result: Result, tmp_path: Path) -> None:
     main, fields = result.export("uff", tmp_path / "a.uff")
     sets = pyuff.UFF(str(main)).read_sets()
-    assert [own["type"] for own in sets][:3] == [151, 164, 15]
+    assert [dataset["type"] for dataset in sets][:3] == [151, 164, 15]
     assert [sets[1][key] for key in ("length", "force", "temp", "temp_offset")] == [1, 1, 1, 273.15]
-    named = {own["id1"]: own for own in sets[3:]}
+    named = {dataset["id1"]: dataset for dataset in sets[3:]}
     tip = named["tip_displacement thin"]
     assert close(tip["data"], HISTORY["tip_displacement"].sel(lamina="thin"))
     assert tip["ordinate_axis_units_lab"] == "m" and tip["ordinate_spec_data_type"] == 8
@@ -115,10 +115,10 @@ def test_vtkhdf(result: Result, tmp_path: Path) -> None:
 
 def test_an_overlay_of_an_export_on_its_run_is_exact(result: Result, tmp_path: Path) -> None:
     (path,) = result.export("mat", tmp_path / "a.mat")
-    found = df.overlay(result, path)
-    assert abs(found.offset) < 1e-8 * CASE.period
-    assert all(own.gain == pytest.approx(1.0, abs=1e-9) for own in found.channels)
-    assert not found.findings and found.pairs.time.size == STEPS * WINDOW
+    comparison = df.overlay(result, path)
+    assert abs(comparison.offset) < 1e-8 * CASE.period
+    assert all(channel.gain == pytest.approx(1.0, abs=1e-9) for channel in comparison.channels)
+    assert not comparison.findings and comparison.pairs.time.size == STEPS * WINDOW
 
 
 @pytest.mark.parametrize(

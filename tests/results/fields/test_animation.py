@@ -36,10 +36,10 @@ def test_gif_and_mp4_show_the_last_periods(tmp_path: Path) -> None:
     history = synthetic_history(case, tip_strikes=(0.5, 1.5, 2.5, 3.8))
     paths = [tmp_path / "a.gif", tmp_path / "b.mp4"]
     told: list[tuple[int, int]] = []
-    found = write_film(
+    written = write_film(
         history, case, paths, periods=PERIODS, progress=lambda *done: told.append(done)
     )
-    assert found == paths and sorted(tmp_path.iterdir()) == paths
+    assert written == paths and sorted(tmp_path.iterdir()) == paths
     n = round(PERIODS * FRAMES)
     assert told == [(k + 1, n) for k in range(n)]
     film = pictures(paths[0])
@@ -135,13 +135,13 @@ def test_a_run_with_nothing_to_show_is_refused(tmp_path: Path) -> None:
     case = small_case()
     save_case(case, tmp_path)
     history = synthetic_history(case)
-    for own, told in (
+    for dataset, told in (
         (history.isel(frame=slice(0, 0)), "the run kept no frames of its fields; run it again with "
          "output.fields_per_period above 0"),
         (history, '--solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
          "with frames, found no fields/solid.vtkhdf"),
     ):  # fmt: skip
-        own.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
+        dataset.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
         with pytest.raises(CaseError) as error:
             animate(tmp_path, solid=True)
         assert str(error.value) == f"{tmp_path}: {told}"

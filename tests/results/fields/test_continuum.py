@@ -51,9 +51,9 @@ def surface(frames: Frames, lamina: int, side: int) -> tuple[FloatArray, FloatAr
     """Return the points of a surface and the area of each, by the trapezoidal rule of its nodes."""
     shape = frames.shape
     y = shape.points[:, 1]
-    own = shape.lamina == lamina
-    level = y[own].max() if side > 0 else y[own].min()
-    points = np.flatnonzero(own & (np.abs(y - level) < 1e-12))
+    of_lamina = shape.lamina == lamina
+    level = y[of_lamina].max() if side > 0 else y[of_lamina].min()
+    points = np.flatnonzero(of_lamina & (np.abs(y - level) < 1e-12))
     weights = np.ones(points.size)
     for axis in (0, 2)[: shape.mesh.dim - 1]:
         places, number = np.unique(np.round(shape.points[points, axis], 9), return_inverse=True)
@@ -72,10 +72,10 @@ def test_middle_lines_move_as_the_dataset_says(result: Result) -> None:
     x = history["x"].to_numpy()
     for lamina in (0, 1):
         height = np.median(shape.points[shape.lamina == lamina, 1])
-        own = (shape.lamina == lamina) & (np.abs(shape.points[:, 1] - height) < 1e-12)
+        is_on_line = (shape.lamina == lamina) & (np.abs(shape.points[:, 1] - height) < 1e-12)
         if shape.mesh.dim == 3:
-            own &= np.abs(shape.points[:, 2]) < 1e-12
-        nodes = np.flatnonzero(own)
+            is_on_line &= np.abs(shape.points[:, 2]) < 1e-12
+        nodes = np.flatnonzero(is_on_line)
         nodes = nodes[np.argsort(shape.points[nodes, 0])][::2]  # without those inside cells
         np.testing.assert_allclose(shape.points[nodes, 0], x, atol=1e-12)
         for k in (0, 5, frames.times.size - 1):
@@ -83,8 +83,8 @@ def test_middle_lines_move_as_the_dataset_says(result: Result) -> None:
             for name in ("displacement", "velocity"):
                 expected = history[name].to_numpy()[lamina]
                 atol = FLOAT32 * np.abs(expected).max()
-                found = fields[name][nodes, 1]
-                np.testing.assert_allclose(found, expected[k], rtol=0.0, atol=atol)
+                motion = fields[name][nodes, 1]
+                np.testing.assert_allclose(motion, expected[k], rtol=0.0, atol=atol)
 
 
 def test_pressure_integrates_to_the_impulses_and_springs(result: Result) -> None:
@@ -95,9 +95,9 @@ def test_pressure_integrates_to_the_impulses_and_springs(result: Result) -> None
     for lamina, side in ((0, 1), (1, -1)):
         points, area = surface(frames, lamina, side)
         fields = [frames.fields(k) for k in range(frames.times.size)]
-        impulse = np.array([own["contact_impulse"][points] @ area for own in fields])
+        impulse = np.array([arrays["contact_impulse"][points] @ area for arrays in fields])
         np.testing.assert_allclose(impulse, of_events, atol=1e-6 * (of_events.max() + 1e-12))
-        total = np.array([own["contact_pressure"][points] @ area for own in fields])
+        total = np.array([arrays["contact_pressure"][points] @ area for arrays in fields])
         expected = of_events / (case.period / KEYS["output.fields_per_period"]) + forces
         # the dataset takes the forces of springs from the gaps of middle lines
         np.testing.assert_allclose(total, expected, rtol=1e-5, atol=2e-6 * np.abs(expected).max())
@@ -107,10 +107,10 @@ def events_between(history: xr.Dataset) -> FloatArray:
     """Return the sum of the impulses since the frame before, shape (n_frames,) [N s]."""
     frames = history["frame"].to_numpy()
     edges = np.concatenate([[-np.inf], frames + 1e-9])
-    found, _ = np.histogram(
+    counts, _ = np.histogram(
         history["event_time"], bins=edges, weights=history["event_impulse"].to_numpy()
     )
-    return np.asarray(found)
+    return np.asarray(counts)
 
 
 def test_vtk_reads_the_file(result: Result, tmp_path: Path) -> None:
@@ -123,17 +123,17 @@ def test_vtk_reads_the_file(result: Result, tmp_path: Path) -> None:
     assert list(times) == frames.times.tolist()
     for frame in (0, 7, len(times) - 1):
         reader.UpdateTimeStep(times[frame])
-        found, expected = pv.wrap(reader.GetOutput()), frames.fields(frame)
+        grid, expected = pv.wrap(reader.GetOutput()), frames.fields(frame)
         for name, values in expected.items():
-            np.testing.assert_array_equal(found.point_data[name], values)
-        np.testing.assert_array_equal(found.point_data["rise"], frames.rise)
-    sizes = found.compute_cell_sizes()
+            np.testing.assert_array_equal(grid.point_data[name], values)
+        np.testing.assert_array_equal(grid.point_data["rise"], frames.rise)
+    sizes = grid.compute_cell_sizes()
     total = sizes["Area" if frames.shape.mesh.dim == 2 else "Volume"].sum()
     lamina = result.case.lamina
-    across = [own.width if frames.shape.mesh.dim == 3 else 1.0 for own in lamina]
+    across = [layer.width if frames.shape.mesh.dim == 3 else 1.0 for layer in lamina]
     expected_size = sum(o.length * o.thickness * b for o, b in zip(lamina, across, strict=True))
     assert total == pytest.approx(expected_size, rel=1e-3), "a gap at rest bends the mesh a little"
-    assert set(found.cell_data["lamina"]) == {1, 2}
+    assert set(grid.cell_data["lamina"]) == {1, 2}
 
 
 def test_points_at_rest_are_the_gap_apart(result: Result) -> None:
@@ -141,7 +141,9 @@ def test_points_at_rest_are_the_gap_apart(result: Result) -> None:
     points = frames.grid.points
     lower, _ = surface(frames, 0, 1)
     upper, _ = surface(frames, 1, -1)
-    key = [np.lexsort((points[own, 2], np.round(points[own, 0], 9))) for own in (lower, upper)]
+    key = [
+        np.lexsort((points[nodes, 2], np.round(points[nodes, 0], 9))) for nodes in (lower, upper)
+    ]
     gap = points[upper[key[1]], 1] - points[lower[key[0]], 1]
     x = points[lower[key[0]], 0]
     at_pairs = np.isin(np.round(x, 6), np.round(result.history["x"].to_numpy(), 6))
@@ -193,19 +195,21 @@ def test_several_ranks_give_the_same_fields(crew: Crew, tmp_path: Path) -> None:
     keys = {**KEYS, **SOLIDS["plane-stress"], "time.periods": 1, "output.window_periods": 1}
     keys |= {"time.steps_per_period": 100, "output.fields_per_period": 10}
     crew.run(2, RANKS, tmp_path, keys)
-    found = []
+    results = []
     for ranks in ("1", "2"):
         with h5py.File(tmp_path / ranks / "solid.vtkhdf") as file:
             root = file["VTKHDF"]
             points = root["Points"][:]
             order = np.lexsort(np.round(points, 9).T)  # nodes have other numbers on other ranks
-            own = {key: values[:] for key, values in root["PointData"].items() if key != "rise"}
+            point_data = {
+                key: values[:] for key, values in root["PointData"].items() if key != "rise"
+            }
             every = {
                 key: values.reshape(-1, len(points), *values.shape[1:])[:, order]
-                for key, values in own.items()
+                for key, values in point_data.items()
             }
-            found.append((points[order], every))
-    (points, one), (others, several) = found
+            results.append((points[order], every))
+    (points, one), (others, several) = results
     np.testing.assert_allclose(points, others, atol=1e-12)
     for key, values in one.items():
         np.testing.assert_allclose(several[key], values, atol=1e-5 * np.abs(values).max() + 1e-30)

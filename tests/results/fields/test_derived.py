@@ -13,11 +13,11 @@ from delam_fem.results.fields.pictures import CORNERS, Ribbons
 def test_curvature_of_a_parabola_is_constant_and_goes_with_the_moment() -> None:
     case = small_case()
     history = synthetic_history(case)
-    found = derived.curvature(history)
+    curvature = derived.curvature(history)
     rigidity = np.array([lamina.flexural_rigidity for lamina in case.lamina])
     expected = history["moment"].to_numpy() / rigidity[:, None, None]
-    np.testing.assert_allclose(found, expected, atol=1e-12)
-    assert np.abs(found).max() > 0.04
+    np.testing.assert_allclose(curvature, expected, atol=1e-12)
+    assert np.abs(curvature).max() > 0.04
 
 
 def test_strain_stretches_the_outer_face_of_a_bend() -> None:
@@ -37,25 +37,25 @@ def test_strain_stretches_the_outer_face_of_a_bend() -> None:
 def test_impulses_stand_at_the_first_frame_that_does_not_precede_them() -> None:
     case = small_case()
     history = synthetic_history(case)
-    found = derived.scalars_of(history, case)["impulse"]
-    np.testing.assert_array_equal(found[0], found[1])
-    at_tip = np.flatnonzero(found[0, :, -1])
+    impulses = derived.scalars_of(history, case)["impulse"]
+    np.testing.assert_array_equal(impulses[0], impulses[1])
+    at_tip = np.flatnonzero(impulses[0, :, -1])
     half = FRAMES // 2 - 1  # strikes at half of each period of the window, exactly at a frame
     assert at_tip.tolist() == [half + k * FRAMES for k in range(WINDOW)]
-    np.testing.assert_allclose(found[0, at_tip, -1], 1e-3 * np.arange(1, WINDOW + 1))
+    np.testing.assert_allclose(impulses[0, at_tip, -1], 1e-3 * np.arange(1, WINDOW + 1))
     # the weaker ones follow 0.1 ms later
-    assert np.flatnonzero(found[0, :, -2]).tolist() == (at_tip + 1).tolist()
+    assert np.flatnonzero(impulses[0, :, -2]).tolist() == (at_tip + 1).tolist()
     assert history["frame"].to_numpy()[half] == pytest.approx(
         (PERIODS - WINDOW + 0.5) * case.period
     )
-    assert found.sum() == pytest.approx(2.0 * history["event_impulse"].to_numpy().sum())
+    assert impulses.sum() == pytest.approx(2.0 * history["event_impulse"].to_numpy().sum())
 
 
 def test_a_lamina_between_two_others_has_both_impulses_and_the_smaller_gap() -> None:
     recorded = three_laminae()
     history = recorded.history()
-    found = derived.scalars_of(history, recorded.case)
-    impulse, gap = found["impulse"], found["gap"]
+    scalars = derived.scalars_of(history, recorded.case)
+    impulse, gap = scalars["impulse"], scalars["gap"]
     np.testing.assert_array_equal(impulse[1], impulse[0] + impulse[2])
     assert impulse[0].any() and impulse[2].any() and len(STRIKES) == 2
     np.testing.assert_array_equal(gap[1], np.minimum(gap[0], gap[2]))
@@ -98,10 +98,10 @@ def test_laws_without_springs_have_no_contact_force() -> None:
     u, v = (history[name].to_numpy() for name in ("displacement", "velocity"))
     gap = history["gap0"].to_numpy() + u[1] - u[0]
     expected = -100.0 * gap - 2.0 * (v[1] - v[0])
-    found = derived.contact_force_of_laminae(history, soft)[0]
+    forces = derived.contact_force_of_laminae(history, soft)[0]
     resting = history["contact_state"].to_numpy() == 2
-    np.testing.assert_allclose(found[resting], expected[resting])
-    assert not found[~resting].any()
+    np.testing.assert_allclose(forces[resting], expected[resting])
+    assert not forces[~resting].any()
 
 
 def test_springs_inside_the_elements_carry_their_share() -> None:
@@ -110,8 +110,8 @@ def test_springs_inside_the_elements_carry_their_share() -> None:
     case = df.preset("paper", keys)
     history = df.run(case, "compiled").history
     state = history["contact_state"].to_numpy() == 2
-    found = derived.scalars_of(history, case)
-    gap, force = found["gap"][0], found["contact_force"][0]
+    scalars = derived.scalars_of(history, case)
+    gap, force = scalars["gap"][0], scalars["contact_force"][0]
     assert history["spring_share"].to_numpy() == pytest.approx([0.0] + [0.5] * 9 + [0.25])
     expected = -case.contact.penalty_stiffness * 0.5 * gap
     expected[:, -1] *= 0.5

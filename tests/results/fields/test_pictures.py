@@ -28,8 +28,8 @@ def test_stops_that_take_no_heat_are_drawn() -> None:
     """Contact points without mass lose nothing, and their results have no heat."""
     history, case = three_with_stops()
     known = pictures.marks(history, case)
-    found = pictures.marks(history.drop_vars("stop_heat"), case)
-    assert [mark.heat for mark in found] == [0.0] * len(known)
+    marks = pictures.marks(history.drop_vars("stop_heat"), case)
+    assert [mark.heat for mark in marks] == [0.0] * len(known)
     assert max(mark.heat for mark in known) == 4e-3
 
 

@@ -65,17 +65,19 @@ def test_thickness_and_gaps_have_their_factors(
     )
     x = result.history["x"].to_numpy()
     sides = []
-    for lamina, own in enumerate(result.case.lamina):
+    for lamina, layer in enumerate(result.case.lamina):
         of = np.flatnonzero(shape.lamina == lamina)
         y = shape.points[of, 1]
         low, high = (of[np.abs(y - level) < 1e-12] for level in (y.min(), y.max()))
         low, high = (k[np.argsort(shape.points[k, 0])][::2] for k in (low, high))
-        np.testing.assert_allclose(drawn[high, 1] - drawn[low, 1], thick * own.thickness, rtol=2e-3)
+        np.testing.assert_allclose(
+            drawn[high, 1] - drawn[low, 1], thick * layer.thickness, rtol=2e-3
+        )
         sides.append((low, high))
         middle = 0.5 * (drawn[high, 0] + drawn[low, 0])
         np.testing.assert_allclose(middle, x, atol=1e-4)
         slope = deflection * result.history["slope"].to_numpy()[lamina, 7]
-        turned = -(drawn[high, 0] - drawn[low, 0]) / (thick * own.thickness)
+        turned = -(drawn[high, 0] - drawn[low, 0]) / (thick * layer.thickness)
         np.testing.assert_allclose(turned, slope, atol=0.02 * np.abs(slope).max())
     between = drawn[sides[1][0], 1] - drawn[sides[0][1], 1]
     np.testing.assert_allclose(between, deflection * gap, atol=1e-6 * deflection)

@@ -15,15 +15,15 @@ VOLUME = {"triangle": 1 / 2, "quadrilateral": 1.0, "tetrahedron": 1 / 6, "hexahe
 def test_the_parts_of_a_cell_fill_it(cell: str, degree: int) -> None:
     """VTK's own integrals of the volumes; its sign would be negative for a wrong order."""
     nodes = reference_nodes(cell, degree)
-    found = subcells(cell, degree, nodes)
-    assert found.shape == (degree ** nodes.shape[1], len(reference_nodes(cell, 1)))
+    cells = subcells(cell, degree, nodes)
+    assert cells.shape == (degree ** nodes.shape[1], len(reference_nodes(cell, 1)))
     points = np.zeros((len(nodes), 3))
     points[:, : nodes.shape[1]] = nodes
-    grid = pv.UnstructuredGrid({CELL_TYPES[cell]: found}, points)
+    grid = pv.UnstructuredGrid({CELL_TYPES[cell]: cells}, points)
     sizes = grid.compute_cell_sizes()["Area" if nodes.shape[1] == 2 else "Volume"]
     assert sizes.min() > 0.01 * VOLUME[cell]
     assert sizes.sum() == pytest.approx(VOLUME[cell], rel=1e-12)
     if nodes.shape[1] == 2:  # VTK does not sign areas
-        first, second, last = (points[found[:, k]] for k in (0, 1, -1))
+        first, second, last = (points[cells[:, k]] for k in (0, 1, -1))
         assert np.cross(second - first, last - first)[:, 2].min() > 0.0
-    assert np.unique(found).size == len(nodes)
+    assert np.unique(cells).size == len(nodes)

@@ -83,24 +83,24 @@ def test_vtk_s_reader_gives_every_frame_of_the_series_back(tmp_path: Path) -> No
     bodies = pictures.Ribbons.of(history, case)
     for frame in (0, FRAME, len(times) - 1):
         reader.UpdateTimeStep(times[frame])
-        found, expected = pv.wrap(reader.GetOutput()), pv.wrap(bodies.grid(frame))
-        np.testing.assert_array_equal(found.points, expected.points)
-        np.testing.assert_array_equal(found.cell_connectivity, expected.cell_connectivity)
-        assert (found.celltypes == pv.CellType.HEXAHEDRON).all()
-        assert set(found.point_data) == set(expected.point_data)
+        grid, expected = pv.wrap(reader.GetOutput()), pv.wrap(bodies.grid(frame))
+        np.testing.assert_array_equal(grid.points, expected.points)
+        np.testing.assert_array_equal(grid.cell_connectivity, expected.cell_connectivity)
+        assert (grid.celltypes == pv.CellType.HEXAHEDRON).all()
+        assert set(grid.point_data) == set(expected.point_data)
         for name in expected.point_data:
-            np.testing.assert_array_equal(found.point_data[name], expected.point_data[name])
-        np.testing.assert_array_equal(found.cell_data["lamina"], expected.cell_data["lamina"])
+            np.testing.assert_array_equal(grid.point_data[name], expected.point_data[name])
+        np.testing.assert_array_equal(grid.cell_data["lamina"], expected.cell_data["lamina"])
 
 
 def test_a_series_is_written_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = small_case()
     history = synthetic_history(case)
-    whole = pictures.write_fields(history, case, tmp_path)[0].with_suffix(".whole")
-    shutil.copyfile(tmp_path / "fields.vtkhdf", whole)
+    reference_file = pictures.write_fields(history, case, tmp_path)[0].with_suffix(".whole")
+    shutil.copyfile(tmp_path / "fields.vtkhdf", reference_file)
     monkeypatch.setattr(vtkhdf, "POINTS_AT_ONCE", 3 * 2 * NODES * pictures.CORNERS)
     in_blocks, _ = pictures.write_fields(history, case, tmp_path)
-    with h5py.File(whole) as one, h5py.File(in_blocks) as other:
+    with h5py.File(reference_file) as one, h5py.File(in_blocks) as other:
         assert one["VTKHDF/PointData/velocity"].chunks != other["VTKHDF/PointData/velocity"].chunks
         for name, values in one["VTKHDF/PointData"].items():
             np.testing.assert_array_equal(other["VTKHDF/PointData"][name], values)
@@ -111,10 +111,10 @@ def test_ribbons_have_their_real_volume_and_no_inverted_cell() -> None:
     mesh = deformed(synthetic_history(case), case, FRAME)
     volumes = mesh.compute_cell_sizes(length=False, area=False)["Volume"]
     for number, lamina in enumerate(case.lamina, start=1):
-        own = volumes[mesh.cell_data["lamina"] == number]
+        cell_volumes = volumes[mesh.cell_data["lamina"] == number]
         expected = lamina.length * lamina.width * lamina.thickness
-        assert own.min() > 0.0
-        assert own.sum() == pytest.approx(expected, rel=1e-9)  # a lateral shear keeps it
+        assert cell_volumes.min() > 0.0
+        assert cell_volumes.sum() == pytest.approx(expected, rel=1e-9)  # a lateral shear keeps it
 
 
 def test_faces_are_the_gap_apart_and_touch_where_it_is_zero() -> None:
@@ -228,10 +228,10 @@ def test_fields_of_three_laminae_are_read_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(moved, np.broadcast_to(u[:, :, None], corners))
     volumes = block.compute_cell_sizes(length=False, area=False)["Volume"]
     for number, lamina in enumerate(case.lamina, start=1):
-        own = volumes[block.cell_data["lamina"] == number]
-        assert own.min() > 0.0
+        cell_volumes = volumes[block.cell_data["lamina"] == number]
+        assert cell_volumes.min() > 0.0
         expected = lamina.length * lamina.width * lamina.thickness
-        assert own.sum() == pytest.approx(expected, rel=1e-6)
+        assert cell_volumes.sum() == pytest.approx(expected, rel=1e-6)
 
 
 def test_faces_of_three_laminae_are_their_gaps_apart() -> None:
@@ -242,8 +242,8 @@ def test_faces_of_three_laminae_are_their_gaps_apart() -> None:
     u = history["displacement"].to_numpy()[:, FRAME]
     gaps = stack.GAPS[:, None] * stack.shape(history["x"].to_numpy()) + np.diff(u, axis=0)
     np.testing.assert_allclose(y[1:].min(axis=-1) - y[:-1].max(axis=-1), gaps, atol=1e-15)
-    rest = pictures.rest_points(history, recorded.case)[..., 1]
-    assert (rest[0].max(axis=-1) == 0.0).all()
+    places = pictures.rest_points(history, recorded.case)[..., 1]
+    assert (places[0].max(axis=-1) == 0.0).all()
     np.testing.assert_allclose(np.ptp(y, axis=-1)[:, 3], [0.002, 0.001, 0.0015])
 
 

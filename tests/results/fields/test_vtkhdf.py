@@ -40,10 +40,10 @@ def test_frames_are_the_same_however_many_are_written_at_once(
 ) -> None:
     usual = contents(write(GRID, TIMES, point_data, tmp_path / "usual.vtkhdf"))
     monkeypatch.setattr(vtkhdf, "POINTS_AT_ONCE", at_once)
-    found = contents(write(GRID, TIMES, point_data, tmp_path / "s.vtkhdf"))
-    assert found.keys() == usual.keys()
+    written = contents(write(GRID, TIMES, point_data, tmp_path / "s.vtkhdf"))
+    assert written.keys() == usual.keys()
     for name, values in usual.items():
-        np.testing.assert_array_equal(found[name], values, err_msg=name)
+        np.testing.assert_array_equal(written[name], values, err_msg=name)
 
 
 def contents(path: Path) -> dict[str, np.ndarray]:

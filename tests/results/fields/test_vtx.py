@@ -34,8 +34,10 @@ def test_lines_share_no_node(frames: xr.Dataset) -> None:
     shuffled = np.random.default_rng(1).permutation(cells)[:, ::-1]
     mesh = _dolfinx.create_mesh(MPI.COMM_SELF, "interval", points, shuffled)
     linear = _dolfinx.space(mesh, "Lagrange", 1)
-    found = linear.tabulate_dof_coordinates()[:, :2]
-    np.testing.assert_allclose(found, points[_dolfinx.input_nodes(linear)], rtol=0.0, atol=1e-15)
+    coordinates = linear.tabulate_dof_coordinates()[:, :2]
+    np.testing.assert_allclose(
+        coordinates, points[_dolfinx.input_nodes(linear)], rtol=0.0, atol=1e-15
+    )
 
 
 def test_three_laminae_are_three_lines() -> None:
@@ -47,14 +49,14 @@ def test_three_laminae_are_three_lines() -> None:
     assert np.unique(cells).tolist() == list(range(3 * n))
     x = frames["x"].to_numpy()
     for i, end in enumerate((0.0, 0.030, 0.050)):
-        own = points[i * n : (i + 1) * n]
-        np.testing.assert_array_equal(own[:, 0], x)
-        np.testing.assert_allclose(own[:, 1], end * (x / x[4]) ** 2, rtol=1e-14)
+        line = points[i * n : (i + 1) * n]
+        np.testing.assert_array_equal(line[:, 0], x)
+        np.testing.assert_allclose(line[:, 1], end * (x / x[4]) ** 2, rtol=1e-14)
     mesh = _dolfinx.create_mesh(MPI.COMM_SELF, "interval", points, cells)
     linear = _dolfinx.space(mesh, "Lagrange", 1)
     nodes = _dolfinx.input_nodes(linear)
-    found = linear.tabulate_dof_coordinates()[:, :2]
-    np.testing.assert_allclose(found, points[nodes], rtol=0.0, atol=1e-15)
+    coordinates = linear.tabulate_dof_coordinates()[:, :2]
+    np.testing.assert_allclose(coordinates, points[nodes], rtol=0.0, atol=1e-15)
     values = np.hstack(frames["displacement"].to_numpy())
     assert values.shape == (frames.sizes["frame"], 3 * n)
     np.testing.assert_array_equal(values[5].reshape(3, n), frames["displacement"][:, 5])
@@ -116,22 +118,22 @@ def test_bodies_have_their_values_at_their_points(
     series: Series, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What would be written, on every release."""
-    seen = []
+    arguments = []
 
     def written(path: str, *given: Any) -> None:
         Path(path).mkdir()
-        seen.extend(given)
+        arguments.extend(given)
 
     monkeypatch.setattr(_dolfinx, "has_adios2", True)
     monkeypatch.setattr(_dolfinx, "write_vtx", written)
     assert vtx.write_bodies(series, tmp_path) == tmp_path / "solid.bp"
-    mesh, times, fields = seen
+    mesh, times, fields = arguments
     assert times.size == 3
     linear = _dolfinx.space(mesh, "Lagrange", 1)
     nodes = _dolfinx.input_nodes(linear)
     dim = mesh.geometry.dim
-    found = linear.tabulate_dof_coordinates()[:, :dim]
-    np.testing.assert_allclose(found, series.points[nodes, :dim], rtol=0.0, atol=1e-15)
+    coordinates = linear.tabulate_dof_coordinates()[:, :dim]
+    np.testing.assert_allclose(coordinates, series.points[nodes, :dim], rtol=0.0, atol=1e-15)
     mass = ufl.inner(ufl.TrialFunction(linear), ufl.TestFunction(linear)) * ufl.dx
     size = _dolfinx.assemble_matrix(mass).getValuesCSR()[2].sum()
     width = 1.0 if dim == 2 else 0.040  # cells whose vertices are in a wrong order have another

@@ -87,8 +87,8 @@ def test_axes_of_periods_have_one_of_seconds_or_hertz() -> None:
         figure.draw_without_rendering()
         (second,) = [axes for panel in figure.axes for axes in panel.child_axes]
         unit = 3.25 if name == "spectra" else 1.0 / 3.25
-        shown = figure.axes[1 if name in ("energy_ledger", "envelope", "spectra") else 0]
-        np.testing.assert_allclose(second.get_xlim(), unit * np.array(shown.get_xlim()))
+        panel = figure.axes[1 if name in ("energy_ledger", "envelope", "spectra") else 0]
+        np.testing.assert_allclose(second.get_xlim(), unit * np.array(panel.get_xlim()))
         assert second.get_xlabel() == ("frequency [Hz]" if name == "spectra" else "time  t  [s]")
     swept = draw("tip_histories", history, small_case(**SWEEP))
     assert swept.axes[0].child_axes == []  # in seconds already
@@ -121,8 +121,8 @@ def test_axes_of_spectra_and_symbols_need_no_mathematical_text() -> None:
     assert decades[values.tolist().index(1e-2)] == "10⁻²"
     assert style.symbol("q", 10) == "q₁₁"
     for name in figures.FIGURES:
-        shown = draw(name, synthetic_history(case), case)
-        assert not [t for t in shown.findobj(Text) if t.get_visible() and "$" in t.get_text()]
+        drawing = draw(name, synthetic_history(case), case)
+        assert not [t for t in drawing.findobj(Text) if t.get_visible() and "$" in t.get_text()]
 
 
 def test_titles_stand_above_the_power_of_ten_of_an_axis() -> None:
@@ -149,9 +149,9 @@ def test_steps_are_those_of_matplotlib() -> None:
     for axes in (ours, theirs):
         axes.margins(x=0.0)
     assert ours.get_xlim() == theirs.get_xlim() == (0.0, 3.0)
-    (own,), (other,) = ours.patches, theirs.patches
-    np.testing.assert_array_equal(own.get_path().vertices, other.get_path().vertices)
-    assert own.get_facecolor() == other.get_facecolor() and own.get_fill()
+    (patch,), (other,) = ours.patches, theirs.patches
+    np.testing.assert_array_equal(patch.get_path().vertices, other.get_path().vertices)
+    assert patch.get_facecolor() == other.get_facecolor() and patch.get_fill()
 
 
 def test_envelope_shows_the_range_of_every_period() -> None:
@@ -194,8 +194,8 @@ def test_contact_line_marks_the_impacts_of_its_periods() -> None:
     last = PERIODS - contact_figures.LINE_PERIODS
     np.testing.assert_allclose(np.unique(np.round(t, 2)), [last + 0.5, last + 1.5])
     assert set(np.round(x, 6)) == {685.0, 548.0}
-    held = next(line for line in axes.lines if "permanent" in str(line.get_label()))
-    assert sorted(set(np.round(held.get_ydata(), 6))) == [137.0, 274.0]
+    resting_line = next(line for line in axes.lines if "permanent" in str(line.get_label()))
+    assert sorted(set(np.round(resting_line.get_ydata(), 6))) == [137.0, 274.0]
 
 
 def test_one_step_or_one_event_or_one_frame_is_enough(tmp_path: Path) -> None:
@@ -258,8 +258,8 @@ def test_histories_of_three_laminae_are_stacked() -> None:
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels.count("gap") == labels.count("in contact") == 1
     dots = [line.get_xdata() for line in axes.lines if line.get_marker() == "o"]
-    for found, phase in zip(dots, stack.STRIKES.values(), strict=True):
-        np.testing.assert_allclose(found % 1.0, [phase] * WINDOW)
+    for dot_places, phase in zip(dots, stack.STRIKES.values(), strict=True):
+        np.testing.assert_allclose(dot_places % 1.0, [phase] * WINDOW)
 
 
 def test_each_interface_has_its_contact_line() -> None:
@@ -279,9 +279,11 @@ def test_each_interface_has_its_contact_line() -> None:
         assert f"at most {(1, 3)[interface]} mN s" in str(marks.get_label())
     areas = [next(c for c in a.collections if "impact" in str(c.get_label())) for a in panels]
     assert areas[0].get_sizes().max() < areas[1].get_sizes().max()  # both have the same scale
-    held = [[line for line in a.lines if "permanent" in str(line.get_label())] for a in panels]
-    assert not held[0]
-    assert sorted(set(np.round(held[1][0].get_ydata(), 6))) == [137.0, 274.0]
+    resting_lines = [
+        [line for line in a.lines if "permanent" in str(line.get_label())] for a in panels
+    ]
+    assert not resting_lines[0]
+    assert sorted(set(np.round(resting_lines[1][0].get_ydata(), 6))) == [137.0, 274.0]
 
 
 def test_heat_stands_beside_each_contact_line_and_belongs_to_both_laminae() -> None:
@@ -292,11 +294,11 @@ def test_heat_stands_beside_each_contact_line_and_belongs_to_both_laminae() -> N
     assert heat.sum() == pytest.approx(2e-5 * stack.WINDOW / seconds)  # 1e-5 J at each strike
     figure = draw("contact_line", history, recorded.case)
     panels = [axes for axes in figure.axes if axes.get_xlabel() == "heat [mW]"]
-    for own, axes in zip(heat, panels, strict=True):
+    for interface_heat, axes in zip(heat, panels, strict=True):
         (drawn,) = axes.collections
-        assert drawn.get_datalim(axes.transData).x1 == pytest.approx(1e3 * own.max())
-    shown = scalars_of(history, recorded.case)["heat"][:, 0]
-    np.testing.assert_allclose(shown, [heat[0], heat[0] + heat[1], heat[1]])
+        assert drawn.get_datalim(axes.transData).x1 == pytest.approx(1e3 * interface_heat.max())
+    lamina_heat = scalars_of(history, recorded.case)["heat"][:, 0]
+    np.testing.assert_allclose(lamina_heat, [heat[0], heat[0] + heat[1], heat[1]])
 
 
 @pytest.mark.parametrize("name", ["spectra", "contact_line"])
@@ -319,9 +321,9 @@ def test_the_layout_is_found_once_and_is_that_of_the_figure(
 
 def drawn(history: xr.Dataset, case: Case, names: tuple[str, ...]) -> str:
     """Return the descriptions of some figures."""
-    found = figures.figures_of(history)
+    functions = figures.figures_of(history)
     with styled():
-        return "\n\n".join(golden.describe(found[name](history, case)) for name in names)
+        return "\n\n".join(golden.describe(functions[name](history, case)) for name in names)
 
 
 @pytest.mark.parametrize("size", [3.0, 0.03, 0.0299])

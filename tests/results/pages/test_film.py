@@ -90,8 +90,8 @@ def test_long_and_fine_motions_are_thinned(monkeypatch: pytest.MonkeyPatch) -> N
     lit = numbers(data["lit"], "u1", 25, 2, 3)
     full = contact_lights(history)[-25:]
     # nodes 0 and 1 are shown by the first, 2 and 3 by the second, 4 and 5 by the last one
-    for shown, nodes in enumerate(([0, 1], [2, 3], [4, 5])):
-        np.testing.assert_array_equal(lit[..., shown], full[..., nodes].max(axis=-1))
+    for column, nodes in enumerate(([0, 1], [2, 3], [4, 5])):
+        np.testing.assert_array_equal(lit[..., column], full[..., nodes].max(axis=-1))
     assert full[..., NODE].any()
 
 

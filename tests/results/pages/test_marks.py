@@ -31,10 +31,10 @@ def test_stops_and_supports_are_marked() -> None:
         output={"window_periods": 2},
     )  # fmt: skip
     history = run(case, engine="compiled").history
-    found = film(history, case)
-    assert found is not None
-    above, below, carried, pin = found.data["stops"]
-    factor = found.data["factor"]
+    scene = film(history, case)
+    assert scene is not None
+    above, below, carried, pin = scene.data["stops"]
+    factor = scene.data["factor"]
     base = history["base_displacement"].sel(time=history["frame"], method="nearest").to_numpy()
     middle = -T / 2.0
     for mark, x, y in (
@@ -91,8 +91,8 @@ def test_blocks_stand_for_them_in_paraview() -> None:
     )
     assert abs(base) > 1e-5
     assert abs(mass) > 1e-6
-    for own, y in zip(moved, (0.0, base, mass, base), strict=True):
-        np.testing.assert_allclose(own, np.tile([0.0, y, 0.0], (2 * CORNERS, 1)), atol=1e-12)
+    for points, y in zip(moved, (0.0, base, mass, base), strict=True):
+        np.testing.assert_allclose(points, np.tile([0.0, y, 0.0], (2 * CORNERS, 1)), atol=1e-12)
     states = np.array([bodies.point_data(k)["contact_state"][n :: 2 * CORNERS] for k in (0, frame)])
     np.testing.assert_array_equal(states[:, :3], history["stop_state"].to_numpy()[[0, frame]])
     assert all(len(values) == len(mesh.points) for values in data.values())

@@ -26,10 +26,10 @@ def test_a_notebook_shows_a_bar_a_result_and_a_table() -> None:
     kernel = {"kernel_name": "python3", "timeout": 120}
     client = NotebookClient(notebook, **kernel, extra_arguments=[])
     asyncio.run(client.async_execute())
-    ran, shown, table, case = (cell.outputs for cell in notebook.cells)
+    ran, result_cell, table, case = (cell.outputs for cell in notebook.cells)
     bar = "".join(o["text"] for o in ran if o.get("name") == "stdout")
     assert re.match(r"100%.* 12/12 \[.* periods/s\]", bar.rsplit("\r", 1)[-1])
-    assert "<td>outcome</td><td>completed</td>" in shown[0]["data"]["text/html"]
+    assert "<td>outcome</td><td>completed</td>" in result_cell[0]["data"]["text/html"]
     assert int(table[0]["data"]["text/plain"]) >= 4
     assert case[0]["data"]["text/html"].startswith("<pre>")
 
@@ -43,11 +43,11 @@ def test_a_terminal_has_a_bar_of_its_own(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_a_function_is_called_and_nothing_stays_nothing() -> None:
-    seen: list[tuple[int, int]] = []
-    with reporting(lambda *given: seen.append(given), "run") as report:
+    calls: list[tuple[int, int]] = []
+    with reporting(lambda *given: calls.append(given), "run") as report:
         assert report is not None
         report(3, 7)
-    assert seen == [(3, 7)]
+    assert calls == [(3, 7)]
     for nothing in (None, False):
         with reporting(nothing, "run") as report:
             assert report is None

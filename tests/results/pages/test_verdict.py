@@ -38,8 +38,8 @@ def verdict(history: xr.Dataset, case: Case | None = None, **changed: Any) -> st
     ],
 )
 def test_the_faster_lamina_beats(lower: float, upper: float, words: str) -> None:
-    found = verdict(struck(lower, upper))
-    assert found == f"One-periodic, one tip strike a period {words}"
+    text = verdict(struck(lower, upper))
+    assert text == f"One-periodic, one tip strike a period {words}"
 
 
 def test_velocities_are_read_before_the_strike() -> None:
@@ -57,8 +57,8 @@ def test_a_settled_motion_is_called_so_where_it_was_judged() -> None:
         "Not settled, one tip strike"
     )
     numbers = {"transient": 0.0726, "periods_needed": 168}
-    found = verdict(history, settled="not settled", periodicity=None, settling=numbers)
-    assert found.startswith(
+    text = verdict(history, settled="not settled", periodicity=None, settling=numbers)
+    assert text.startswith(
         "Not settled (7.3 % of the amplitude is transient; at most 168 further periods are needed)"
     )
     assert verdict(history, settled="irregular", periodicity=None).startswith(
@@ -95,13 +95,13 @@ def test_tips_that_never_meet_and_laminae_without_contact() -> None:
 def test_a_period_without_a_margin_is_undecided() -> None:
     history = struck(0.6, -0.45)
     scatters = [0.109, 0.081, 0.1]
-    found = verdict(history, periodicity=2, periodicity_class="undecided", strobe_scatters=scatters)
-    assert found.startswith("Of undecided period (cycles differ by 11 % of the amplitude), one tip")
+    text = verdict(history, periodicity=2, periodicity_class="undecided", strobe_scatters=scatters)
+    assert text.startswith("Of undecided period (cycles differ by 11 % of the amplitude), one tip")
 
 
 def test_runs_that_did_not_end_say_so() -> None:
-    found = verdict(struck(0.6, -0.45), small_case(time__periods=80), outcome="interrupted")
-    assert found.startswith(f"Interrupted in period {PERIODS} of 80, one-periodic")
+    text = verdict(struck(0.6, -0.45), small_case(time__periods=80), outcome="interrupted")
+    assert text.startswith(f"Interrupted in period {PERIODS} of 80, one-periodic")
 
 
 def test_a_sweep_is_not_judged_for_periods() -> None:
@@ -145,8 +145,8 @@ def test_what_is_not_known_of_a_transient_is_not_told(
     ],
 )
 def test_gaps_of_tips_that_never_meet(gap: float | None, words: str) -> None:
-    found = verdict(struck(0.6, -0.45), tip_contacts_per_period=0.0, minimum_tip_gap=gap)
-    assert found == f"One-periodic{words}"
+    text = verdict(struck(0.6, -0.45), tip_contacts_per_period=0.0, minimum_tip_gap=gap)
+    assert text == f"One-periodic{words}"
 
 
 @pytest.mark.parametrize(("number", "word"), [(7, "Seven"), (8, "Eight"), (9, "9"), (12, "12")])
@@ -159,13 +159,13 @@ def test_strikes_of_a_sweep_are_counted_over_the_window() -> None:
     history = struck(0.6, -0.45)
     share = case.steps_per_period / history.sizes["time"]
     for number, words in ((1.0, "1 tip strike at"), (17.2, "17 tip strikes at")):
-        found = verdict(history, case, tip_contacts_per_period=number * share)
-        assert f", {words} 1.05 m/s" in found
+        text = verdict(history, case, tip_contacts_per_period=number * share)
+        assert f", {words} 1.05 m/s" in text
 
 
 def test_strikes_that_no_step_shows_have_no_speed() -> None:
-    found = verdict(struck(-0.5, 0.5))  # the laminae part
-    assert found == "One-periodic, one tip strike a period."
+    text = verdict(struck(-0.5, 0.5))  # the laminae part
+    assert text == "One-periodic, one tip strike a period."
 
 
 def struck_stop(kind: str, rate: float, velocity: float | None) -> dict[str, Any]:
@@ -184,5 +184,5 @@ def struck_stop(kind: str, rate: float, velocity: float | None) -> dict[str, Any
 def test_strikes_on_stops_and_impactors_are_told(
     kind: str, rate: float, velocity: float | None, words: str
 ) -> None:
-    found = verdict(struck(0.6, -0.45), contacts=[struck_stop(kind, rate, velocity)])
-    assert words in found and "one tip strike a period" in found
+    text = verdict(struck(0.6, -0.45), contacts=[struck_stop(kind, rate, velocity)])
+    assert words in text and "one tip strike a period" in text

@@ -31,11 +31,11 @@ ROUGH = Perturbations(copies=48, size=0.01, kick=0.06)
 def branch(map_: Toy, start: FloatArray, path: Path, how: Perturbations) -> list[Point]:
     ensemble = Ensemble(map_, 1, how)
     points = [first_point(ensemble, start, path)]
-    found, ending = followed(
+    branch_points, ending = followed(
         ensemble, points, path, keep=lambda point, count: None, is_stopped=lambda: False
     )
     assert ending == "range"
-    return found
+    return branch_points
 
 
 def test_a_branch_passes_its_fold() -> None:
@@ -65,16 +65,16 @@ def test_a_doubling_and_its_branch(roughness: float, how: Perturbations) -> None
     assert event.low - 2e-3 <= Henon.doubling <= event.high + 2e-3
     twice = Ensemble(map_, 2, how)
     first = doubled_point(twice, points[event.index], event.parameter, path)
-    found, _ = followed(
+    branch_points, _ = followed(
         twice, [first], path, keep=lambda point, count: None, is_stopped=lambda: False
     )
-    assert found[-1].parameter > 1.0 and len(found[0].strobes) == 2
-    nearest = min(found, key=lambda point: abs(point.parameter - 0.7))
+    assert branch_points[-1].parameter > 1.0 and len(branch_points[0].strobes) == 2
+    nearest = min(branch_points, key=lambda point: abs(point.parameter - 0.7))
     # the two points of the orbit: a x² - (1 - b) x + (1 - b)²/a - 1 = 0
     a, c = nearest.parameter, 0.7
     exact = np.sort(np.roots([a, -c, c**2 / a - 1.0]).real)
     assert np.sort(nearest.strobes[:, 0]) == pytest.approx(exact, abs=1e-6 + 5.0 * roughness)
-    second = [e for e in events_of(found, path.span) if e.kind == "period doubling"]
+    second = [e for e in events_of(branch_points, path.span) if e.kind == "period doubling"]
     assert second[0].parameter == pytest.approx(Henon.second, abs=6e-3)
 
 
@@ -132,7 +132,7 @@ def test_grazings_are_where_tips_begin_or_cease_to_touch(
     points: Any = [
         SimpleNamespace(gaps=np.array([gap]), parameter=float(i)) for i, gap in enumerate(gaps, 1)
     ]
-    found = grazings(points)
-    assert [event.parameter for event in found] == places
-    assert all(event.high - event.low == 1.0 for event in found)
-    assert [event.index for event in found] == [int(place) for place in places]
+    events = grazings(points)
+    assert [event.parameter for event in events] == places
+    assert all(event.high - event.low == 1.0 for event in events)
+    assert [event.index for event in events] == [int(place) for place in places]

@@ -32,23 +32,23 @@ def event(map_: Toy, start: FloatArray, path: Path, kick: float) -> Event:
         ensemble, [first_point(ensemble, start, path)], path,
         keep=lambda point, count: None, is_stopped=lambda: False,
     )  # fmt: skip
-    (found,) = events_of(points, path.span)
-    return found
+    (crossing,) = events_of(points, path.span)
+    return crossing
 
 
 def test_the_error_by_kicks_is_in_the_interval() -> None:
     """A two-sided kick of 0.1 sees the doubling 0.01 too late."""
-    found = event(Cubic(), np.array([1.0, 0.0]), Path(0.8, 1.2), KICK)
-    assert found.parameter == pytest.approx(Cubic.doubling, abs=KICK**2)
-    assert found.low <= Cubic.doubling <= found.high
-    assert found.high - found.low < 4.0 * KICK**2
+    crossing = event(Cubic(), np.array([1.0, 0.0]), Path(0.8, 1.2), KICK)
+    assert crossing.parameter == pytest.approx(Cubic.doubling, abs=KICK**2)
+    assert crossing.low <= Cubic.doubling <= crossing.high
+    assert crossing.high - crossing.low < 4.0 * KICK**2
 
 
 def test_the_curvature_is_in_the_interval() -> None:
     map_ = DelayedLogistic()
-    found = event(map_, map_.fixed(1.7), Path(1.7, 2.3), 0.01)
-    assert found.low - 2e-4 <= DelayedLogistic.torus <= found.high
-    assert found.high - found.low < 0.02
+    crossing = event(map_, map_.fixed(1.7), Path(1.7, 2.3), 0.01)
+    assert crossing.low - 2e-4 <= DelayedLogistic.torus <= crossing.high
+    assert crossing.high - crossing.low < 0.02
 
 
 def along(values: list[float], spread: float = 1e-3, alternate: tuple[int, ...] = ()) -> list[Any]:
@@ -89,8 +89,8 @@ def test_the_interval_contains_all_points_whose_side_is_open() -> None:
     """The line through all points alone would place the doubling to a tenth."""
     points = along([0.5, 0.4, 0.02, 0.01, -0.02, -0.4, -0.5], spread=0.1)
     tests = np.array([point.multipliers.doubling for point in points])
-    (found,) = crossings("period doubling", tests, points, 1.0)
-    assert found.low <= 2.0 < found.parameter < 4.0 <= found.high
+    (crossing,) = crossings("period doubling", tests, points, 1.0)
+    assert crossing.low <= 2.0 < crossing.parameter < 4.0 <= crossing.high
 
 
 @pytest.mark.parametrize(
@@ -109,10 +109,10 @@ def test_the_interval_reaches_to_where_no_motion_alternates(
     """In either direction of the branch, and for period doublings alone."""
     points = along([0.5, 0.4, 0.3, 0.2, -0.2, -0.3, -0.4], alternate=alternate)[::way]
     tests = np.array([point.multipliers.doubling for point in points])
-    (found,) = crossings("period doubling", tests, points, 1.0)
+    (crossing,) = crossings("period doubling", tests, points, 1.0)
     low, high = ends
-    assert low <= found.low < 3.5 < found.high <= high
-    assert 3 not in alternate or found.low == low
+    assert low <= crossing.low < 3.5 < crossing.high <= high
+    assert 3 not in alternate or crossing.low == low
     (torus,) = crossings("Neimark-Sacker", tests, points, 1.0)
     assert torus.high - torus.low < 1.0
 

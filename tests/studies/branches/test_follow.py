@@ -72,7 +72,7 @@ def of_another_shape(path: Path) -> None:
 def test_a_branch_that_is_broken_off_goes_on_the_same(
     damage: Callable[[Path], None], linear: Path, tmp_path: Path
 ) -> None:
-    whole = xr.load_dataset(linear / RESULT, engine="h5netcdf")
+    complete_branch = xr.load_dataset(linear / RESULT, engine="h5netcdf")
     shutil.copytree(linear, tmp_path / "cut")
     points = sorted((tmp_path / "cut" / FOLDER).glob("*.npz"))
     points[-1].unlink()
@@ -82,11 +82,11 @@ def test_a_branch_that_is_broken_off_goes_on_the_same(
         tmp_path / "cut", resume=True, report=lambda branch, count, at: counted.append(count)
     )
     assert counted == [len(points) - 1, len(points)]
-    assert resumed.drop_attrs().identical(whole.drop_attrs())
+    assert resumed.drop_attrs().identical(complete_branch.drop_attrs())
     assert (
         xr.load_dataset(tmp_path / "cut" / RESULT, engine="h5netcdf")
         .drop_attrs()
-        .identical(whole.drop_attrs())
+        .identical(complete_branch.drop_attrs())
     )
     with pytest.raises(CaseError, match=r"stop: .* there, 4.1 here"):
         small(tmp_path / "cut", resume=True, stop=4.1)
@@ -98,9 +98,9 @@ def test_a_branch_goes_on_if_its_case_lacks_a_default(
 ) -> None:
     shutil.copytree(linear, tmp_path / "kept")
     about = tmp_path / "kept" / FOLDER / "identity.json"
-    kept = json.loads(about.read_text("utf-8"))
-    lines = [line for line in kept["case"].splitlines() if not line.startswith(key)]
-    about.write_text(json.dumps({**kept, "case": "\n".join(lines)}), "utf-8")
+    content = json.loads(about.read_text("utf-8"))
+    lines = [line for line in content["case"].splitlines() if not line.startswith(key)]
+    about.write_text(json.dumps({**content, "case": "\n".join(lines)}), "utf-8")
     counted: list[int] = []
     with nullcontext() if is_same else pytest.raises(CaseError, match="belongs to another"):
         small(tmp_path / "kept", resume=True, report=lambda *now: counted.append(now[1]))
@@ -110,14 +110,14 @@ def test_a_branch_goes_on_if_its_case_lacks_a_default(
 def test_a_branch_is_interrupted_between_points(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: list[int] = []
+    counts: list[int] = []
 
     @contextmanager
     def stops() -> Iterator[Callable[[], bool]]:
-        yield lambda: len(seen) >= 2
+        yield lambda: len(counts) >= 2
 
     monkeypatch.setattr(following, "stop_signals", stops)
-    data = small(tmp_path, report=lambda branch, count, at: seen.append(count))
+    data = small(tmp_path, report=lambda branch, count, at: counts.append(count))
     assert data.attrs["outcome"] == "interrupted" and data.sizes["point"] == 2
 
 
@@ -149,7 +149,7 @@ def test_bad_ranges_are_refused(
 
 
 def test_defaults_are_those_of_the_command() -> None:
-    own = inspect.signature(follow).parameters
-    given = {field.name: field.default for field in fields(Follow)}
+    parameters = inspect.signature(follow).parameters
+    defaults = {field.name: field.default for field in fields(Follow)}
     for name, option in (("periods", "period"), ("doublings", "doublings"), ("step", "step")):
-        assert own[name].default == given[option], name
+        assert parameters[name].default == defaults[option], name

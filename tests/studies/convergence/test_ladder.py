@@ -37,9 +37,9 @@ SPECIFIED, SPECIFIED_COARSE = 0.02, 0.05
 
 
 def ladder(case: Case = CASE, laws: str = "newton@moreau-jean", **settings: object) -> Ladder:
-    given: dict[str, object] = {"meshes": (10,), "steps": (1000,), "limit_steps": 0, "periods": 4}
+    values: dict[str, object] = {"meshes": (10,), "steps": (1000,), "limit_steps": 0, "periods": 4}
     methods = tuple(method(law) for law in laws.split(","))
-    return Ladder(case, methods, **(given | settings))  # type: ignore[arg-type]
+    return Ladder(case, methods, **(values | settings))  # type: ignore[arg-type]
 
 
 def computed(rungs: list[Rung], on: Ladder) -> Convergence:
@@ -123,17 +123,17 @@ def test_few_periods_are_enough_with_many_steps() -> None:
 
 def test_meshes_may_have_contact_points_inside_their_elements() -> None:
     meshes = tuple(PointMesh(10, p) for p in (1, 2, 4))
-    found = ladder(meshes=meshes, limit_steps=2000)
-    assert found.refines == "points" and ladder().refines == "elements"
-    clapping = found.along_meshes(found.methods[0], 1000)
+    study = ladder(meshes=meshes, limit_steps=2000)
+    assert study.refines == "points" and ladder().refines == "elements"
+    clapping = study.along_meshes(study.methods[0], 1000)
     assert [rung.points for rung in clapping] == [10, 20, 40]
     assert [rung.case.contact.points_per_element for rung in clapping] == [1, 2, 4]
     assert {rung.elements for rung in clapping} == {10}
     assert clapping[2].key == "newton@moreau-jean 10x4 1000"
     assert clapping[2].mesh_text == "10 elements with 4 points each"
-    free = [rung for rung in found.rungs() if rung.method == FREE.name]
+    free = [rung for rung in study.rungs() if rung.method == FREE.name]
     assert [rung.key for rung in free] == ["none 10 1000"]  # points make no difference
-    assert found.identity == ladder(meshes=meshes[:2]).identity
+    assert study.identity == ladder(meshes=meshes[:2]).identity
     with pytest.raises(CaseError, match="points: expected increasing numbers, coarse first"):
         ladder(meshes=meshes[::-1])
 
@@ -143,8 +143,10 @@ def test_mesh_files() -> None:
     rung = on.rungs()[1]
     assert rung.elements == 20
     uniform = on.rung(FREE, 20, 1000)
-    found = [compute(entry, "compiled").statistics["amplitude_1"][0] for entry in (rung, uniform)]
-    assert found[0] == pytest.approx(found[1], rel=1e-9)
+    amplitudes = [
+        compute(entry, "compiled").statistics["amplitude_1"][0] for entry in (rung, uniform)
+    ]
+    assert amplitudes[0] == pytest.approx(amplitudes[1], rel=1e-9)
 
 
 def test_identity_ignores_sizes_and_methods_alone() -> None:
@@ -156,8 +158,8 @@ def test_identity_ignores_sizes_and_methods_alone() -> None:
 def test_order_in_time_without_contact() -> None:
     on = ladder(DECAYING, meshes=(40,), steps=(250, 500, 1000))
     rungs = on.along_steps(FREE, 40)
-    found = computed(rungs, on)
-    errors = np.array([found.free_errors(rung) for rung in rungs])
+    convergence = computed(rungs, on)
+    errors = np.array([convergence.free_errors(rung) for rung in rungs])
     for column in errors.T:
         orders = orders_of_errors([1.0 / rung.steps for rung in rungs], column)
         assert orders == pytest.approx(2.0, abs=ORDER_IN_TIME)
@@ -167,8 +169,8 @@ def test_order_in_time_without_contact() -> None:
 def test_order_in_space_without_contact() -> None:
     on = ladder(DECAYING, meshes=(2, 4, 8), steps=(16000,))
     rungs = on.along_meshes(FREE, 16000)
-    found = computed(rungs, on)
-    errors = np.array([found.free_errors(rung) for rung in rungs])
+    convergence = computed(rungs, on)
+    errors = np.array([convergence.free_errors(rung) for rung in rungs])
     for column in errors.T[[0, 2]]:
         orders = orders_of_errors([1.0 / rung.elements for rung in rungs], column)
         assert orders == pytest.approx(4.0, abs=ORDER_IN_SPACE)
@@ -202,11 +204,11 @@ def test_what_converges_to_what(law: str, steps: int, expected: float) -> None:
     """Smallest y1 in mm of trials with independent code; no impact may add energy."""
     on = ladder(laws=law, meshes=(20,), steps=(steps,), periods=20)
     rung = on.rungs()[-1]
-    found = computed([rung], on)
+    convergence = computed([rung], on)
     tolerance = SPECIFIED if steps >= 4000 else SPECIFIED_COARSE
-    assert 1e3 * found.value(rung, "tip_min_1") == pytest.approx(expected, rel=tolerance)
-    assert found.value(rung, "energy_residual") < 1e-9
-    assert 0.0 < found.value(rung, "contact_work") < 3e-3
+    assert 1e3 * convergence.value(rung, "tip_min_1") == pytest.approx(expected, rel=tolerance)
+    assert convergence.value(rung, "energy_residual") < 1e-9
+    assert 0.0 < convergence.value(rung, "contact_work") < 3e-3
 
 
 def test_a_rung_that_fails_says_why() -> None:
@@ -232,11 +234,13 @@ def test_elastic_stops_are_refined_by_their_springs(name: str) -> None:
     """By the law of the case, without a rigid limit; the extremes converge at order 2."""
     case = load_case(OTHERS / f"{name}.toml").with_overrides({"output.fields_per_period": 0})
     methods = usual_methods(case)
-    assert [own.name for own in methods] == ["penalty@newmark"]
-    found = Ladder(case, methods, (case.mesh.elements,), (100, 200, 1600), periods=5)
-    assert not found.has_limit
-    results = computed(found.rungs(), found).results.values()
-    values = [own.statistics["tip_max_1"][0] for own in results if "tip_max_1" in own.statistics]
+    assert [entry.name for entry in methods] == ["penalty@newmark"]
+    study = Ladder(case, methods, (case.mesh.elements,), (100, 200, 1600), periods=5)
+    assert not study.has_limit
+    results = computed(study.rungs(), study).results.values()
+    values = [
+        result.statistics["tip_max_1"][0] for result in results if "tip_max_1" in result.statistics
+    ]
     errors = np.abs(np.array(values[:-1]) / values[-1] - 1.0)
     assert errors[1] < 0.35 * errors[0] < 0.1
     with pytest.raises(
@@ -247,8 +251,8 @@ def test_elastic_stops_are_refined_by_their_springs(name: str) -> None:
 
 def test_explicit_springs_and_massless_points_keep_their_methods() -> None:
     explicit = load_case(OTHERS / "rod.toml").with_overrides({"time.scheme": "central-difference"})
-    assert [own.name for own in usual_methods(explicit)] == ["penalty@central-difference"]
-    assert [own.name for own in usual_methods(CASE)] == list(METHODS)
+    assert [entry.name for entry in usual_methods(explicit)] == ["penalty@central-difference"]
+    assert [entry.name for entry in usual_methods(CASE)] == list(METHODS)
 
 
 def test_the_frequency_of_a_point_is_exact() -> None:

@@ -34,11 +34,11 @@ LIMITS = {"tip_min_1": -0.02, "tip_max_1": 0.015, "tip_min_2": 0.002, "tip_max_2
 
 
 def ladder(**settings: object) -> Ladder:
-    given: dict[str, object] = {"meshes": MESHES, "steps": STEPS, "limit_steps": 64000}
+    values: dict[str, object] = {"meshes": MESHES, "steps": STEPS, "limit_steps": 64000}
     laws = settings.pop("laws", "newton@moreau-jean,newton")
     assert isinstance(laws, str)
     methods = tuple(method(law) for law in laws.split(","))
-    return Ladder(CASE, methods, **(given | settings))  # type: ignore[arg-type]
+    return Ladder(CASE, methods, **(values | settings))  # type: ignore[arg-type]
 
 
 def synthetic(rung: Rung, engine: EngineName) -> RungResult:
@@ -46,9 +46,11 @@ def synthetic(rung: Rung, engine: EngineName) -> RungResult:
     if rung.method == FREE.name:
         frequencies, amplitudes = exact_free_motion(rung.case)
         error = 4.0 / rung.steps**2 + 3.0 / rung.elements**4
-        found = {f"frequency_{i + 1}": (f * (1.0 + error), 0.0) for i, f in enumerate(frequencies)}
-        found |= {f"amplitude_{i + 1}": (a * (1 - error), 0.0) for i, a in enumerate(amplitudes)}
-        return RungResult(rung.key, "completed", "", found, 0.5, 100)
+        entries = {
+            f"frequency_{i + 1}": (f * (1.0 + error), 0.0) for i, f in enumerate(frequencies)
+        }
+        entries |= {f"amplitude_{i + 1}": (a * (1 - error), 0.0) for i, a in enumerate(amplitudes)}
+        return RungResult(rung.key, "completed", "", entries, 0.5, 100)
     if rung.method == "newton@newmark" and rung.elements == 40:
         return RungResult(rung.key, "diverged", "diverged in period 7", {}, 0.5, 7)
     in_time = 0.0 if rung.method == LIMIT.name else 3.0 / math.sqrt(rung.steps)
@@ -56,22 +58,22 @@ def synthetic(rung: Rung, engine: EngineName) -> RungResult:
     values |= {
         name: value * (1.0 + in_time + 0.5 / rung.elements) for name, value in LIMITS.items()
     }
-    found = {name: (value, 1e-9) for name, value in values.items()}
-    found |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0)}
-    return RungResult(rung.key, "completed", "", found, 0.5, 60)
+    entries = {name: (value, 1e-9) for name, value in values.items()}
+    entries |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0)}
+    return RungResult(rung.key, "completed", "", entries, 0.5, 60)
 
 
 @pytest.fixture
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Compute rungs by `synthetic` and note them."""
-    seen: list[str] = []
+    keys: list[str] = []
 
     def compute(rung: Rung, engine: EngineName) -> RungResult:
-        seen.append(rung.key)
+        keys.append(rung.key)
         return synthetic(rung, engine)
 
     monkeypatch.setattr(run_module, "compute", compute)
-    return seen
+    return keys
 
 
 def whole(on: Ladder) -> Convergence:
@@ -79,14 +81,14 @@ def whole(on: Ladder) -> Convergence:
 
 
 def test_order_and_limit_of_a_ladder() -> None:
-    found = whole(ladder())
-    rungs = found.ladder.along_steps(found.ladder.methods[0], 20)
-    told = found.limit(rungs, "tip_min_1")
+    convergence = whole(ladder())
+    rungs = convergence.ladder.along_steps(convergence.ladder.methods[0], 20)
+    told = convergence.limit(rungs, "tip_min_1")
     assert told.reason == "Richardson"
     assert told.orders == pytest.approx([0.5, 0.5], abs=1e-3)
     assert told.value == pytest.approx(-0.02 * 1.025, rel=1e-5)
-    rungs = found.ladder.along_meshes(LIMIT, 64000)
-    told = found.limit(rungs, "tip_max_2", by="elements")
+    rungs = convergence.ladder.along_meshes(LIMIT, 64000)
+    told = convergence.limit(rungs, "tip_max_2", by="elements")
     assert told.orders == pytest.approx([1.0, 1.0], abs=1e-3)
     assert told.value == pytest.approx(0.032, rel=1e-5)
 
@@ -99,11 +101,11 @@ def test_without_a_limit_the_last_method_stands_for_it() -> None:
 
 
 def test_error_is_relative_to_half_the_range_of_the_limit() -> None:
-    found = whole(ladder())
-    rung = found.ladder.rung(found.ladder.methods[0], 20, 1000)
+    convergence = whole(ladder())
+    rung = convergence.ladder.rung(convergence.ladder.methods[0], 20, 1000)
     excess = 3.0 / math.sqrt(1000)
     both = {1: 0.02 / (0.035 / 2.0), 2: 0.032 / (0.030 / 2.0)}
-    assert found.error(rung) == pytest.approx(excess / 1.025 * both[2], rel=1e-9)
+    assert convergence.error(rung) == pytest.approx(excess / 1.025 * both[2], rel=1e-9)
     assert both[2] > both[1]
 
 
@@ -125,18 +127,18 @@ def test_what_has_no_known_interval_is_not_judged(name: str) -> None:
 
 
 def test_missing_and_diverged_rungs_are_no_numbers() -> None:
-    found = whole(ladder())
-    diverged = found.ladder.rung(found.ladder.methods[1], 40, 1000)
-    assert math.isnan(found.error(diverged))
-    assert math.isnan(found.standard_error(diverged, "tip_min_1"))
-    del found.results[diverged.key]
-    assert math.isnan(found.cost(diverged))
-    assert not found.is_complete
+    convergence = whole(ladder())
+    diverged = convergence.ladder.rung(convergence.ladder.methods[1], 40, 1000)
+    assert math.isnan(convergence.error(diverged))
+    assert math.isnan(convergence.standard_error(diverged, "tip_min_1"))
+    del convergence.results[diverged.key]
+    assert math.isnan(convergence.cost(diverged))
+    assert not convergence.is_complete
 
 
 def test_tables_tell_orders_limits_and_failures() -> None:
-    found = whole(ladder())
-    texts = {table.title: table.markdown() for table in tables(found)}
+    convergence = whole(ladder())
+    texts = {table.title: table.markdown() for table in tables(convergence)}
     free = texts["without contact, 20 elements: relative errors against the exact cantilever"]
     assert free.count("| 500 |") == 1
     steps = texts["newton@moreau-jean, 20 elements: what it tends to in steps"]
@@ -145,71 +147,75 @@ def test_tables_tell_orders_limits_and_failures() -> None:
     assert "members are missing" in texts["newton@newmark, 40 elements: what it tends to in steps"]
     over_meshes = texts["rigid limit over meshes: what it tends to in elements"]
     assert "| y2 max [mm] | 32.4 | 1.00, 1.00 | 32 ± " in over_meshes
-    for table in (*tables(found), *overview(found)):
+    for table in (*tables(convergence), *overview(convergence)):
         assert {len(row) for row in table.rows} == {len(table.heading)}
 
 
 def test_overview_shows_all_methods_side_by_side() -> None:
-    found = whole(ladder(meshes=(20, 40), steps=(1000, 2000)))
-    shown = {table.title: table for table in overview(found)}
+    convergence = whole(ladder(meshes=(20, 40), steps=(1000, 2000)))
+    by_title = {table.title: table for table in overview(convergence)}
     title = (
         "distance of the tip extremes from the rigid limit of the mesh ± what is left beyond [%]"
     )
     title = f"{title}, 40 elements"
-    assert shown[title].heading == ("steps", "newton@moreau-jean", "newton@newmark")
-    assert shown[title].rows[0][2] == "diverged"
-    assert shown["y1 min [mm], 20 elements"].rows[1][1] == f"{-20.0 * (1.025 + 3 / 2000**0.5):.2f}"
+    assert by_title[title].heading == ("steps", "newton@moreau-jean", "newton@newmark")
+    assert by_title[title].rows[0][2] == "diverged"
+    assert (
+        by_title["y1 min [mm], 20 elements"].rows[1][1] == f"{-20.0 * (1.025 + 3 / 2000**0.5):.2f}"
+    )
 
 
 def test_the_interval_contains_the_limit_and_finer_runs() -> None:
     """Errors of order 1/2 in time and 1 in space: what is left beyond the finest is known."""
-    found = whole(ladder(limit_steps=0))
-    law = found.ladder.methods[0]
+    convergence = whole(ladder(limit_steps=0))
+    law = convergence.ladder.methods[0]
     scale = 15.0 * (1.0 + 3.0 / 4000**0.5 + 0.5 / 20.0)
-    line = found.ladder.along_steps(law, 20)
-    away, left = found.interval(line[0], line, "steps")
+    line = convergence.ladder.along_steps(law, 20)
+    away, left = convergence.interval(line[0], line, "steps")
     assert away == pytest.approx(96.0 * (500**-0.5 - 4000**-0.5) / scale, rel=1e-6)
     assert left == pytest.approx(96.0 * 4000**-0.5 / scale, rel=0.1)  # each in its own scale
-    line = found.ladder.along_meshes(law, 4000)
-    away, left = found.interval(line[1], line, "elements")
+    line = convergence.ladder.along_meshes(law, 4000)
+    away, left = convergence.interval(line[1], line, "elements")
     assert left == pytest.approx(16.0 / 40.0 / (15.0 * (1.0 + 3.0 / 4000**0.5 + 0.0125)), rel=0.05)
     assert away == pytest.approx(16.0 / 10.0 * 0.75 / 15.0, rel=0.06)
-    assert math.isnan(found.interval(line[2], line, "elements")[1])  # one finer run is too few
+    assert math.isnan(
+        convergence.interval(line[2], line, "elements")[1]
+    )  # one finer run is too few
 
 
 def test_errors_that_do_not_shrink_have_no_interval() -> None:
-    found = whole(ladder(limit_steps=0))
-    line = found.ladder.along_steps(found.ladder.methods[0], 20)
+    convergence = whole(ladder(limit_steps=0))
+    line = convergence.ladder.along_steps(convergence.ladder.methods[0], 20)
     for rung, value in zip(line, (0.010, 0.012, 0.014, 0.016), strict=True):
-        found.results[rung.key].statistics["tip_max_1"] = (value, 1e-9)
-    assert math.isinf(found.interval(line[0], line, "steps")[1])
+        convergence.results[rung.key].statistics["tip_max_1"] = (value, 1e-9)
+    assert math.isinf(convergence.interval(line[0], line, "steps")[1])
     assert "errors do not shrink from rung to rung" in verdict(
-        Convergence(ladder(laws=LAW, meshes=(20,), limit_steps=0), found.results)
+        Convergence(ladder(laws=LAW, meshes=(20,), limit_steps=0), convergence.results)
     )
 
 
 def test_scatter_widens_the_interval() -> None:
-    found = whole(ladder(limit_steps=0))
-    line = found.ladder.along_steps(found.ladder.methods[0], 20)
-    narrow = found.interval(line[0], line, "steps")
-    mean, _ = found.results[line[-1].key].statistics["tip_max_2"]
-    found.results[line[-1].key].statistics["tip_max_2"] = (mean, 3e-4)
-    away, left = found.interval(line[0], line, "steps")
+    convergence = whole(ladder(limit_steps=0))
+    line = convergence.ladder.along_steps(convergence.ladder.methods[0], 20)
+    narrow = convergence.interval(line[0], line, "steps")
+    mean, _ = convergence.results[line[-1].key].statistics["tip_max_2"]
+    convergence.results[line[-1].key].statistics["tip_max_2"] = (mean, 3e-4)
+    away, left = convergence.interval(line[0], line, "steps")
     half = 15.0 * (1.0 + 3.0 / 4000**0.5 + 0.5 / 20.0)
     assert away == narrow[0]
     assert left == pytest.approx(narrow[1] + 2.0 * 0.3 / 30**0.5 / half, rel=1e-3)
 
 
 def test_the_verdict_names_the_cheapest_run_within_one_per_cent() -> None:
-    found = whole(ladder(meshes=(20, 40, 80, 160, 320, 640), steps=(4000,), limit_steps=0))
-    assert verdict(found) == (
+    convergence = whole(ladder(meshes=(20, 40, 80, 160, 320, 640), steps=(4000,), limit_steps=0))
+    assert verdict(convergence) == (
         "Within 1 % of the limit of the tip extremes, and cheapest: newton@moreau-jean, 160 "
         "elements, 4000 steps per period (2 ms of processor time per period), 0.48 ± 0.16 %; only "
         "elements were refined."
     )
-    shown = {table.title: table for table in overview(found)}
+    by_title = {table.title: table for table in overview(convergence)}
     title = "distance of the tip extremes from the finest elements of each method ± what is left"
-    table = shown[f"{title} beyond [%], 4000 steps per period"]
+    table = by_title[f"{title} beyond [%], 4000 steps per period"]
     assert table.rows[3][:2] == ("160", "0.48 ± 0.16")
 
 
@@ -226,16 +232,18 @@ def test_the_verdict_says_why_no_run_is_near() -> None:
 def test_verdict_on_elastic_impacts_names_no_limit() -> None:
     on = ladder(meshes=(20,))
     elastic = replace(on, case=on.case.with_overrides({"contact.restitution": 1.0}))
-    found = whole(elastic)
-    found.results[elastic.limit_of(20).key].statistics["impacts"] = (2551.4, 0.0)
+    convergence = whole(elastic)
+    convergence.results[elastic.limit_of(20).key].statistics["impacts"] = (2551.4, 0.0)
     said = "with e = 1 contact takes nothing"
-    assert said in verdict(found) and "(2551 at T/64000) grow with 1/Δt" in verdict(found)
+    assert said in verdict(convergence) and "(2551 at T/64000) grow with 1/Δt" in verdict(
+        convergence
+    )
     assert said not in verdict(whole(on))
 
 
 def test_figures_show_what_is_above_round_off() -> None:
-    found = whole(ladder())
-    axes = pictures(found)["free_steps"](found).axes[0]
+    convergence = whole(ladder())
+    axes = pictures(convergence)["free_steps"](convergence).axes[0]
     drawn = [line for line in axes.lines if not str(line.get_label()).startswith("order")]
     assert drawn and all((line.get_ydata() > FREE_FLOOR).all() for line in drawn)
     one = whole(ladder(meshes=(20,), limit_steps=0))
@@ -243,14 +251,14 @@ def test_figures_show_what_is_above_round_off() -> None:
 
 
 def test_without_a_limit_nothing_is_compared_with_it() -> None:
-    found = whole(ladder(limit_steps=0))
-    assert math.isnan(found.error(found.ladder.rungs()[-1]))
-    for table in (*tables(found), *overview(found)):
+    convergence = whole(ladder(limit_steps=0))
+    assert math.isnan(convergence.error(convergence.ladder.rungs()[-1]))
+    for table in (*tables(convergence), *overview(convergence)):
         assert "error [%]" not in table.heading
         assert "rigid limit" not in table.title
         assert {len(row) for row in table.rows} == {len(table.heading)}
     begin = f"# Convergence of case default\n\nfar\n\n{NO_LIMIT}\n\n**without"
-    assert page(found, "far").startswith(begin)
+    assert page(convergence, "far").startswith(begin)
     assert NO_LIMIT not in page(whole(ladder()), "far")
 
 
@@ -258,21 +266,21 @@ def test_every_finished_rung_is_kept(
     tmp_path: Path, counted: list[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     on = ladder(meshes=(20, 40), steps=(1000,))
-    kept = []
+    stages = []
 
     def look(done: int, total: int) -> None:
-        kept.append((len(load_results(tmp_path / RESULT)[0]), done, total))
+        stages.append((len(load_results(tmp_path / RESULT)[0]), done, total))
 
-    found = run_ladder(on, tmp_path, workers=1, progress=look)
-    assert found.is_complete
-    assert kept == [(k, k, 8) for k in range(9)] + [(8, 8, 8)]
+    convergence = run_ladder(on, tmp_path, workers=1, progress=look)
+    assert convergence.is_complete
+    assert stages == [(k, k, 8) for k in range(9)] + [(8, 8, 8)]
     assert [rung.key for rung in on.rungs()] == counted
     content = json.loads((tmp_path / RESULT).read_text("utf-8"))
     assert content["delam_fem"]
     caplog.clear()
-    assert load_results(tmp_path / RESULT)[0] == found.results
+    assert load_results(tmp_path / RESULT)[0] == convergence.results
     assert "damaged" not in caplog.text
-    assert found.results["newton@newmark 40 1000"].outcome == "diverged"
+    assert convergence.results["newton@newmark 40 1000"].outcome == "diverged"
 
 
 def test_a_ladder_goes_on_and_grows(tmp_path: Path, counted: list[str]) -> None:
@@ -282,14 +290,14 @@ def test_a_ladder_goes_on_and_grows(tmp_path: Path, counted: list[str]) -> None:
     grown = ladder(meshes=(20,), steps=(1000, 2000), laws="newton@moreau-jean,newton")
     with pytest.raises(CaseError, match="holds 3 rungs of a ladder; go on with --resume"):
         run_ladder(grown, tmp_path, workers=1)
-    found = run_ladder(grown, tmp_path, workers=1, resume=True)
+    convergence = run_ladder(grown, tmp_path, workers=1, resume=True)
     assert sorted(counted) == [
         "newton@moreau-jean 20 2000",
         "newton@newmark 20 1000",
         "newton@newmark 20 2000",
         "none 20 2000",
     ]
-    assert found.is_complete
+    assert convergence.is_complete
     content = json.loads((tmp_path / RESULT).read_text("utf-8"))
     content["identity"] = content["identity"].replace('motion = "lateral"\n', "")  # a default
     (tmp_path / RESULT).write_text(json.dumps(content), "utf-8")
@@ -320,20 +328,20 @@ def test_an_interrupted_ladder_keeps_what_is_done(
         return synthetic(rung, engine)
 
     monkeypatch.setattr(run_module, "compute", compute)
-    found = run_ladder(ladder(meshes=(20,), steps=(1000,)), tmp_path, workers=1)
-    assert not found.is_complete
-    assert list(load_results(tmp_path / RESULT)[0]) == done == list(found.results)
+    convergence = run_ladder(ladder(meshes=(20,), steps=(1000,)), tmp_path, workers=1)
+    assert not convergence.is_complete
+    assert list(load_results(tmp_path / RESULT)[0]) == done == list(convergence.results)
 
 
 def test_processes_compute_a_ladder(tmp_path: Path) -> None:
     on = ladder(
         meshes=(5,), steps=(250, 500), laws="newton@moreau-jean", limit_steps=1000, periods=2
     )
-    found = run_ladder(on, tmp_path, workers=2)
-    assert {result.outcome for result in found.results.values()} == {"completed"}
-    assert np.isfinite(found.error(on.rungs()[-2]))
-    assert found.error(on.limit_of(5)) == 0.0
-    assert all(found.cost(rung) > 0.0 for rung in on.rungs())
+    convergence = run_ladder(on, tmp_path, workers=2)
+    assert {result.outcome for result in convergence.results.values()} == {"completed"}
+    assert np.isfinite(convergence.error(on.rungs()[-2]))
+    assert convergence.error(on.limit_of(5)) == 0.0
+    assert all(convergence.cost(rung) > 0.0 for rung in on.rungs())
 
 
 def test_extremes_have_a_pair_for_each_tip() -> None:

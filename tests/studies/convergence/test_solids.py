@@ -24,7 +24,7 @@ def written(case: Case, path: Path) -> Path:
     """Write the built-in mesh of a case with the groups that a file must have."""
     mesh = lattice(case)
     cell, facet = TYPES[mesh.cell]
-    groups = {own.name: mesh.cells[mesh.lamina == i] for i, own in enumerate(case.lamina)}
+    groups = {lamina.name: mesh.cells[mesh.lamina == i] for i, lamina in enumerate(case.lamina)}
     groups |= {**mesh.supports, "thick-thin lower": mesh.sides[0].lower}
     groups["thick-thin upper"] = mesh.sides[0].upper
     kinds = [cell] * 2 + [facet] * (len(groups) - 2)
@@ -66,17 +66,19 @@ def test_size_of_a_mesh_of_ones_own_is_its_cells_along_the_laminae(
 @pytest.mark.slow
 def test_meshes_of_ones_own_are_judged_as_those_that_are_built_in(tmp_path: Path) -> None:
     case = df.preset("default", {"model.kind": "plane-stress", "mesh.elements": 2})
-    found = []
+    errors = []
     for meshes in (SIZES, files(case, tmp_path)):
         ladder = Ladder(case, (LAW,), meshes, (100,), 2, 0)
-        free, line = (ladder.along_meshes(own, 100) for own in (FREE, LAW))
-        own = Convergence(ladder, {rung.key: compute(rung, "compiled") for rung in (*free, *line)})
-        assert all(math.isfinite(part) for part in own.interval(line[0], line, "elements"))
-        assert re.search("[248] elements, 100 steps per period", verdict(own))
-        found.append([own.free_errors(rung) for rung in free])
-    np.testing.assert_allclose(*found, rtol=1e-6, atol=1e-9)
+        free, line = (ladder.along_meshes(law, 100) for law in (FREE, LAW))
+        convergence = Convergence(
+            ladder, {rung.key: compute(rung, "compiled") for rung in (*free, *line)}
+        )
+        assert all(math.isfinite(part) for part in convergence.interval(line[0], line, "elements"))
+        assert re.search("[248] elements, 100 steps per period", verdict(convergence))
+        errors.append([convergence.free_errors(rung) for rung in free])
+    np.testing.assert_allclose(*errors, rtol=1e-6, atol=1e-9)
     # cells that are too long are too stiff by as much in both laminae, each beside its own
     # frequency; the finest is compared with itself, in space
-    coarse, _, finest = found[0]
+    coarse, _, finest = errors[0]
     assert coarse[0] == pytest.approx(coarse[2], rel=0.1) and 0.01 < coarse[0] < 0.1
     assert abs(finest[[0, 2]]).max() < 0.1 * coarse[0]

@@ -19,24 +19,24 @@ def embedded(frequency: float, **keys: object) -> Case:
 
 @pytest.mark.parametrize("frequency", [57.0, 92.0, 135.0])
 def test_a_delamination_is_marked_exactly_at_40_db(frequency: float) -> None:
-    found = detect(embedded(frequency))
-    assert (found.mark.start, found.mark.end) == pytest.approx((0.12, 0.28))
-    assert not found.intact_marks["curvature"].is_detected
-    assert found.repeated.calls == 1.0
+    detection = detect(embedded(frequency))
+    assert (detection.mark.start, detection.mark.end) == pytest.approx((0.12, 0.28))
+    assert not detection.intact_marks["curvature"].is_detected
+    assert detection.repeated.calls == 1.0
     if frequency < 100.0:
-        assert found.contrast("curvature") > 10.0  # 17 to 23 without noise
-        assert 5.0 < found.contrast("V2") < 9.0
-    np.testing.assert_allclose(found.repeated.start, 0.12, atol=0.011)
+        assert detection.contrast("curvature") > 10.0  # 17 to 23 without noise
+        assert 5.0 < detection.contrast("V2") < 9.0
+    np.testing.assert_allclose(detection.repeated.start, 0.12, atol=0.011)
 
 
 def test_thd_points_to_the_wrong_places_near_resonance() -> None:
-    found = detect(embedded(63.7))
-    assert found.contrast("thd") < 1.0 < found.contrast("V2")
+    detection = detect(embedded(63.7))
+    assert detection.contrast("thd") < 1.0 < detection.contrast("V2")
 
 
 def test_a_shifted_grid_marks_its_nearest_points() -> None:
-    found = detect(embedded(80.0), Detect(first=0.005))
-    assert (found.mark.start, found.mark.end) == pytest.approx((0.125, 0.275))
+    detection = detect(embedded(80.0), Detect(first=0.005))
+    assert (detection.mark.start, detection.mark.end) == pytest.approx((0.125, 0.275))
 
 
 def test_the_index_depends_neither_on_the_amplitude_nor_much_on_the_steps() -> None:
@@ -65,8 +65,8 @@ def test_intact_beams_are_called_at_most_in_5_percent() -> None:
 
 
 def test_what_is_written(tmp_path: Path) -> None:
-    found = detect(embedded(80.0), repetitions=20)
-    found.save(tmp_path)
+    detection = detect(embedded(80.0), repetitions=20)
+    detection.save(tmp_path)
     numbers = json.loads((tmp_path / "detection.json").read_text("utf-8"))
     assert {"frequency", "index", "start", "end", "detected", "intact_called"} <= set(numbers)
     assert (numbers["frequency"], numbers["index"]) == (80.0, "curvature")
@@ -76,21 +76,21 @@ def test_what_is_written(tmp_path: Path) -> None:
 
 
 def test_a_beam_without_delamination_is_not_called() -> None:
-    found = detect(intact(embedded(80.0)), repetitions=50)
-    numbers = json_ready(found.report.numbers)
+    detection = detect(intact(embedded(80.0)), repetitions=50)
+    numbers = json_ready(detection.report.numbers)
     assert (numbers["detected"], numbers["start"], numbers["contrast"]) == (False, None, None)
-    assert found.repeated.calls <= 0.06
+    assert detection.repeated.calls <= 0.06
 
 
 def test_a_measured_field_is_judged_like_a_simulated_one() -> None:
     case, scan = embedded(80.0), Scan()
     simulated_one = simulated(case, scan)
     noise = simulated_one.noise_of(scan)
-    found = detect(case, measured=simulated_one.noisy(noise, 9), repetitions=50)
-    assert found.is_measured
-    assert (found.mark.start, found.mark.end) == pytest.approx((0.12, 0.28))
-    assert found.sample_noise == pytest.approx(noise, rel=0.6)
-    assert not found.intact_marks["curvature"].is_detected
+    detection = detect(case, measured=simulated_one.noisy(noise, 9), repetitions=50)
+    assert detection.is_measured
+    assert (detection.mark.start, detection.mark.end) == pytest.approx((0.12, 0.28))
+    assert detection.sample_noise == pytest.approx(noise, rel=0.6)
+    assert not detection.intact_marks["curvature"].is_detected
 
 
 @pytest.mark.parametrize("start", [0.02, 0.12])
@@ -100,10 +100,10 @@ def test_the_contrast_of_a_measured_field_is_that_of_the_find(start: float) -> N
     pure = simulated(rig, scan)
     case = embedded(80.0, **{"delamination.1.start": start, "delamination.1.end": start + 0.08})
     measured = pure.noisy(pure.noise_of(scan), 9)
-    found = detect(case, measured=measured, repetitions=20)
-    marked = (found.mark.x >= found.mark.start) & (found.mark.x <= found.mark.end)
-    exact = found.mark.values[marked].max() / found.mark.values[~marked].max()
-    assert found.report.numbers["contrast"] == pytest.approx(exact, rel=1e-9)
+    detection = detect(case, measured=measured, repetitions=20)
+    marked = (detection.mark.x >= detection.mark.start) & (detection.mark.x <= detection.mark.end)
+    exact = detection.mark.values[marked].max() / detection.mark.values[~marked].max()
+    assert detection.report.numbers["contrast"] == pytest.approx(exact, rel=1e-9)
     assert exact == pytest.approx(
         detect(rig).contrast("curvature"), rel=0.2
     )  # of a rig as its case

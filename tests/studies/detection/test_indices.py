@@ -30,24 +30,24 @@ def field_of(known: dict[float, np.ndarray], x: np.ndarray = X) -> np.ndarray:
 @pytest.mark.parametrize("x", [X, np.array([0.0, 0.1, 0.12, 0.2, 0.31, 0.4])])
 def test_the_curvature_of_a_parabola_is_its_second_derivative(x: np.ndarray) -> None:
     V2 = (3.0 - 4.0j) * (x**2 - 0.3 * x + 1.0)  # V'' = 2 (3 - 4i), of magnitude 10
-    found = mark("curvature", shapes_of(field_of({1.0: 1.0, 2.0: V2}, x), TIMES, F, x))
-    np.testing.assert_array_equal(found.x, x[1:-1])
-    np.testing.assert_allclose(found.values, 10.0, rtol=1e-8)
+    index_mark = mark("curvature", shapes_of(field_of({1.0: 1.0, 2.0: V2}, x), TIMES, F, x))
+    np.testing.assert_array_equal(index_mark.x, x[1:-1])
+    np.testing.assert_allclose(index_mark.values, 10.0, rtol=1e-8)
 
 
 def test_phase_matters_to_the_curvature() -> None:
     """A kink in the phase alone is a kink of the complex shape; |V2| is flat there."""
     V2 = np.where(X < 0.2, 1.0, 1j)
-    found = mark("curvature", shapes_of(field_of({1.0: 1.0, 2.0: V2}), TIMES, F, X))
-    assert np.flatnonzero(found.values > 1.0).tolist() == [18, 19]  # beside 0.2 m
-    assert found.values[18] == pytest.approx(math.sqrt(2.0) / 0.01**2)
+    index_mark = mark("curvature", shapes_of(field_of({1.0: 1.0, 2.0: V2}), TIMES, F, X))
+    assert np.flatnonzero(index_mark.values > 1.0).tolist() == [18, 19]  # beside 0.2 m
+    assert index_mark.values[18] == pytest.approx(math.sqrt(2.0) / 0.01**2)
 
 
 @pytest.mark.parametrize(("name", "order"), [("V2", 2.0), ("V3", 3.0), ("V1/2", 0.5)])
 def test_magnitudes_are_those_of_their_order(name: str, order: float) -> None:
     V = (0.6 + 0.8j) * X
-    found = mark(name, shapes_of(field_of({1.0: 1.0, order: V}), TIMES, F, X))
-    np.testing.assert_allclose(found.values, X, atol=1e-12)
+    index_mark = mark(name, shapes_of(field_of({1.0: 1.0, order: V}), TIMES, F, X))
+    np.testing.assert_allclose(index_mark.values, X, atol=1e-12)
 
 
 def test_distortion_and_thd_are_the_paper_s() -> None:
@@ -72,11 +72,11 @@ def test_a_linear_decay_has_no_drift_and_a_hardening_one_has_its_own() -> None:
     frequency = 20.0 * (1.0 + 0.1 * decay)  # 10 % higher at the start
     phase = 2 * math.pi * np.concatenate([[0.0], np.cumsum(frequency[:-1] * np.diff(times))])
     field = np.column_stack([linear, decay * np.sin(phase)])
-    found = frequency_drift(field, times)
-    assert abs(found[0]) < 1e-5
+    drifts = frequency_drift(field, times)
+    assert abs(drifts[0]) < 1e-5
     middle = 0.5 * (decay.max() + decay.min())
     upper, lower = decay[decay > middle].mean(), decay[decay < middle].mean()
-    assert found[1] == pytest.approx((1.0 + 0.1 * upper) / (1.0 + 0.1 * lower) - 1.0, rel=0.1)
+    assert drifts[1] == pytest.approx((1.0 + 0.1 * upper) / (1.0 + 0.1 * lower) - 1.0, rel=0.1)
 
 
 def test_the_drift_of_a_few_cycles_is_not_a_number() -> None:
@@ -95,8 +95,8 @@ def test_noise_alone_exceeds_the_limits_as_rarely_as_promised(name: str, n: int)
     clean = Shapes(X, F, orders, values)
     called = 0
     for _ in range(n):
-        found = INDICES[name](clean.noisy(1e-3, rng), FALSE_CALLS)
-        called += bool((found.values > found.limits).any())
+        index_mark = INDICES[name](clean.noisy(1e-3, rng), FALSE_CALLS)
+        called += bool((index_mark.values > index_mark.limits).any())
     spread = 3.0 * math.sqrt(FALSE_CALLS / n)
     assert called / n < FALSE_CALLS + spread
     assert called / n > 0.5 * FALSE_CALLS - spread  # and the limit is not needlessly high
@@ -117,8 +117,8 @@ def test_healthy_beams_are_called_as_rarely_whatever_the_noise_of_their_points(
         field = still + 1e-3 * noise * rng.normal(size=still.shape)
         shapes = shapes_of(field, times, F, X)
         for k, name in enumerate(("curvature", "V2")):
-            found = INDICES[name](shapes, FALSE_CALLS)
-            called[k] += (found.values > found.limits).any()
+            index_mark = INDICES[name](shapes, FALSE_CALLS)
+            called[k] += (index_mark.values > index_mark.limits).any()
     assert (called <= binom.ppf(0.999, n, FALSE_CALLS)).all(), called / n
     assert (called >= binom.ppf(0.001, n, 0.5 * FALSE_CALLS)).all(), called / n
 
@@ -136,7 +136,7 @@ def test_the_limit_grows_with_the_noise_and_falls_with_the_spacing() -> None:
 def test_noise_is_measured_on_the_field_itself() -> None:
     rng = np.random.default_rng(2)
     field = field_of({1.0: 1.0 + X}) + rng.normal(scale=0.01, size=(TIMES.size, X.size))
-    found = mark("curvature", shapes_of(field, TIMES, F, X))
+    index_mark = mark("curvature", shapes_of(field, TIMES, F, X))
     again = curvature(shapes_of(field, TIMES, F, X))
-    np.testing.assert_array_equal(found.limits, again.limits)
-    assert not (found.values > found.limits).any()
+    np.testing.assert_array_equal(index_mark.limits, again.limits)
+    assert not (index_mark.values > index_mark.limits).any()

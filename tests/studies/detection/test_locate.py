@@ -17,29 +17,29 @@ def bump(noise: float = 0.0) -> Shapes:
 
 
 def test_the_ends_of_a_bump_are_marked_and_the_middle_is_filled() -> None:
-    found = mark("curvature", bump())
-    assert (found.start, found.end) == pytest.approx((0.1, 0.2))
+    index_mark = mark("curvature", bump())
+    assert (index_mark.start, index_mark.end) == pytest.approx((0.1, 0.2))
     assert mark("V2", bump()).start == pytest.approx(0.12)
     two = np.where((X > 0.1) & (X < 0.2), np.abs(np.sin(20.0 * np.pi * (X - 0.1))), 0.0)
     values = np.stack([np.ones(41), two]).astype(complex)
-    found = mark("V2", Shapes(X, 10.0, (1.0, 2.0), values))
-    assert (found.start, found.end) == pytest.approx((0.11, 0.19))
-    assert not found.is_marked[15]  # between both bumps
+    index_mark = mark("V2", Shapes(X, 10.0, (1.0, 2.0), values))
+    assert (index_mark.start, index_mark.end) == pytest.approx((0.11, 0.19))
+    assert not index_mark.is_marked[15]  # between both bumps
 
 
 def test_below_the_limit_of_noise_nothing_is_marked() -> None:
-    found = mark("curvature", bump(noise=1.0))
-    assert not found.is_detected
-    assert np.isnan(found.start)
+    index_mark = mark("curvature", bump(noise=1.0))
+    assert not index_mark.is_detected
+    assert np.isnan(index_mark.start)
 
 
 def test_the_contrast_is_that_of_the_largest_values() -> None:
     values = np.array([1.0, 2.0, 9.0, 6.0, 3.0])
     x = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    own = Mark(x, values, np.zeros(5))
-    assert own.contrast(2.0, 3.0) == pytest.approx(3.0)
-    assert np.isnan(own.contrast(0.0, 4.0))
-    assert np.isnan(own.contrast(1.2, 1.8))
+    index_mark = Mark(x, values, np.zeros(5))
+    assert index_mark.contrast(2.0, 3.0) == pytest.approx(3.0)
+    assert np.isnan(index_mark.contrast(0.0, 4.0))
+    assert np.isnan(index_mark.contrast(1.2, 1.8))
 
 
 def test_noise_moves_the_ends_and_much_noise_hides_them() -> None:
@@ -57,6 +57,6 @@ def test_noise_moves_the_ends_and_much_noise_hides_them() -> None:
 
 def test_no_call_has_no_bounds() -> None:
     empty = Shapes(X, 10.0, (1.0, 2.0), np.zeros((2, 41), dtype=complex))
-    found = repeated("curvature", empty, 1.0, repetitions=5, seed=2)
-    assert found.calls == 0.0
-    assert np.isnan(found.start).all()
+    outcome = repeated("curvature", empty, 1.0, repetitions=5, seed=2)
+    assert outcome.calls == 0.0
+    assert np.isnan(outcome.start).all()

@@ -20,9 +20,9 @@ def embedded(**keys: object) -> Case:
 def test_an_intact_beam_moves_as_linear_theory_says() -> None:
     case = intact(embedded(**{"time.steps_per_period": 800}))
     scan = Scan(first=0.0, quantity="displacement", sampling_rate=80.0 * 20)
-    found = simulated(case, scan)
-    assert found.field.shape == (16 * 20, 41)
-    shapes = shapes_of(found.field, found.times, 80.0, found.x)
+    measurement = simulated(case, scan)
+    assert measurement.field.shape == (16 * 20, 41)
+    shapes = shapes_of(measurement.field, measurement.times, 80.0, measurement.x)
     middle = abs(shapes.order(1.0)[20])
     expected = linear_amplitudes(case, np.array([80.0]))[0, 0]  # the probe is in the middle
     assert middle == pytest.approx(expected, rel=2e-3)  # of the time step
@@ -56,12 +56,14 @@ def test_the_steady_motion_is_a_steady_state_of_the_closed_structure() -> None:
 
 
 def test_noise_in_decibels_and_as_a_density() -> None:
-    found = simulated(intact(embedded()), Scan())
-    assert found.noise_of(Scan(noise_db=20.0)) == pytest.approx(0.1 * found.rms)
-    assert found.noise_of(Scan(noise_db=20.0, averages=4)) == pytest.approx(0.05 * found.rms)
+    measurement = simulated(intact(embedded()), Scan())
+    assert measurement.noise_of(Scan(noise_db=20.0)) == pytest.approx(0.1 * measurement.rms)
+    assert measurement.noise_of(Scan(noise_db=20.0, averages=4)) == pytest.approx(
+        0.05 * measurement.rms
+    )
     white = Scan(noise_density=1e-6)  # white up to half of 50 * 80 Hz
-    assert found.noise_of(white) == pytest.approx(1e-6 * np.sqrt(2000.0))
-    added = found.noisy(0.3, seed=4).field - found.field
+    assert measurement.noise_of(white) == pytest.approx(1e-6 * np.sqrt(2000.0))
+    added = measurement.noisy(0.3, seed=4).field - measurement.field
     assert np.std(added) == pytest.approx(0.3, rel=0.02)
 
 

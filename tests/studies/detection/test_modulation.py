@@ -33,33 +33,33 @@ def test_both_tones_act_for_whole_common_periods() -> None:
     assert both.times[half] - both.times[0] == pytest.approx(0.1)
     size = np.ptp(both.field)
     np.testing.assert_allclose(both.field[half:], both.field[:half], atol=1e-3 * size)
-    for own, frequency in ((pump, PUMP), (case, PROBE)):
-        alone = simulated(own, Scan(periods=4, sampling_rate=50 * PROBE))
-        found, expected = (
+    for tone, frequency in ((pump, PUMP), (case, PROBE)):
+        alone = simulated(tone, Scan(periods=4, sampling_rate=50 * PROBE))
+        sizes, expected = (
             np.abs(amplitudes(one.field, one.times, [frequency]))[0] for one in (both, alone)
         )
-        np.testing.assert_allclose(found, expected, rtol=0.01, atol=1e-3 * expected.max())
+        np.testing.assert_allclose(sizes, expected, rtol=0.01, atol=1e-3 * expected.max())
 
 
 def test_an_intact_beam_has_no_sidebands_without_noise() -> None:
     case = intact(embedded())
-    found = simulated(case, Scan(periods=1), pump=pump_of(case, PUMP, 0.1))
-    assert sideband_ratio(found.field, found.times, PUMP, PROBE).max() < 1e-6
+    measurement = simulated(case, Scan(periods=1), pump=pump_of(case, PUMP, 0.1))
+    assert sideband_ratio(measurement.field, measurement.times, PUMP, PROBE).max() < 1e-6
 
 
 def test_a_delamination_is_called_and_its_intact_structure_is_not() -> None:
-    found = modulation(embedded(), options(2))
-    assert found.mark.is_over.any() and not found.intact_mark.is_over.any()
-    assert found.gain > 50.0  # 235 measured
-    assert np.median(found.mark.values) > 0.1
+    result = modulation(embedded(), options(2))
+    assert result.mark.is_over.any() and not result.intact_mark.is_over.any()
+    assert result.gain > 50.0  # 235 measured
+    assert np.median(result.mark.values) > 0.1
 
 
 def test_one_more_record_exceeds_the_limit_in_1_percent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 200 records and one more the largest two of all are 1 %."""
     largest = iter([*np.random.default_rng(1).permutation(200), 0.0, 0.0])
     monkeypatch.setattr(module, "sideband_ratio", lambda *_: np.array([1.0 + next(largest)]))
-    found = modulation(embedded(), options(1))
-    assert found.mark.limits == pytest.approx([198.99])
+    result = modulation(embedded(), options(1))
+    assert result.mark.limits == pytest.approx([198.99])
 
 
 @pytest.mark.parametrize("frequency", [0.0, 50.0, 400.0, 60.0001])

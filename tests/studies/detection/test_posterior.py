@@ -20,7 +20,7 @@ def test_the_prior_of_a_case_has_its_proportions() -> None:
 def test_the_case_itself_is_observed_at_each_frequency() -> None:
     np.testing.assert_allclose(truth_of(CASE), [0.12, 0.28, 0.0006])
     both = observed(CASE, (92.0, 250.0))
-    assert [own.frequency for own in both] == [92.0, 250.0]
+    assert [specimen.frequency for specimen in both] == [92.0, 250.0]
     assert both[0].length == pytest.approx(0.16)
     assert both[0].support == "clamped"
 
@@ -28,13 +28,13 @@ def test_the_case_itself_is_observed_at_each_frequency() -> None:
 def test_a_posterior_is_written_and_drawn(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     samples = truth_of(CASE) * rng.normal(1.0, 0.02, size=(400, 3))
-    found = Inferred(CASE, Posterior(samples, np.full(400, 1 / 400)), 400)
-    path, picture, _ = found.save(tmp_path)
+    inference = Inferred(CASE, Posterior(samples, np.full(400, 1 / 400)), 400)
+    path, picture, _ = inference.save(tmp_path)
     numbers = json.loads(path.read_text("utf-8"))
     np.testing.assert_allclose(numbers["median"], truth_of(CASE), rtol=0.01)
     low, high = np.array(numbers["interval_90"]).T
     np.testing.assert_allclose((high - low) / truth_of(CASE), 2 * 1.645 * 0.02, rtol=0.2)
-    assert found.report.tables[0].rows[0][:2] == ("start", "120")
+    assert inference.report.tables[0].rows[0][:2] == ("start", "120")
     assert numbers["identified"] == [True] * 3
     assert picture == tmp_path / "figures" / "posterior.png" and picture.is_file()
 

@@ -26,13 +26,13 @@ def test_the_regression_finds_the_curve_that_made_the_hits() -> None:
     rng = np.random.default_rng(1)
     a = np.exp(rng.uniform(np.log(0.01), np.log(1.0), 20_000))
     truth = 1.0 / (1.0 + np.exp(-(6.0 + 3.0 * np.log(a))))
-    found = logistic(a, rng.uniform(size=a.size) < truth)
-    np.testing.assert_allclose(found.beta, [6.0, 3.0], rtol=0.05)
+    curve = logistic(a, rng.uniform(size=a.size) < truth)
+    np.testing.assert_allclose(curve.beta, [6.0, 3.0], rtol=0.05)
     a90 = np.exp((np.log(9.0) - 6.0) / 3.0)
-    assert found.length(0.9) == pytest.approx(a90, rel=0.03)
-    assert a90 < found.length(0.9, 0.95) < 1.1 * a90  # few data make it larger
+    assert curve.length(0.9) == pytest.approx(a90, rel=0.03)
+    assert a90 < curve.length(0.9, 0.95) < 1.1 * a90  # few data make it larger
     few = logistic(a[:200], rng.uniform(size=200) < truth[:200])
-    assert few.length(0.9, 0.95) / few.length(0.9) > found.length(0.9, 0.95) / found.length(0.9)
+    assert few.length(0.9, 0.95) / few.length(0.9) > curve.length(0.9, 0.95) / curve.length(0.9)
 
 
 def test_bounds_cover_the_true_a90() -> None:
@@ -48,8 +48,8 @@ def test_bounds_cover_the_true_a90() -> None:
 
 @pytest.mark.parametrize("hits", [[0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1]])
 def test_without_overlap_there_is_no_regression(hits: list[int]) -> None:
-    found = logistic(np.array([0.1, 0.2, 0.3, 0.4]), np.array(hits, dtype=bool))
-    assert np.isnan(found.length(0.9))
+    curve = logistic(np.array([0.1, 0.2, 0.3, 0.4]), np.array(hits, dtype=bool))
+    assert np.isnan(curve.length(0.9))
 
 
 def test_roc_of_known_scores() -> None:
@@ -73,31 +73,31 @@ def test_a_small_study(tmp_path: Path) -> None:
         for half in (0.01, 0.02, 0.04, 0.08)
         for depth in (0.0003, 0.0009)
     ]
-    found = population(case, specimens, tmp_path, "serial")
-    judged = trials(case, found, 40.0)
+    runs = population(case, specimens, tmp_path, "serial")
+    judged = trials(case, runs, 40.0)
     assert judged.hit[-2:].all() and not judged.hit[1]  # long ones; short and deep
     assert end_error(judged) <= 0.03 * case.length
-    assert not trials(case, found, -40.0).hit.any()
+    assert not trials(case, runs, -40.0).hit.any()
     # what a shaker adds that distorts is taken away, as detect does
     beam = intact(case.with_overrides({"excitation.frequency": 250.0, "mesh.elements": ELEMENTS}))
-    added = np.zeros_like(found.values)
-    added[:, found.orders.index(2.0)] = drive_responses(beam, "upper", found.x, 250.0)[2.0]
-    shaken = replace(found, values=found.values + added * abs(found.values).max())
+    added = np.zeros_like(runs.values)
+    added[:, runs.orders.index(2.0)] = drive_responses(beam, "upper", runs.x, 250.0)[2.0]
+    shaken = replace(runs, values=runs.values + added * abs(runs.values).max())
     np.testing.assert_allclose(trials(case, shaken, 40.0).score, judged.score, rtol=1e-6)
-    study = pod(case, found, (40.0,))
+    study = pod(case, runs, (40.0,))
     assert study.recommended == {("clamped", 40.0): 250.0}
     assert tuple(study.report.tables[0].rows[0][:3]) == ("clamped", "40", "250")
     assert all(path.is_file() for path in study.save(tmp_path))
     again = population(case, specimens, tmp_path, "serial", resume=True)
-    np.testing.assert_array_equal(again.values, found.values)
+    np.testing.assert_array_equal(again.values, runs.values)
 
 
 def test_the_grid_is_the_promised_one() -> None:
     specimens = grid(preset("embedded"), ("clamped", "free"), (92.0,))
     assert len(specimens) == 2 * 8 * 3 * 5
-    assert min(own.start for own in specimens) > 0.0
-    assert max(own.end for own in specimens) < 0.4
-    shares = sorted({round(own.length / 0.4, 6) for own in specimens})
+    assert min(specimen.start for specimen in specimens) > 0.0
+    assert max(specimen.end for specimen in specimens) < 0.4
+    shares = sorted({round(specimen.length / 0.4, 6) for specimen in specimens})
     assert (shares[0], shares[-1]) == (0.05, 0.4)
 
 

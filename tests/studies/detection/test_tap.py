@@ -26,7 +26,7 @@ RIGID = {key: value for key, value in BLOW.items() if key != "stiffness"}
 
 def case_of(**sections: Any) -> Case:
     """Return the case of docs/examples/tap.py with fewer elements and steps."""
-    given = {
+    data = {
         "name": "tap",
         "lamina": [{"name": "lower", "thickness": 0.02} | LAYER,
                    {"name": "upper", "thickness": 0.002} | LAYER],
@@ -39,7 +39,7 @@ def case_of(**sections: Any) -> Case:
         "contact": {"law": "penalty", "penalty_stiffness": CONTACT},
         "time": {"steps_per_period": 1000, "periods": 1},
     }  # fmt: skip
-    return Case(**(given | sections))
+    return Case(**(data | sections))
 
 
 def test_the_length_of_half_a_sine_is_known() -> None:
@@ -56,22 +56,22 @@ def test_the_length_of_half_a_sine_is_known() -> None:
 def test_the_index_is_the_spring_of_the_layer_above_it() -> None:
     """k_c / k_d with k_d = 3 EI a³ / (x (a - x))³, and 0 on sound places, in a middle tap."""
     case = case_of()
-    found = df.tap(case, spacing=0.02, noise_db=80.0)
-    at = dict(zip(found.mark.x.round(3).tolist(), found.mark.values.tolist(), strict=True))
+    result = df.tap(case, spacing=0.02, noise_db=80.0)
+    at = dict(zip(result.mark.x.round(3).tolist(), result.mark.values.tolist(), strict=True))
     a, EI = END - START, case.lamina[1].flexural_rigidity
     for x in (0.18, 0.2, 0.22):
         k = 3.0 * EI * a**3 / ((x - START) * (END - x)) ** 3
         longer = math.sqrt((1.0 + at[x]) / (1.0 + CONTACT / k))
         assert 1.0 < longer < 1.15, (x, longer)  # its edges give way, and it has a mass
     assert abs(at[0.08]) < 0.02
-    assert found.mark.x[found.mark.is_over].tolist() == pytest.approx([0.18, 0.2, 0.22])
-    assert not found.intact_mark.is_over.any()
+    assert result.mark.x[result.mark.is_over].tolist() == pytest.approx([0.18, 0.2, 0.22])
+    assert not result.intact_mark.is_over.any()
 
 
 def test_healthy_plates_are_called_as_rarely_as_promised() -> None:
     """Of 400 with noise of 30 dB about 1 %; without the limit's margin far more."""
-    whole, x = intact(case_of()), np.linspace(0.02, 0.38, 10)
-    times, force = taps(whole, "upper", x)
+    intact_case, x = intact(case_of()), np.linspace(0.02, 0.38, 10)
+    times, force = taps(intact_case, "upper", x)
     sound, rng = lengths(force, times), np.random.default_rng(7)
     limit = limits(force, times, 30.0, np.random.default_rng(8)) - LEAST
     called = half = 0
@@ -97,14 +97,14 @@ def test_measured_taps_are_judged_whatever_the_hammer(tmp_path: Path) -> None:
     path.write_text(case.to_toml())
     channels = [f"--channel={name}={name}:kN@{at:.2f}/upper"
                 for name, at in zip(names, x.tolist(), strict=True)]  # fmt: skip
-    given = CliRunner().invoke(
+    result = CliRunner().invoke(
         app, ["detect", "tap", str(path), "-o", str(tmp_path / "out"), "--measured", str(table),
               *channels, "--noise-db", "40"],
     )  # fmt: skip
-    assert given.exit_code == 0, given.output
-    found = json.loads((tmp_path / "out" / "tap.json").read_text())
-    assert found["is_measured"] and found["detected"] and not found["intact_called"]
-    assert (found["start"], found["end"]) == pytest.approx((0.18, 0.22))
+    assert result.exit_code == 0, result.output
+    content = json.loads((tmp_path / "out" / "tap.json").read_text())
+    assert content["is_measured"] and content["detected"] and not content["intact_called"]
+    assert (content["start"], content["end"]) == pytest.approx((0.18, 0.22))
     assert (tmp_path / "out" / "figures" / "tap.png").stat().st_size > 10_000
 
 
@@ -136,10 +136,13 @@ def test_laminae_apart_and_few_points_are_told() -> None:
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 def test_a_model_that_is_somewhat_stiffer_calls_nothing(factor: float) -> None:
     """What a wrong stiffness makes of sound taps is below `LEAST`, and there is something."""
-    whole, x = intact(case_of()), np.linspace(0.02, 0.38, 19)
-    keys = {f"lamina.{own.name}.young_modulus": factor * own.young_modulus for own in whole.lamina}
+    intact_case, x = intact(case_of()), np.linspace(0.02, 0.38, 19)
+    keys = {
+        f"lamina.{lamina.name}.young_modulus": factor * lamina.young_modulus
+        for lamina in intact_case.lamina
+    }
     (times, model), (_, force) = (
-        taps(case, "upper", x) for case in (whole, whole.with_overrides(keys))
+        taps(case, "upper", x) for case in (intact_case, intact_case.with_overrides(keys))
     )
     values = index(lengths(force, times), lengths(model, times))
     assert 0.2 * LEAST < np.abs(values).max() < LEAST

@@ -128,8 +128,8 @@ def test_unsettled_points_are_hatched_and_of_no_order() -> None:
         panel = figure.axes[0]
         assert "not settled (17 %)" in legend(figure), kind
         (hatched,) = [c for c in panel.collections if c.get_hatch()]
-        shown = np.isfinite(np.ma.filled(hatched.get_array(), np.nan))
-        assert np.flatnonzero(shown).size == 1, kind
+        is_hatched = np.isfinite(np.ma.filled(hatched.get_array(), np.nan))
+        assert np.flatnonzero(is_hatched).size == 1, kind
         others = diagram(kind, unsettled(plane())).axes[0].collections
         assert not [c for c in others if c.get_hatch()]
     texts = legend(diagram("plane", data))
@@ -377,5 +377,5 @@ def test_a_sweep_none_of_whose_points_works_leaves_with_1(tmp_path: Path) -> Non
 def test_a_cell_of_a_map_ends_between_its_place_and_the_next(
     places: list[float], is_logarithmic: bool, expected: list[float]
 ) -> None:
-    found = edges(np.array(places), is_logarithmic=is_logarithmic)
-    assert found.tolist() == pytest.approx(expected, rel=1e-6)
+    borders = edges(np.array(places), is_logarithmic=is_logarithmic)
+    assert borders.tolist() == pytest.approx(expected, rel=1e-6)

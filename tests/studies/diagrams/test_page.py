@@ -60,9 +60,9 @@ def test_the_sentence_counts_outcomes_and_periods() -> None:
 
 def test_commands_run_the_cases_of_their_points(tmp_path: Path) -> None:
     folder = tmp_path / "a sweep"
-    found = list(points(plane(), folder))
-    assert [point.number for point in found] == list(range(6))
-    words = shlex.split(found[4].command)
+    sweep_points = list(points(plane(), folder))
+    assert [point.number for point in sweep_points] == list(range(6))
+    words = shlex.split(sweep_points[4].command)
     assert words[:3] == ["delam-fem", "run", str(folder / "case.toml")]
     assert words[-2:] == ["-o", str(folder / "points" / "4")]
     keys = dict(parse_override(text) for text in words[4:-2:2])
@@ -71,8 +71,8 @@ def test_commands_run_the_cases_of_their_points(tmp_path: Path) -> None:
 
 
 def test_points_with_initial_states_have_no_command(tmp_path: Path) -> None:
-    found = list(points(plane(second="initial.thick.displacement"), tmp_path))
-    assert {point.command for point in found} == {""}
+    sweep_points = list(points(plane(second="initial.thick.displacement"), tmp_path))
+    assert {point.command for point in sweep_points} == {""}
 
 
 def test_cells_have_their_colours_and_lead_to_their_runs(tmp_path: Path) -> None:

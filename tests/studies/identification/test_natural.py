@@ -49,13 +49,13 @@ def test_each_time_has_the_place_of_its_own_and_an_interval_as_wide_as_the_error
     """The slope of the exact frequency says how wide: the error is the only doubt."""
     path = measured(tmp_path / "m.nc", np.array([exact(PLACES[0]), np.nan, exact(PLACES[1])]))
     told: list[tuple[int, int]] = []
-    found = df.natural(
+    result = df.natural(
         CASE, tmp_path / "out", measured=path, unknown=("support.2.position=0.05:0.25",),
         uncertain=(), simulations=60, progress=lambda *counts: told.append(counts),
     )  # fmt: skip
     assert told == [(k, 60) for k in range(1, 61)]
-    assert found.time.tolist() == [0.0, 2.0]
-    for (low, middle, high), place in zip(found.quantiles[:, :, 0], PLACES, strict=True):
+    assert result.time.tolist() == [0.0, 2.0]
+    for (low, middle, high), place in zip(result.quantiles[:, :, 0], PLACES, strict=True):
         width = 2.0 * 1.645 * ERROR / float(exact(place + 5e-4) - exact(place - 5e-4)) * 1e-3
         assert low < place < high
         assert middle == pytest.approx(place, abs=0.5 * width)

@@ -112,7 +112,7 @@ def test_errors_of_what_the_model_leaves_out_are_those_of_a_jackknife() -> None:
     blocks = np.repeat(np.arange(BLOCKS), 40)
     residual = rng.normal(size=BLOCKS)[blocks] + 0.01 * rng.normal(size=n)
     residual -= jacobian @ np.linalg.lstsq(jacobian, residual, rcond=None)[0]
-    kept = [blocks != k for k in range(BLOCKS)]
-    fits = np.array([np.linalg.lstsq(jacobian[k], residual[k], rcond=None)[0] for k in kept])
+    masks = [blocks != k for k in range(BLOCKS)]
+    fits = np.array([np.linalg.lstsq(jacobian[k], residual[k], rcond=None)[0] for k in masks])
     expected = (BLOCKS - 1) / BLOCKS * ((fits - fits.mean(axis=0)) ** 2).sum(axis=0)
     np.testing.assert_allclose(np.diag(_covariance(jacobian, residual))[0], expected[0], rtol=1e-6)

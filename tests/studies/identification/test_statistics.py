@@ -18,8 +18,8 @@ def history(time: np.ndarray, shift: float = 0.0) -> np.ndarray:
 
 def test_harmonics_of_a_history_are_found() -> None:
     time = np.arange(0.0, 4.0, 0.003)
-    found, scatter = identify.of_history(time, history(time), FREQUENCY)
-    np.testing.assert_allclose(found, HARMONICS, atol=1e-10)
+    harmonics, scatter = identify.of_history(time, history(time), FREQUENCY)
+    np.testing.assert_allclose(harmonics, HARMONICS, atol=1e-10)
     assert scatter < 1e-10
 
 
@@ -28,10 +28,10 @@ def test_statistics_do_not_depend_on_the_origin_of_time() -> None:
     here, _ = identify.of_history(time, history(time), FREQUENCY)
     there, _ = identify.of_history(time, history(time, shift=0.123), FREQUENCY)
     assert not np.allclose(here, there, atol=0.1)
-    found = identify.invariant(here)
-    np.testing.assert_allclose(identify.invariant(there), found, atol=1e-10)
-    assert found.shape == (19,)
-    assert found[0] == pytest.approx(abs(HARMONICS[0, 0]))
+    invariants = identify.invariant(here)
+    np.testing.assert_allclose(identify.invariant(there), invariants, atol=1e-10)
+    assert invariants.shape == (19,)
+    assert invariants[0] == pytest.approx(abs(HARMONICS[0, 0]))
 
 
 def test_noise_is_found_as_scatter_and_harmonics_have_its_error() -> None:
@@ -39,9 +39,9 @@ def test_noise_is_found_as_scatter_and_harmonics_have_its_error() -> None:
     rng, deviations = np.random.default_rng(1), []
     for _ in range(20):
         noise = 0.1 * rng.standard_normal((2, time.size))
-        found, scatter = identify.of_history(time, history(time) + noise, FREQUENCY)
+        harmonics, scatter = identify.of_history(time, history(time) + noise, FREQUENCY)
         assert scatter == pytest.approx(0.1, rel=0.05)
-        deviations.append(np.abs(found - HARMONICS))
+        deviations.append(np.abs(harmonics - HARMONICS))
     expected = 0.1 * np.sqrt(2.0 * 2.0 / time.size)  # both parts
     assert np.sqrt(np.mean(np.square(deviations))) == pytest.approx(expected, rel=0.15)
 
@@ -50,10 +50,10 @@ def test_higher_harmonics_of_an_impact_are_no_noise() -> None:
     time = np.arange(0.0, 20.0, 0.003)
     cusp = np.abs(np.sin(np.pi * FREQUENCY * time))  # its harmonics fall as 1/k²
     noise = 2e-3 * np.random.default_rng(1).standard_normal((2, time.size))
-    found, scatter = identify.of_history(time, cusp + noise, FREQUENCY)
+    harmonics, scatter = identify.of_history(time, cusp + noise, FREQUENCY)
     assert scatter == pytest.approx(2e-3, rel=0.1)  # 0.013 with five harmonics
     k = np.arange(1, 6)
-    np.testing.assert_allclose(np.abs(found[0]), 4.0 / np.pi / (4 * k**2 - 1), atol=2e-4)
+    np.testing.assert_allclose(np.abs(harmonics[0]), 4.0 / np.pi / (4 * k**2 - 1), atol=2e-4)
 
 
 def test_points_of_a_sweep_have_amplitude_and_phase() -> None:
@@ -61,8 +61,8 @@ def test_points_of_a_sweep_have_amplitude_and_phase() -> None:
     size, phase = RNG.uniform(1.0, 2.0, shape), RNG.uniform(-3.0, 3.0, shape)
     names = ("exponent", "lamina", "harmonic")
     sweep = xr.Dataset({"harmonic_amplitude": (names, size), "harmonic_phase": (names, phase)})
-    found = identify.of_points(sweep)
-    np.testing.assert_allclose(found, (size * np.exp(1j * phase))[..., :5])
+    harmonics = identify.of_points(sweep)
+    np.testing.assert_allclose(harmonics, (size * np.exp(1j * phase))[..., :5])
 
 
 @pytest.mark.parametrize("time", [np.linspace(0.0, 4.0, 20), np.linspace(0.0, 0.4, 2000)])

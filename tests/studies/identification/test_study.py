@@ -53,24 +53,26 @@ def write_tips(path: Path, given: Experiment) -> None:
 
 @pytest.mark.slow
 def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: Path) -> None:
-    given = experiment()
-    found = identify(
-        given, tmp_path / "a", simulations=220, finer=22, checks=100, executor="serial"
+    setup = experiment()
+    identification = identify(
+        setup, tmp_path / "a", simulations=220, finer=22, checks=100, executor="serial"
     )
-    low, high = found.posterior.interval(0.99)[0]
+    low, high = identification.posterior.interval(0.99)[0]
     assert low < 0.02 < high
     assert high - low < 0.6 * (0.05 - 0.004)
-    assert found.coverage is not None and np.all(found.coverage >= 0.8)
-    paths = found.save(tmp_path / "a")
+    assert identification.coverage is not None and np.all(identification.coverage >= 0.8)
+    paths = identification.save(tmp_path / "a")
     numbers = json.loads(paths[0].read_text())
-    own = numbers["unknowns"]["lamina.*.damping_ratio"]
-    assert own["truth"] == 0.02
-    assert own["interval_90"][0] < own["median"] < own["interval_90"][1]
+    entry = numbers["unknowns"]["lamina.*.damping_ratio"]
+    assert entry["truth"] == 0.02
+    assert entry["interval_90"][0] < entry["median"] < entry["interval_90"][1]
     assert paths[1].stat().st_size > 10_000
-    assert [row[0] for row in found.report.tables[0].rows] == [unknown.key for unknown in UNKNOWNS]
-    write_tips(tmp_path / "tips.csv", given)
+    assert [row[0] for row in identification.report.tables[0].rows] == [
+        unknown.key for unknown in UNKNOWNS
+    ]
+    write_tips(tmp_path / "tips.csv", setup)
     again = identify(
-        given, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=220, finer=22,
+        setup, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=220, finer=22,
         checks=0, executor="serial",
     )  # fmt: skip
     assert again.truth is None
@@ -80,13 +82,13 @@ def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: 
 
 
 def test_an_experiment_knows_its_keys_and_errors() -> None:
-    given = experiment()
-    assert given.truth == [0.02, 2.0]
-    assert UNKNOWNS[0].keys(given.case) == (
+    setup = experiment()
+    assert setup.truth == [0.02, 2.0]
+    assert UNKNOWNS[0].keys(setup.case) == (
         "lamina.thick.damping_ratio", "lamina.thin.damping_ratio",
     )  # fmt: skip
-    assert given.error == pytest.approx(1e-4 * np.sqrt(2.0 / 400))
-    drawn = uniform(given.bounds, 500, 1)
+    assert setup.error == pytest.approx(1e-4 * np.sqrt(2.0 / 400))
+    drawn = uniform(setup.bounds, 500, 1)
     assert np.all((drawn.min(axis=0) >= [0.004, 1.0]) & (drawn.max(axis=0) <= [0.05, 3.0]))
     assert np.all(np.ptp(drawn, axis=0) > [0.04, 1.9])
 
@@ -104,21 +106,21 @@ def test_a_wrong_unknown_is_refused(text: str) -> None:
 
 def test_what_is_not_sought_is_drawn_on_a_logarithmic_scale() -> None:
     case = preset("embedded")
-    found = drawn(of_rig(case), case, 4000, 1)
-    assert set(found) == {
+    samples = drawn(of_rig(case), case, 4000, 1)
+    assert set(samples) == {
         *(f"lamina.{name}.{key}" for name in ("lower", "upper")
           for key in ("young_modulus", "damping_ratio")),
         "support.rotational_stiffness",
     }  # fmt: skip
     np.testing.assert_array_equal(
-        found["lamina.lower.damping_ratio"], found["lamina.upper.damping_ratio"]
+        samples["lamina.lower.damping_ratio"], samples["lamina.upper.damping_ratio"]
     )
     for key, low, high in (
         ("lamina.lower.young_modulus", 0.9 * 70e9, 1.1 * 70e9),
         ("lamina.lower.damping_ratio", 0.0025, 0.01),
         ("support.rotational_stiffness", 50 * 2.3333, 5000 * 2.3333),  # EI/L = 0.9333 N m2 / 0.4 m
     ):
-        values = found[key]
+        values = samples[key]
         assert values.min() == pytest.approx(low, rel=0.01)
         assert values.max() == pytest.approx(high, rel=0.01)
         assert np.median(values) == pytest.approx(np.sqrt(low * high), rel=0.1)
@@ -129,19 +131,19 @@ def test_what_is_not_sought_is_drawn_on_a_logarithmic_scale() -> None:
 
 def test_what_finer_steps_change_is_added_from_simulations_that_are_alike() -> None:
     rng = np.random.default_rng(4)
-    given = experiment()
-    parameters = uniform(given.bounds, 400, 1)
+    setup = experiment()
+    parameters = uniform(setup.bounds, 400, 1)
     harmonics = np.zeros((400, 1, 2, 5), dtype=complex)
     harmonics[..., 0, 0] = 1.0  # so that the phase does not turn
     share = (parameters[:, 1] - 1.0) / 2.0
     finer = harmonics[:100] + share[:100, None, None, None] * np.eye(2, 5, 2)
-    found = given.table(harmonics, parameters, 1, finer).statistics[:, 2]
-    assert found.min() >= -1e-3
-    assert np.corrcoef(found, share)[0, 1] > 0.5
-    assert found[share > 0.8].mean() == pytest.approx(0.9 * 0.75, rel=0.15)  # half of 1.5 times
-    assert np.abs(given.table(harmonics, parameters, 1).statistics[:, 2]).max() < 1e-4
+    changes = setup.table(harmonics, parameters, 1, finer).statistics[:, 2]
+    assert changes.min() >= -1e-3
+    assert np.corrcoef(changes, share)[0, 1] > 0.5
+    assert changes[share > 0.8].mean() == pytest.approx(0.9 * 0.75, rel=0.15)  # half of 1.5 times
+    assert np.abs(setup.table(harmonics, parameters, 1).statistics[:, 2]).max() < 1e-4
     finer[rng.random(100) < 0.5] = np.nan  # these diverged
-    assert np.isfinite(given.table(harmonics, parameters, 1, finer).statistics).all()
+    assert np.isfinite(setup.table(harmonics, parameters, 1, finer).statistics).all()
 
 
 def test_files_that_do_not_fit_are_refused(tmp_path: Path) -> None:
@@ -180,12 +182,12 @@ def test_an_interval_as_wide_as_the_prior_identifies_nothing(
     shares: tuple[float, float], identified: list[bool]
 ) -> None:
     """Posteriors that fill a share of the prior; half is the limit."""
-    given = experiment()
-    low, high = given.bounds.T
+    setup = experiment()
+    low, high = setup.bounds.T
     spread = np.random.default_rng(5).uniform(-0.5, 0.5, size=(4000, 2)) * shares
     samples = 0.5 * (low + high) + spread * (high - low)
     posterior = Posterior(samples, np.full(4000, 1 / 4000))
-    report = Identification(given, posterior, None, 0, False, 4000).report
+    report = Identification(setup, posterior, None, 0, False, 4000).report
     about = report.numbers["unknowns"]
     assert [about[unknown.key]["identified"] for unknown in UNKNOWNS] == identified
     text = " ".join(report.sentences)

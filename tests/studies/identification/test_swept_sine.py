@@ -25,18 +25,18 @@ SWEEP = {
 def test_a_simulated_sweep_gives_the_rig_back(tmp_path: Path, noise: float) -> None:
     """Steps change the frequencies by 2e-4, elements by 3e-5: both are taken out."""
     case = preset("paper", SWEEP)
-    found = identified(case, Resonance(noise=noise))
-    for lamina, one in zip(case.lamina, found.resonances, strict=True):
+    result = identified(case, Resonance(noise=noise))
+    for lamina, one in zip(case.lamina, result.resonances, strict=True):
         exact = float(lamina.angular_frequencies(1)[0]) / (2.0 * np.pi)
         assert one.peak - exact > 0.02  # the bias of a sweep that rises
         assert abs(one.frequency - exact) < 2.0 * one.frequency_error < 1e-4
         assert abs(one.damping_ratio - lamina.damping_ratio) < 2.0 * one.damping_error < 1e-5
         EI, error = one.bending_stiffness(lamina)
         assert abs(EI - lamina.flexural_rigidity) < 2.0 * error < 1e-4 * EI
-    numbers, *images = found.save(tmp_path)
+    numbers, *images = result.save(tmp_path)
     assert json.loads(numbers.read_text())["thin"]["peak_hz"] > 1.45
     assert all(image.stat().st_size > 10_000 for image in images)
-    assert all(len(row) == len(HEADING) for row in found.report.tables[0].rows)
+    assert all(len(row) == len(HEADING) for row in result.report.tables[0].rows)
 
 
 @pytest.mark.parametrize("rayleigh", ["mass", "stiffness", "two-mode"])

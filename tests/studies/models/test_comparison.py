@@ -39,10 +39,10 @@ def test_a_reduced_beam_is_the_beam(found: ModelComparison) -> None:
 
 def test_the_ledger_explains_where_the_work_goes(found: ModelComparison) -> None:
     """Over whole runs: the means of the second half do not contain what is stored meanwhile."""
-    for own in found.models:
-        e = own.motions[0].energies
+    for model in found.models:
+        e = model.motions[0].energies
         assert e["base_work"] > 0 and e["damping_loss"] > 0 and e["impact_loss"] > 0
-        assert own.motions[0].residual < 1e-9
+        assert model.motions[0].residual < 1e-9
 
 
 def test_rows_have_a_column_for_each_model(found: ModelComparison) -> None:
@@ -56,7 +56,7 @@ def test_rows_have_a_column_for_each_model(found: ModelComparison) -> None:
 def test_files(found: ModelComparison, tmp_path) -> None:
     table, image = found.save(tmp_path)
     numbers = json.loads(table.read_text())["models"]
-    assert [own["name"] for own in numbers] == ["beam", "beam, 6 modes"]
+    assert [entry["name"] for entry in numbers] == ["beam", "beam, 6 modes"]
     assert numbers[0]["motions"][0]["frequency"] == 3.25
     assert image.stat().st_size > 10_000
 

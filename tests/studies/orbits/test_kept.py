@@ -33,29 +33,29 @@ class Counted:
 
 def results(folder: Path, case: df.Case | None = None) -> tuple[list[np.ndarray], int]:
     """Return what a kept map gives for four different questions, and how many were computed."""
-    own = Counted()
-    map_ = KeptMap(own, folder, identity(case or df.preset("paper")))  # type: ignore[arg-type]
+    counted_map = Counted()
+    map_ = KeptMap(counted_map, folder, identity(case or df.preset("paper")))  # type: ignore[arg-type]
     assert map_.nature == "doubling"
     states = np.array([[1.0, 2.0]])
-    found = [map_.after(states, 0.5), map_.after(states, 0.6)]
-    found.append(map_.after(states, 0.5, np.array([0.25])))
+    ends = [map_.after(states, 0.5), map_.after(states, 0.6)]
+    ends.append(map_.after(states, 0.5, np.array([0.25])))
     inner, first = map_.opened(states[0], 0.5)
-    found.append(inner.after(first[None], 0.5))
-    return found, own.calls
+    ends.append(inner.after(first[None], 0.5))
+    return ends, counted_map.calls
 
 
 def test_a_second_search_computes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(maps, "CHECKPOINT_SECONDS", 0.0)
-    (whole, n), (again, none) = results(tmp_path / "k"), results(tmp_path / "k")
+    (computed, n), (again, none) = results(tmp_path / "k"), results(tmp_path / "k")
     assert (n, none) == (4, 0)
-    np.testing.assert_array_equal(again, whole)
+    np.testing.assert_array_equal(again, computed)
     with pytest.raises(df.CaseError, match=r"excitation.amplitude: 0.0025 there, 0.004 here"):
         results(tmp_path / "k", df.preset("paper", {"excitation.amplitude": 0.004}))
     for path in (tmp_path / "k").glob("*.npz"):
         path.write_bytes(path.read_bytes()[:100])
     once_more, n = results(tmp_path / "k")
     assert n == 3  # those of the map that was opened are whole
-    np.testing.assert_array_equal(once_more, whole)
+    np.testing.assert_array_equal(once_more, computed)
 
 
 def test_an_orbit_goes_on_with_what_is_known(

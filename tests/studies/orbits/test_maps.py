@@ -29,10 +29,12 @@ def test_the_map_is_the_run(name: str) -> None:
         strobe = opened.recorder.strobe[:, 0]
     map_ = CaseFamily(case, FREQUENCY).map()
     state = np.zeros(map_.slow.basis.shape[0])
-    seen = map_.watched(state, 3.25, 3)
-    assert seen.states[-1] == pytest.approx(motion.ravel(), rel=BEFORE_CHAOS, abs=1e-9)
-    assert seen.strobes == pytest.approx(strobe, rel=BEFORE_CHAOS, abs=1e-9)
-    assert map_.after(seen.states[:1], 3.25)[0] == pytest.approx(seen.states[1], abs=1e-12)
+    trajectory = map_.watched(state, 3.25, 3)
+    assert trajectory.states[-1] == pytest.approx(motion.ravel(), rel=BEFORE_CHAOS, abs=1e-9)
+    assert trajectory.strobes == pytest.approx(strobe, rel=BEFORE_CHAOS, abs=1e-9)
+    assert map_.after(trajectory.states[:1], 3.25)[0] == pytest.approx(
+        trajectory.states[1], abs=1e-12
+    )
 
 
 def test_periods_may_begin_where_the_tips_are_far_apart() -> None:
@@ -40,11 +42,11 @@ def test_periods_may_begin_where_the_tips_are_far_apart() -> None:
     map_ = CaseFamily(case, FREQUENCY).map()
     state = settled(map_, 3.25, np.zeros(map_.slow.basis.shape[0]), 20)
     other, begun = map_.opened(state, 3.25)
-    whole, shifted = map_.watched(state, 3.25, 2), other.watched(begun, 3.25, 2)
+    trajectory, shifted = map_.watched(state, 3.25, 2), other.watched(begun, 3.25, 2)
     # the same motion: strobes are taken where the drive begins anew
-    assert shifted.strobes[0] == pytest.approx(whole.strobes[0], rel=1e-9)
-    assert shifted.openings[0] >= whole.openings[0]
-    tips = 0.012 + whole.history[:, 1] - whole.history[:, 0]
+    assert shifted.strobes[0] == pytest.approx(trajectory.strobes[0], rel=1e-9)
+    assert shifted.openings[0] >= trajectory.openings[0]
+    tips = 0.012 + trajectory.history[:, 1] - trajectory.history[:, 0]
     assert shifted.openings[0] == pytest.approx(tips.max(), rel=0.05)
 
 

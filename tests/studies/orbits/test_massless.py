@@ -41,13 +41,13 @@ def test_the_parameter_changes_the_map_and_the_passage_sees_it(strobe: ModalMap)
     after = strobe.after(np.stack([start, start]), 3.25)
     np.testing.assert_array_equal(after[0], after[1])
     assert np.abs(strobe.after(start[None], 3.3)[0] - after[0]).max() > 1e-6
-    seen = strobe.watched(start, 3.25, 2)
-    np.testing.assert_array_equal(seen.states[0], after[0])
-    np.testing.assert_array_equal(seen.states[1], strobe.after(after[:1], 3.25)[0])
-    assert seen.strobes.shape == (2, 2)
-    assert (seen.low < seen.strobes.min(axis=0) + 1e-15).all()
-    assert (seen.high > seen.strobes.max(axis=0) - 1e-15).all()
-    assert -1e-9 < seen.smallest_gap < 0.012
+    trajectory = strobe.watched(start, 3.25, 2)
+    np.testing.assert_array_equal(trajectory.states[0], after[0])
+    np.testing.assert_array_equal(trajectory.states[1], strobe.after(after[:1], 3.25)[0])
+    assert trajectory.strobes.shape == (2, 2)
+    assert (trajectory.low < trajectory.strobes.min(axis=0) + 1e-15).all()
+    assert (trajectory.high > trajectory.strobes.max(axis=0) - 1e-15).all()
+    assert -1e-9 < trajectory.smallest_gap < 0.012
 
 
 def test_kicks_of_all_sizes_grow_alike(strobe: ModalMap) -> None:
@@ -76,9 +76,9 @@ def test_periods_may_begin_where_the_tips_are_far_apart(strobe: ModalMap) -> Non
     """The later map goes through the same motion: it meets the states of the first one."""
     start = moving(strobe, 3)
     later, state = strobe.opened(start, 3.25)
-    seen, same = strobe.watched(start, 3.25, 2), later.watched(state, 3.25, 1)
-    first = int(np.argmax(seen.history[:250, 1] - seen.history[:250, 0])) + 1
+    trajectory, same = strobe.watched(start, 3.25, 2), later.watched(state, 3.25, 1)
+    first = int(np.argmax(trajectory.history[:250, 1] - trajectory.history[:250, 0])) + 1
     assert 0 < first < 250
-    np.testing.assert_allclose(same.history, seen.history[first : first + 250], atol=1e-12)
-    np.testing.assert_allclose(same.strobes[0], seen.strobes[0], atol=1e-12)
-    assert same.openings[0] > 0.5 * np.ptp(seen.history[:, 1] - seen.history[:, 0])
+    np.testing.assert_allclose(same.history, trajectory.history[first : first + 250], atol=1e-12)
+    np.testing.assert_allclose(same.strobes[0], trajectory.strobes[0], atol=1e-12)
+    assert same.openings[0] > 0.5 * np.ptp(trajectory.history[:, 1] - trajectory.history[:, 0])

@@ -19,15 +19,15 @@ FEW = Perturbations(copies=4, size=1e-3, kick=0.03)
 
 
 def test_an_orbit_of_a_case_in_modes(tmp_path: Path) -> None:
-    found = df.orbit(massless(3, 8, **SMALL), settle=100, perturbations=FEW)
-    assert found.kind == "exact"
-    assert found.numbers["residual"] <= 1e-10
-    assert found.numbers["model"] == "3 modes of each part, r = 8"
-    assert "grid" not in " ".join(found.words)
+    orbit = df.orbit(massless(3, 8, **SMALL), settle=100, perturbations=FEW)
+    assert orbit.kind == "exact"
+    assert orbit.numbers["residual"] <= 1e-10
+    assert orbit.numbers["model"] == "3 modes of each part, r = 8"
+    assert "grid" not in " ".join(orbit.words)
     # the motion that is drawn closes, and a settled motion of the model ends on it
-    end = found.passage.states[-1]
-    np.testing.assert_allclose(end, found.state, atol=1e-8 * np.abs(found.state).max())
-    found.save(tmp_path)
+    end = orbit.passage.states[-1]
+    np.testing.assert_allclose(end, orbit.state, atol=1e-8 * np.abs(orbit.state).max())
+    orbit.save(tmp_path)
     with np.load(tmp_path / "orbit.npz") as file:
         assert file["modal_displacement"].shape == file["modal_velocity"].shape == (6,)
         assert file["late_force"].shape == (16,)

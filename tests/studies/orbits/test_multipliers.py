@@ -29,12 +29,12 @@ def decays(matrix: np.ndarray, noise: float, *, bend: float = 0.0, count: int = 
     """Return kicks that a matrix and jumps carry on; `bend` makes large ones shrink faster."""
     rng, m = np.random.default_rng(5), len(matrix)
     kicks = [d / np.linalg.norm(d) for d in rng.standard_normal((count, m))]
-    found = [np.array(kicks)]
+    distances = [np.array(kicks)]
     for _ in range(40):
-        d = found[-1]
+        d = distances[-1]
         shrunk = d * (1.0 - bend * np.linalg.norm(d, axis=1, keepdims=True))
-        found.append(shrunk @ matrix.T + noise * rng.standard_normal(d.shape))
-    return followed(found)
+        distances.append(shrunk @ matrix.T + noise * rng.standard_normal(d.shape))
+    return followed(distances)
 
 
 def followed(kicks: list[np.ndarray]) -> np.ndarray:
@@ -44,12 +44,12 @@ def followed(kicks: list[np.ndarray]) -> np.ndarray:
 
 @pytest.mark.parametrize("noise", [0.0, 0.03, 0.3])
 def test_the_interval_contains_the_truth(noise: float) -> None:
-    found = multipliers(decays(np.diag([-0.9, 0.3]), noise))
-    low, high = found.largest
+    estimate = multipliers(decays(np.diag([-0.9, 0.3]), noise))
+    low, high = estimate.largest
     assert low + BENT - 1e-9 <= 0.9 <= high - BENT + 1e-9
     assert high - low < 0.2
-    assert found.values[0] == pytest.approx(-0.9, abs=0.05)
-    assert found.doubling[0] == pytest.approx(0.1 * 1.3, abs=0.08)
+    assert estimate.values[0] == pytest.approx(-0.9, abs=0.05)
+    assert estimate.doubling[0] == pytest.approx(0.1 * 1.3, abs=0.08)
 
 
 def test_the_interval_contains_what_smaller_kicks_change() -> None:
@@ -60,16 +60,16 @@ def test_the_interval_contains_what_smaller_kicks_change() -> None:
 
 def test_the_interval_contains_what_larger_kicks_say() -> None:
     """Steps hold small kicks: below 0.3 of their first size they do not decay any more."""
-    matrix, found = np.diag([-0.9, -0.9]), decays(np.diag([-0.9, -0.9]), 0.0)
-    held = [found[0, 0]]
-    for _ in range(len(found)):
-        d = held[-1]
+    matrix, free_decays = np.diag([-0.9, -0.9]), decays(np.diag([-0.9, -0.9]), 0.0)
+    held_decays = [free_decays[0, 0]]
+    for _ in range(len(free_decays)):
+        d = held_decays[-1]
         is_held = np.linalg.norm(d, axis=1, keepdims=True) < 0.3
-        held.append(np.where(is_held, -d, d @ matrix.T))
-    given = multipliers(np.array([[a, b] for a, b in pairwise(held)]))
-    low, high = given.largest
+        held_decays.append(np.where(is_held, -d, d @ matrix.T))
+    estimate = multipliers(np.array([[a, b] for a, b in pairwise(held_decays)]))
+    low, high = estimate.largest
     assert low == pytest.approx(0.9 - BENT, abs=1e-9) and high == pytest.approx(1.0 + BENT)
-    assert (np.abs(given.samples) > 0.93).all() and given.stability == "undecided"
+    assert (np.abs(estimate.samples) > 0.93).all() and estimate.stability == "undecided"
 
 
 @pytest.mark.parametrize(
@@ -85,13 +85,13 @@ def test_a_motion_that_stays_decides_where_small_kicks_alone_are_held(
     factor: float, away: float, multiple: Multiple | None, expected: str
 ) -> None:
     """Kicks decay by a factor until they are below 0.05; then their signs turn alone."""
-    found = [decays(np.diag([-0.9, -0.9]), 0.0)[0, 0]]
+    distances = [decays(np.diag([-0.9, -0.9]), 0.0)[0, 0]]
     for _ in range(60):
-        d = found[-1]
+        d = distances[-1]
         is_held = np.linalg.norm(d, axis=1, keepdims=True) < 0.05
-        found.append(np.where(is_held, -d, -factor * d))
-    given = multipliers(np.array([[a, b] for a, b in pairwise(found)]))
-    assert given.stability == "undecided"
+        distances.append(np.where(is_held, -d, -factor * d))
+    estimate = multipliers(np.array([[a, b] for a, b in pairwise(distances)]))
+    assert estimate.stability == "undecided"
     at = Solved(
         np.ones(2),
         1.0,
@@ -101,7 +101,7 @@ def test_a_motion_that_stays_decides_where_small_kicks_alone_are_held(
         uncertainty=np.zeros(2),
         iterations=1,
     )
-    assert Coarse(at, 0.02, given, away * LEAST_DISTANCE, multiple).stability == expected
+    assert Coarse(at, 0.02, estimate, away * LEAST_DISTANCE, multiple).stability == expected
 
 
 @pytest.mark.parametrize(
@@ -117,14 +117,14 @@ def test_the_other_coordinates_follow_the_slow_ones() -> None:
     `Ensemble.decays` leaves the first period out.
     """
     matrix, y, w = np.array([[-0.9, 0.5], [0.25, 0.0]]), np.ones((4, 1)), np.zeros((4, 1))
-    found = [y]
+    distances = [y]
     for _ in range(10):
         y, w = np.split(np.hstack([y, w]) @ matrix.T, 2, axis=1)
-        found.append(y)
+        distances.append(y)
     truth = np.linalg.eigvals(matrix).min()
-    given = multipliers(followed(found))
-    assert given.values[0].real == pytest.approx(truth, abs=0.03) and truth < -1.02
-    assert given.stability == "unstable"
+    estimate = multipliers(followed(distances))
+    assert estimate.values[0].real == pytest.approx(truth, abs=0.03) and truth < -1.02
+    assert estimate.stability == "unstable"
 
 
 def test_pairs_and_real_multipliers_have_their_own_tests() -> None:
@@ -151,8 +151,8 @@ def test_a_search_takes_at_most_six_derivatives(
 
     def solved(*given: Any) -> Solved:
         begun.append(given)
-        found = newton.solved(*given)
-        return found if len(begun) == solved_at else replace(found, residual=1.0)
+        solution = newton.solved(*given)
+        return solution if len(begun) == solved_at else replace(solution, residual=1.0)
 
     monkeypatch.setattr(search, "solved", solved)
     how = Perturbations(copies=6, size=0.03, kick=0.05)

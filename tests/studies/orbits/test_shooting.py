@@ -28,7 +28,7 @@ class Known:
 
 def away(map_: PeriodMap, state: FloatArray, parameter: float) -> float:
     """Return the change of the slow coordinates in a period, relative to their norm."""
-    y, after = (map_.slow.of(own) for own in (state, map_.after(state[None], parameter)[0]))
+    y, after = (map_.slow.of(point) for point in (state, map_.after(state[None], parameter)[0]))
     return float(np.linalg.norm(after - y) / np.linalg.norm(y))
 
 

@@ -41,14 +41,16 @@ def test_the_error_of_a_gain_holds_the_scatter_of_the_cycles() -> None:
 
 def test_channels_of_all_sizes_count_alike_in_the_scatter() -> None:
     """A cycle's gain is the mean of those of its channels, whose powers differ by 10⁴."""
-    own = 1.0 + 0.01 * np.array([
+    amplitudes = 1.0 + 0.01 * np.array([
         [-2.0, 1.0, 0.0, 1.5, -1.0, 0.5], [0.3, -1.1, 2.0, -0.5, -1.2, 0.5],
     ])  # fmt: skip
     time = PERIOD / N * np.arange(1, CYCLES * N + 1)
     phase = 2.0 * np.pi * time / PERIOD
-    motion = np.repeat(own, N, axis=1) * np.stack([np.sin(phase), 0.01 * np.cos(2.0 * phase)])
+    motion = np.repeat(amplitudes, N, axis=1) * np.stack(
+        [np.sin(phase), 0.01 * np.cos(2.0 * phase)]
+    )
     course = Course.of(time, motion, PERIOD)
-    assert course.scatter(0) == pytest.approx(np.std(own.mean(axis=0), ddof=1), rel=1e-3)
+    assert course.scatter(0) == pytest.approx(np.std(amplitudes.mean(axis=0), ddof=1), rel=1e-3)
 
 
 def test_phases_that_drift_enlarge_the_errors_of_start_and_clock() -> None:
@@ -58,11 +60,11 @@ def test_phases_that_drift_enlarge_the_errors_of_start_and_clock() -> None:
     motion = np.sin(2.0 * np.pi * (time - late) / PERIOD)[None]
     course = Course.of(time, motion, PERIOD)
     for is_rate_free, factor in ((True, 2.0), (False, 1.0)):
-        found = aligned(time, course.at(time), course, 1.0, is_rate_free=is_rate_free)
-        assert found.start_error == pytest.approx(factor * course.scatter(1), rel=1e-3)
+        alignment = aligned(time, course.at(time), course, 1.0, is_rate_free=is_rate_free)
+        assert alignment.start_error == pytest.approx(factor * course.scatter(1), rel=1e-3)
         if is_rate_free:
             slope = np.sqrt(12.0) * course.scatter(1) / (time[-1] - time[0])
-            assert found.rate_error == pytest.approx(slope, rel=1e-3)
+            assert alignment.rate_error == pytest.approx(slope, rel=1e-3)
 
 
 def test_a_motion_at_rest_has_no_delays() -> None:
@@ -85,11 +87,11 @@ def test_a_course_that_does_not_repeat_is_known_in_its_window_alone() -> None:
     assert (course.start, course.end, course.period) == (5.0, 6.0, None)
     at = np.array([4.999, 5.0, 5.123, 5.5, 6.0, 6.001])
     for derivative in (0, 1, 2):
-        found = course.at(at, derivative)
-        assert np.isnan(found[:, [0, 5]]).all()
+        values = course.at(at, derivative)
+        assert np.isnan(values[:, [0, 5]]).all()
         wanted = spline(at[1:5], derivative)
-        np.testing.assert_allclose(found[:, 1:5], wanted, rtol=1e-9, atol=1e-9)
-        np.testing.assert_array_equal(course.only([1]).at(at, derivative), found[1:])
+        np.testing.assert_allclose(values[:, 1:5], wanted, rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(course.only([1]).at(at, derivative), values[1:])
     np.testing.assert_array_equal(course.at(at), course.at(at, 0))
     assert course.scatter(0) == course.scatter(1) == 0.0
 
@@ -133,13 +135,13 @@ def test_gain_and_mean_are_those_of_a_regression() -> None:
     rng = np.random.default_rng(2)
     computed = rng.normal(2.0, 3.0, 40)
     measured = 1.5 * computed - 0.7 + rng.normal(0.0, 0.4, 40)
-    found = linregress(computed, measured)
-    wanted = (found.slope, found.intercept, found.stderr)
+    regression = linregress(computed, measured)
+    wanted = (regression.slope, regression.intercept, regression.stderr)
     assert gains(measured, computed) == pytest.approx(wanted, rel=1e-10)
     computed[[3, 7]] = np.nan
-    kept = np.isfinite(computed)
-    found = linregress(computed[kept], measured[kept])
-    wanted = (found.slope, found.intercept, found.stderr)
+    is_known = np.isfinite(computed)
+    regression = linregress(computed[is_known], measured[is_known])
+    wanted = (regression.slope, regression.intercept, regression.stderr)
     assert gains(measured, computed) == pytest.approx(wanted, rel=1e-10)
     gain, mean, error = gains(np.array([1.0, 3.0]), np.array([0.0, 4.0]))
     assert (gain, mean, error) == (0.5, 1.0, 0.0)
@@ -149,15 +151,17 @@ def test_gain_and_mean_are_those_of_a_regression() -> None:
 
 def test_correlations_are_summed() -> None:
     a, b = chirp(np.linspace(0.0, 1.0, 60)), chirp(np.linspace(0.1, 1.1, 60))
-    own = [np.corrcoef(p, q)[0, 1] for p, q in zip(a, b, strict=True)]
-    assert correlation(a, b) == correlation(a, b, 1) == pytest.approx(sum(own), rel=1e-12)
-    assert correlation(a, b, 2) == pytest.approx(own[0] ** 2 + own[1] ** 2, rel=1e-12)
+    correlations = [np.corrcoef(p, q)[0, 1] for p, q in zip(a, b, strict=True)]
+    assert correlation(a, b) == correlation(a, b, 1) == pytest.approx(sum(correlations), rel=1e-12)
+    assert correlation(a, b, 2) == pytest.approx(
+        correlations[0] ** 2 + correlations[1] ** 2, rel=1e-12
+    )
     still = np.array([a[0], 0.0 * a[1]])
-    assert correlation(still, b) == pytest.approx(own[0], rel=1e-12)
+    assert correlation(still, b) == pytest.approx(correlations[0], rel=1e-12)
     for n_known, is_enough in ((9, True), (8, False)):  # 15 % of 60
         b[1, n_known:] = np.nan
-        found = correlation(a, b)
-        assert np.isfinite(found) if is_enough else found == -np.inf
+        total = correlation(a, b)
+        assert np.isfinite(total) if is_enough else total == -np.inf
 
 
 @pytest.mark.parametrize("n", [MOST_SAMPLES, MOST_SAMPLES + 1, 3 * MOST_SAMPLES])
@@ -192,10 +196,11 @@ def test_alignments_find_the_start_and_the_clock() -> None:
         clean = course.at(start + rate * (t - 70.0))
         noise = np.array([[0.05], [0.001]]) * rng.normal(size=clean.shape)
         for is_rate_free in (True, False):
-            given = rate + 0.002 if is_rate_free else rate
-            own = aligned(t, clean + noise, course, given, is_rate_free=is_rate_free)
+            first_rate = rate + 0.002 if is_rate_free else rate
+            alignment = aligned(t, clean + noise, course, first_rate, is_rate_free=is_rate_free)
             np.testing.assert_array_equal(
-                own.on_clock_of_run(t), own.start + own.rate * (t - own.first)
+                alignment.on_clock_of_run(t),
+                alignment.start + alignment.rate * (t - alignment.first),
             )
         [one] = [aligned(t, (clean + noise)[:1], course.only([0]), rate, is_rate_free=False,
                          starts=np.array([start - 0.02, start + 0.3]))]  # fmt: skip

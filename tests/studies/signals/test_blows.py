@@ -79,31 +79,31 @@ def largest_error(found: xr.Dataset) -> float:
 def are_the_modes(found: xr.Dataset, share: float) -> bool:
     """Return whether the poles are those of the modes, their damping within a share."""
     pytest.importorskip("sdypy.EMA")
-    own, _ = poles(found, 10.0, 100.0)
-    assert [pole.frequency for pole in own] == pytest.approx([25.0, 64.0], rel=1e-3)
-    return [pole.damping for pole in own] == pytest.approx([0.01, 0.008], rel=share)
+    fitted_poles, _ = poles(found, 10.0, 100.0)
+    assert [pole.frequency for pole in fitted_poles] == pytest.approx([25.0, 64.0], rel=1e-3)
+    return [pole.damping for pole in fitted_poles] == pytest.approx([0.01, 0.008], rel=share)
 
 
 def test_one_blow_needs_no_window_and_has_no_coherence() -> None:
-    found = with_responses(record(4.0, ((0.1, 1.0),)), "force")
-    assert found["frequency"].to_numpy()[1] == pytest.approx(1.0 / 3.9, rel=0.01)
-    assert largest_error(found) < 0.01
-    assert are_the_modes(found, 0.01)
-    assert np.isnan(found["coherence"].to_numpy()).all()
-    assert "window" not in found.attrs["notes"] and "means nothing" in found.attrs["notes"]
+    responses = with_responses(record(4.0, ((0.1, 1.0),)), "force")
+    assert responses["frequency"].to_numpy()[1] == pytest.approx(1.0 / 3.9, rel=0.01)
+    assert largest_error(responses) < 0.01
+    assert are_the_modes(responses, 0.01)
+    assert np.isnan(responses["coherence"].to_numpy()).all()
+    assert "window" not in responses.attrs["notes"] and "means nothing" in responses.attrs["notes"]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_five_blows_with_noise_are_averaged(seed: int) -> None:
     data = record(20.0, FIVE, noise=(0.005, 0.01), seed=seed)
-    found = with_responses(data, "force")
-    f, coherence = found["frequency"].to_numpy(), found["coherence"].to_numpy()[:, 0]
-    assert largest_error(found) < 0.04  # 1 % of noise is 2 % of a line beside a peak
-    k = [int(np.argmin(np.abs(f - own))) for own in (25.0, 64.0)]
-    assert np.abs(found["response"].to_numpy()[k, 0] / exact(f[k]) - 1.0).max() < 0.015
-    assert are_the_modes(found, 0.02)
+    responses = with_responses(data, "force")
+    f, coherence = responses["frequency"].to_numpy(), responses["coherence"].to_numpy()[:, 0]
+    assert largest_error(responses) < 0.04  # 1 % of noise is 2 % of a line beside a peak
+    k = [int(np.argmin(np.abs(f - frequency))) for frequency in (25.0, 64.0)]
+    assert np.abs(responses["response"].to_numpy()[k, 0] / exact(f[k]) - 1.0).max() < 0.015
+    assert are_the_modes(responses, 0.02)
     assert coherence[k].min() > 0.999 and coherence[f > 1000.0].mean() < 0.6
-    assert found.attrs["notes"].startswith("5 blow(s)")
+    assert responses.attrs["notes"].startswith("5 blow(s)")
 
 
 @pytest.mark.parametrize(
@@ -114,33 +114,35 @@ def test_a_short_record_has_its_own_damping(
     duration: float, noise: float, error: float, share: float
 ) -> None:
     """Half a second keeps 45 % of the response: unwindowed, the peak is as much too low."""
-    found = with_responses(record(duration, ((0.02, 1.0),), noise=(0.001, noise)), "force")
-    assert largest_error(found) < error
-    assert are_the_modes(found, share)
-    assert "exponential window" in found.attrs["notes"]
+    responses = with_responses(record(duration, ((0.02, 1.0),), noise=(0.001, noise)), "force")
+    assert largest_error(responses) < error
+    assert are_the_modes(responses, share)
+    assert "exponential window" in responses.attrs["notes"]
 
 
 def test_the_length_of_a_segment_is_the_users() -> None:
     data = record(4.0, ((0.1, 1.0),))
     assert largest_error(with_responses(data, "force", segment=2.0)) < 0.01
-    whole = with_responses(data, "force", segment=4.0)
-    assert whole["frequency"].to_numpy()[1] == 0.25 and largest_error(whole) < 0.01
+    responses = with_responses(data, "force", segment=4.0)
+    assert responses["frequency"].to_numpy()[1] == 0.25 and largest_error(responses) < 0.01
     with pytest.raises(CaseError, match="to the record, 4 s, given 5 s"):
         with_responses(data, "force", segment=5.0)
 
 
 def test_a_double_hit_is_named_and_still_right() -> None:
     blows = (*FIVE, (4.133, 0.3))
-    found = with_responses(record(20.0, blows), "force")
-    assert "blow at 4.1" in found.attrs["notes"] and "hit, again 0.033" in found.attrs["notes"]
-    assert largest_error(found) < 0.01
+    responses = with_responses(record(20.0, blows), "force")
+    assert (
+        "blow at 4.1" in responses.attrs["notes"] and "hit, again 0.033" in responses.attrs["notes"]
+    )
+    assert largest_error(responses) < 0.01
 
 
 def test_cut_blows_are_left_out() -> None:
-    found = with_responses(record(8.5, ((-0.001, 1.0), (4.1, 1.0), (8.3, 1.0))), "force")
-    notes = found.attrs["notes"]
+    responses = with_responses(record(8.5, ((-0.001, 1.0), (4.1, 1.0), (8.3, 1.0))), "force")
+    notes = responses.attrs["notes"]
     assert notes.count("left out, the record") == 2 and notes.startswith("1 blow(s)")
-    assert largest_error(found) < 0.01
+    assert largest_error(responses) < 0.01
     with pytest.raises(CaseError, match="expected a whole blow, given none"):
         with_responses(record(4.0, ((-0.001, 1.0),)), "force")
 
@@ -168,7 +170,7 @@ def test_other_forces_are_not_taken_for_blows() -> None:
         "binary": 2.0 * max_len_seq(15)[0] - 1.0,
         "silent": np.zeros(t.size),
     }
-    assert {name: len(pulses(own)) for name, own in others.items()} == dict.fromkeys(others, 0)
+    assert {name: len(pulses(force)) for name, force in others.items()} == dict.fromkeys(others, 0)
 
 
 def test_an_excitation_at_rest_is_refused() -> None:

@@ -50,10 +50,10 @@ def test_axes(name: str, unit: str | None, axis: str) -> None:
 
 def test_rows_of_a_matrix_are_numbered_from_one() -> None:
     table = np.array([ONE, TWO, ONE * TWO])
-    assert [own.name for own in matrix_columns("a", ONE)] == ["a"]
-    assert [own.name for own in matrix_columns("a", table)] == ["a_1", "a_2", "a_3"]
+    assert [column.name for column in matrix_columns("a", ONE)] == ["a"]
+    assert [column.name for column in matrix_columns("a", table)] == ["a_1", "a_2", "a_3"]
     named = matrix_columns("a", table[:2], ["p", "q"], "mm")
-    assert [(own.name, own.unit) for own in named] == [("p", "mm"), ("q", "mm")]
+    assert [(column.name, column.unit) for column in named] == [("p", "mm"), ("q", "mm")]
     np.testing.assert_array_equal(named[1].values, TWO)
     with pytest.raises(ValueError, match="zip"):
         matrix_columns("a", table, ["p", "q"])
@@ -122,12 +122,12 @@ def test_messages_of_channels_are_exact() -> None:
     told = message(lambda: channels_of([many], {"q": ("col62", {})}, None, Times(), []))
     names = ", ".join(["t", *(f"name_{k:02d}" for k in range(60))])[:300]
     assert told == f"--channel q: there is no column 'col62'; the files have {names}"
-    found = channels_of([many], {"q": ("col61", {})}, None, Times(), [])
-    assert [own.name for own in found[-2:]] == ["name_58", "q"]
+    channels = channels_of([many], {"q": ("col61", {})}, None, Times(), [])
+    assert [channel.name for channel in channels[-2:]] == ["name_58", "q"]
     twins = sheet(t, Column("A", ONE, "mm"), Column("a", TWO, "mm"))
-    for given, values in (("A", ONE), ("a", TWO)):
-        own = channels_of([twins], {"q": (given, {})}, None, Times(), [])
-        [q] = [channel for channel in own if channel.name == "q"]
+    for source, values in (("A", ONE), ("a", TWO)):
+        of_twins = channels_of([twins], {"q": (source, {})}, None, Times(), [])
+        [q] = [channel for channel in of_twins if channel.name == "q"]
         np.testing.assert_array_equal(q.values, 1e-3 * values)
     both = sheet(t, Column("Ab", ONE, "mm"), Column("aB", TWO, "mm"))
     assert "no column 'AB'" in message(

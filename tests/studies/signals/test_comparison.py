@@ -28,28 +28,31 @@ COEFFICIENTS = np.array([0.0, 3.0 - 1.0j, 0.2j, 0.6 + 0.8j, 0.1, 0.0, 0.0, 0.05]
 
 
 def fit(**about: object) -> HarmonicFit:
-    own = {"mean": 7.0, "coefficients": COEFFICIENTS, "frequency": F / 2, "multiple": 2,
+    values = {"mean": 7.0, "coefficients": COEFFICIENTS, "frequency": F / 2, "multiple": 2,
            "noise": 0.3, "n_samples": 400}  # fmt: skip
-    return HarmonicFit(**own | about)  # type: ignore[arg-type]
+    return HarmonicFit(**values | about)  # type: ignore[arg-type]
 
 
 def test_harmonics_and_their_noise() -> None:
-    own = fit()
-    assert own.amplitudes.tolist() == [np.sqrt(10.0), 1.0, 0.0, 0.05]
-    assert own.floor == pytest.approx(2.0 * 0.3 / 20.0, rel=1e-15)
-    kept = np.where(np.abs(COEFFICIENTS) > CLEAR * 0.03, COEFFICIENTS, 0.0)
-    assert own.clear().coefficients.tolist() == kept.tolist() and own.clear().mean == 7.0
+    harmonic_fit = fit()
+    assert harmonic_fit.amplitudes.tolist() == [np.sqrt(10.0), 1.0, 0.0, 0.05]
+    assert harmonic_fit.floor == pytest.approx(2.0 * 0.3 / 20.0, rel=1e-15)
+    clear_coefficients = np.where(np.abs(COEFFICIENTS) > CLEAR * 0.03, COEFFICIENTS, 0.0)
+    assert (
+        harmonic_fit.clear().coefficients.tolist() == clear_coefficients.tolist()
+        and harmonic_fit.clear().mean == 7.0
+    )
     at_limit = fit(coefficients=np.array([CLEAR * 0.03, CLEAR * 0.03 * (1.0 + 1e-12)]))
     assert (np.abs(at_limit.clear().coefficients) > 0.0).tolist() == [False, True]
 
 
 def test_a_fit_has_value_and_derivatives() -> None:
-    own, w = fit(), np.pi * F * np.arange(1, 9)
+    harmonic_fit, w = fit(), np.pi * F * np.arange(1, 9)
     for derivative in (0, 1, 2):
         terms = COEFFICIENTS * (1j * w) ** derivative * np.exp(1j * np.outer(TIME, w))
         wanted = terms.real.sum(axis=1) + (7.0 if derivative == 0 else 0.0)
-        np.testing.assert_allclose(own.at(TIME, derivative), wanted, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(own.at(TIME), own.at(TIME, 0))
+        np.testing.assert_allclose(harmonic_fit.at(TIME, derivative), wanted, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(harmonic_fit.at(TIME), harmonic_fit.at(TIME, 0))
 
 
 def test_the_distortion_is_without_the_share_of_the_noise() -> None:
@@ -71,14 +74,14 @@ def signal(time: np.ndarray) -> np.ndarray:
 
 
 def test_a_record_is_fitted_with_its_mean_and_noise() -> None:
-    own = fitted(TIME, fit().at(TIME), F, 2)
-    np.testing.assert_allclose(own.coefficients[:8], COEFFICIENTS, atol=1e-12)
-    assert own.mean == pytest.approx(7.0, abs=1e-12) and own.noise < 1e-12
-    assert (own.frequency, own.multiple, own.n_samples) == (2.0, 2, 600)
+    harmonic_fit = fitted(TIME, fit().at(TIME), F, 2)
+    np.testing.assert_allclose(harmonic_fit.coefficients[:8], COEFFICIENTS, atol=1e-12)
+    assert harmonic_fit.mean == pytest.approx(7.0, abs=1e-12) and harmonic_fit.noise < 1e-12
+    assert (harmonic_fit.frequency, harmonic_fit.multiple, harmonic_fit.n_samples) == (2.0, 2, 600)
     beside = fitted(TIME, signal(TIME), F, 2)
-    rest = (signal(TIME) - beside.at(TIME)).std()
+    residual = (signal(TIME) - beside.at(TIME)).std()
     n = beside.coefficients.size
-    assert beside.noise == pytest.approx(rest * np.sqrt(600.0 / (600 - 1 - 2 * n)), rel=1e-12)
+    assert beside.noise == pytest.approx(residual * np.sqrt(600.0 / (600 - 1 - 2 * n)), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -107,12 +110,12 @@ def test_the_frequency_of_the_drive_is_found_near_it() -> None:
     assert drive_frequency(TIME, far, F, 2.0) == pytest.approx(4.9, rel=2e-3)
     for periods, is_found in ((2.99, False), (3.02, True)):
         time = np.linspace(0.0, periods / F, 400)
-        found = drive_frequency(time, np.sin(2.0 * np.pi * F * time)[None], F)
-        assert (found is not None) == is_found
+        frequency = drive_frequency(time, np.sin(2.0 * np.pi * F * time)[None], F)
+        assert (frequency is not None) == is_found
     long = 1.0 + np.arange(8000) / 200.0  # 40 s: a tenth of the frequency counts
     for f, is_found in ((3.62, True), (4.38, True), (3.59, False), (4.41, False)):
-        found = drive_frequency(long, np.sin(2.0 * np.pi * f * long)[None], F)
-        assert (found == pytest.approx(f, rel=1e-6)) if is_found else found is None
+        frequency = drive_frequency(long, np.sin(2.0 * np.pi * f * long)[None], F)
+        assert (frequency == pytest.approx(f, rel=1e-6)) if is_found else frequency is None
 
 
 def test_channels_in_one_unit_are_weighed_by_their_sizes() -> None:
@@ -149,27 +152,33 @@ def test_comparisons_are_exact() -> None:
         ])  # fmt: skip
         if period is None:
             delays = (0.0, 0.0)
-            own = of_run.at(alignment.on_clock_of_run(time))
-            measured = np.array([g * q + m for g, q, m in zip(gains, own, means, strict=True)])
+            motion = of_run.at(alignment.on_clock_of_run(time))
+            measured = np.array([g * q + m for g, q, m in zip(gains, motion, means, strict=True)])
         pairs = Pairs(
             ("a", "b"), ("m", "mm"), time, measured, run_time, computed, (True, False), ()
         )
         for k in (0, 1):
-            found = compared(pairs, k, of_run, alignment, 0.25 if period else None)
-            assert (found.name, found.units, found.is_drive) == ("ab"[k], ("m", "mm")[k], k == 0)
-            assert found.gain == pytest.approx(gains[k], rel=1e-4)
-            assert found.delay == pytest.approx(delays[k], abs=2e-6)
-            rest = measured[k] - of_run.at(alignment.on_clock_of_run(time))[k]
-            assert found.mean_difference == pytest.approx(rest.mean(), rel=1e-12)
-            assert found.residual == pytest.approx(rest.std(), rel=1e-12)
+            comparison = compared(pairs, k, of_run, alignment, 0.25 if period else None)
+            assert (comparison.name, comparison.units, comparison.is_drive) == (
+                "ab"[k],
+                ("m", "mm")[k],
+                k == 0,
+            )
+            assert comparison.gain == pytest.approx(gains[k], rel=1e-4)
+            assert comparison.delay == pytest.approx(delays[k], abs=2e-6)
+            residual = measured[k] - of_run.at(alignment.on_clock_of_run(time))[k]
+            assert comparison.mean_difference == pytest.approx(residual.mean(), rel=1e-12)
+            assert comparison.residual == pytest.approx(residual.std(), rel=1e-12)
             both = np.corrcoef(measured[k], of_run.at(alignment.on_clock_of_run(time))[k])
-            assert found.correlation == pytest.approx(both[0, 1], rel=1e-9)
-            assert found.unlike < 1e-3
-            assert (found.misfit is None) == (found.noise is None) == (period is None)
+            assert comparison.correlation == pytest.approx(both[0, 1], rel=1e-9)
+            assert comparison.unlike < 1e-3
+            assert (comparison.misfit is None) == (comparison.noise is None) == (period is None)
             if period is not None:
-                assert found.misfit == pytest.approx(rest.std(), rel=5e-3)  # of whole periods
-                assert found.measured is not None and found.computed is not None
-                ratio = found.measured.amplitudes[0] / found.computed.amplitudes[0]
+                assert comparison.misfit == pytest.approx(
+                    residual.std(), rel=5e-3
+                )  # of whole periods
+                assert comparison.measured is not None and comparison.computed is not None
+                ratio = comparison.measured.amplitudes[0] / comparison.computed.amplitudes[0]
                 assert ratio == pytest.approx(abs(gains[k]), rel=1e-4)
 
 
@@ -180,15 +189,15 @@ def test_what_the_run_does_not_explain_counts_from_three_times_the_noise(
     run_time = 1.0 + np.arange(1, 401) / 400.0
     of_run, computed = course(run_time, period)
     time = np.arange(1, 401) / 400.0
-    own = of_run.at(1.0 + time)[0]
+    motion = of_run.at(1.0 + time)[0]
     stray = 0.4 * np.cos(2.0 * np.pi * 3.0 * F * time + 0.3)  # a harmonic of the drive
-    pairs = Pairs(("a",), ("m",), time, (own + stray)[None], run_time, computed, (False,), ())
+    pairs = Pairs(("a",), ("m",), time, (motion + stray)[None], run_time, computed, (False,), ())
     alignment = Alignment(1.0 + time[0], time[0], 1.0)
-    found = compared(pairs, 0, of_run, alignment, period)
-    share = stray.std() / (own + stray).std()
-    assert found.unlike == pytest.approx(share, rel=2e-2)
+    comparison = compared(pairs, 0, of_run, alignment, period)
+    share = stray.std() / (motion + stray).std()
+    assert comparison.unlike == pytest.approx(share, rel=2e-2)
     white = np.random.default_rng(1).normal(0.0, 0.2, time.size)
-    noisy = replace(pairs, measured=(own + white)[None])
+    noisy = replace(pairs, measured=(motion + white)[None])
     assert compared(noisy, 0, of_run, alignment, period).unlike == 0.0
 
 
@@ -196,16 +205,19 @@ def test_what_the_run_does_not_explain_counts_from_three_times_the_noise(
 
 
 def channel(name: str = "a", **about: object) -> Comparison:
-    own = {"units": "m", "is_drive": False, "gain": 1.0, "gain_error": 0.001, "delay": 0.0,
+    values = {"units": "m", "is_drive": False, "gain": 1.0, "gain_error": 0.001, "delay": 0.0,
            "delay_error": 1e-5, "correlation": 0.987, "mean_difference": 0.0, "residual": 0.0,
            "unlike": 0.02}  # fmt: skip
-    return Comparison(name=name, **own | about)  # type: ignore[arg-type]
+    return Comparison(name=name, **values | about)  # type: ignore[arg-type]
 
 
 def said(*channels: Comparison, rate: float = 1.0, error: float = 1e-6,
          frequency: float | None = F) -> list[tuple[str, str, str]]:  # fmt: skip
     alignment = Alignment(0.0, 0.0, rate, 0.0, error)
-    return [(own.kind, own.channel, own.text) for own in findings(channels, alignment, frequency)]
+    return [
+        (finding.kind, finding.channel, finding.text)
+        for finding in findings(channels, alignment, frequency)
+    ]
 
 
 def test_clocks_that_differ_are_named_beyond_thresholds() -> None:

@@ -29,7 +29,7 @@ def decay(t: np.ndarray, frequency: float, damping: float, size: float) -> np.nd
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two decays, each with another mode close by, an offset and noise of 1 % of the first."""
     t = np.arange(1000) / RATE
-    parts = [decay(t, *own, 2.0) + decay(t, 33.0, 0.004, 0.4) + 0.1 for own in MODES]
+    parts = [decay(t, *mode, 2.0) + decay(t, 33.0, 0.004, 0.4) + 0.1 for mode in MODES]
     y = np.concatenate(parts) + np.random.default_rng(2).normal(0.0, 0.02, 2000)
     return write_csv(tmp_path_factory.mktemp("free") / "y.csv", np.arange(2000) / RATE, {"y": y})
 
@@ -58,9 +58,9 @@ def test_frequency_damping_and_amplitude_are_those_of_each_decay(path: Path) -> 
 def test_the_command_follows_a_channel_and_draws_it(path: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["measure", "response", str(path), "-o", str(out), "--free", "y", "15", "30"]
-    found = CliRunner().invoke(app, [*words, "--segment", "1"])
-    assert found.exit_code == 0, found.output
-    assert re.search(r"│ 0.496 +│ (20.99|21\.?0?)\d* ± ", found.output)
+    result = CliRunner().invoke(app, [*words, "--segment", "1"])
+    assert result.exit_code == 0, result.output
+    assert re.search(r"│ 0.496 +│ (20.99|21\.?0?)\d* ± ", result.output)
     assert (out / "free_vibration.png").stat().st_size > 10_000
     assert "free_damping_error" in read_measured(out / "measured.nc")
 
@@ -78,10 +78,10 @@ def test_the_command_follows_a_channel_and_draws_it(path: Path, tmp_path: Path) 
 def test_what_cannot_be_followed_is_refused(
     path: Path, tmp_path: Path, words: list[str], message: str
 ) -> None:
-    given = ["measure", "response", str(path), "-o", str(tmp_path / "o"), "--free", *words]
-    found = CliRunner().invoke(app, given)
-    assert found.exit_code == 2
-    assert message in " ".join(found.output.split())
+    arguments = ["measure", "response", str(path), "-o", str(tmp_path / "o"), "--free", *words]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
     assert not (tmp_path / "o").exists()
 
 

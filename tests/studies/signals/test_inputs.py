@@ -51,7 +51,7 @@ def written(path: Path, text: str, encoding: str = "utf-8") -> Path:
 
 def as_universal(path: Path, axis: tuple[str, str, np.ndarray], unit: str, binary: int = 0) -> Path:
     name, axis_unit, points = axis
-    own = {
+    dataset = {
         "type": 58, "binary": binary, "func_type": 1 if name == "time" else 4, "id1": "a",
         "rsp_node": 1, "rsp_dir": 3, "ref_node": 2, "ref_dir": 3, "data": SIGNAL, "x": points,
         "abscissa_spacing": 1, "abscissa_spec_data_type": 17 if name == "time" else 18,
@@ -59,14 +59,14 @@ def as_universal(path: Path, axis: tuple[str, str, np.ndarray], unit: str, binar
         "abscissa_axis_units_lab": axis_unit, "ordinate_spec_data_type": 0,
         "ordinate_axis_units_lab": unit, "orddenom_spec_data_type": 0,
     }  # fmt: skip
-    return universal(path.with_suffix(".uff"), own)
+    return universal(path.with_suffix(".uff"), dataset)
 
 
 def universal(path: Path, *sets: dict[str, Any]) -> Path:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for own in sets:
-            pyuff.UFF(str(path)).write_sets([own], "add")
+        for dataset in sets:
+            pyuff.UFF(str(path)).write_sets([dataset], "add")
     return path
 
 
@@ -168,7 +168,7 @@ def test_an_axis_of_another_quantity_is_refused(
 
 def rows(*columns: object, separator: str = ",", end: str = "") -> str:
     """Return columns of numbers or texts as rows."""
-    cells = [[c if isinstance(c, str) else repr(float(c)) for c in own] for own in columns]  # type: ignore[attr-defined]
+    cells = [[c if isinstance(c, str) else repr(float(c)) for c in column] for column in columns]  # type: ignore[attr-defined]
     return "\n".join(separator.join(row) + end for row in zip(*cells, strict=True))
 
 
@@ -297,7 +297,7 @@ SMOOTH = np.sin(60.0 * FINE)
 def test_holes_are_said_and_filled_when_asked_for(
     tmp_path: Path, missing: slice, words: list[str]
 ) -> None:
-    t, a = (np.delete(own, missing) for own in (FINE, SMOOTH))
+    t, a = (np.delete(samples, missing) for samples in (FINE, SMOOTH))
     path = written(tmp_path / "m.csv", "time [s],a [mm]\n" + rows(t, a))
     data = read_measured(path)
     assert data.sizes["time"] == t.size
@@ -313,7 +313,7 @@ def test_holes_are_said_and_filled_when_asked_for(
 
 
 def test_a_long_hole_is_not_filled_and_can_be_left_out(tmp_path: Path) -> None:
-    t, a = (np.delete(own, slice(100, 150)) for own in (FINE, SMOOTH))
+    t, a = (np.delete(samples, slice(100, 150)) for samples in (FINE, SMOOTH))
     path = written(tmp_path / "m.csv", "time [s],a [mm]\n" + rows(t, a))
     with pytest.raises(CaseError) as error:
         read_measured(path, fill=True)
@@ -354,8 +354,8 @@ def test_responses_to_three_references_are_three(tmp_path: Path) -> None:
 def test_files_with_the_same_heading_are_not_one(tmp_path: Path) -> None:
     heading = "frequency [Hz],a [mm/N]\n"
     paths = [
-        written(tmp_path / f"{k}.csv", heading + rows(5.0 + TIME * RATE, own))
-        for k, own in enumerate((SIGNAL, OTHER))
+        written(tmp_path / f"{k}.csv", heading + rows(5.0 + TIME * RATE, signal))
+        for k, signal in enumerate((SIGNAL, OTHER))
     ]
     with pytest.raises(CaseError, match="twice") as error:
         read_measured(*paths)

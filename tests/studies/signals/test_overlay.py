@@ -53,19 +53,19 @@ def wrapped(difference: float, period: float = PERIOD) -> float:
 
 @pytest.mark.parametrize(("rate", "start"), [(1024.0, START), (333.0, 0.01), (5000.0, 14.9)])
 def test_offset_and_noise_are_found_back(tmp_path: Path, rate: float, start: float) -> None:
-    found = df.overlay(RUN, measurement(tmp_path, rate=rate, start=start))
-    error = found.alignment.start_error
+    comparison = df.overlay(RUN, measurement(tmp_path, rate=rate, start=start))
+    error = comparison.alignment.start_error
     assert 0.0 < error < 1e-3 * PERIOD
-    assert abs(wrapped(found.offset - start)) < SIGMAS * error
-    for own in found.channels:
-        spread = 1.0 / np.sqrt(2.0 * (found.pairs.time.size - 81))  # 40 harmonics and a mean
-        assert own.noise == pytest.approx(NOISE, rel=SIGMAS * spread)
-        assert abs(own.gain - 1.0) < SIGMAS * own.gain_error < 0.01
-        assert abs(own.delay) < SIGMAS * own.delay_error
+    assert abs(wrapped(comparison.offset - start)) < SIGMAS * error
+    for channel in comparison.channels:
+        spread = 1.0 / np.sqrt(2.0 * (comparison.pairs.time.size - 81))  # 40 harmonics and a mean
+        assert channel.noise == pytest.approx(NOISE, rel=SIGMAS * spread)
+        assert abs(channel.gain - 1.0) < SIGMAS * channel.gain_error < 0.01
+        assert abs(channel.delay) < SIGMAS * channel.delay_error
         assert (
-            own.misfit is not None and own.misfit < 0.5 * NOISE
+            channel.misfit is not None and channel.misfit < 0.5 * NOISE
         )  # 81 numbers from 666 samples leave 0.35
-    assert not found.findings and found.numbers["verdict"] == "agrees"
+    assert not comparison.findings and comparison.numbers["verdict"] == "agrees"
 
 
 def test_errors_of_the_offset_are_those_of_many_measurements(tmp_path: Path) -> None:
@@ -74,32 +74,36 @@ def test_errors_of_the_offset_are_those_of_many_measurements(tmp_path: Path) -> 
     for _ in range(15):
         noisy = clean + rng.normal(0.0, NOISE, clean.shape)
         path = write_csv(tmp_path / "m.csv", t, {"tip thick": noisy[0], "tip thin": noisy[1]})
-        found = df.overlay(RUN, path)
-        scores.append(wrapped(found.offset - START) / found.alignment.start_error)
+        comparison = df.overlay(RUN, path)
+        scores.append(wrapped(comparison.offset - START) / comparison.alignment.start_error)
     assert 0.5 < float(np.std(scores)) < 1.5
     assert abs(float(np.mean(scores))) < 0.8
 
 
 def test_harmonics_and_distortion_are_those_of_the_motion(tmp_path: Path) -> None:
-    found = df.overlay(RUN, measurement(tmp_path, duration=6.0))
-    for own, exact in zip(found.channels, AMPLITUDES, strict=True):
-        assert own.measured is not None and own.computed is not None
-        assert own.measured.amplitudes[:3] == pytest.approx(exact, abs=SIGMAS * own.measured.floor)
+    comparison = df.overlay(RUN, measurement(tmp_path, duration=6.0))
+    for channel, exact in zip(comparison.channels, AMPLITUDES, strict=True):
+        assert channel.measured is not None and channel.computed is not None
+        assert channel.measured.amplitudes[:3] == pytest.approx(
+            exact, abs=SIGMAS * channel.measured.floor
+        )
         d = np.sqrt((exact**2).sum()) / exact[0] - 1.0
-        measured, error = own.measured.distortion()
+        measured, error = channel.measured.distortion()
         assert abs(measured - d) < SIGMAS * error
-        assert own.computed.distortion()[0] == pytest.approx(d, rel=1e-3)
+        assert channel.computed.distortion()[0] == pytest.approx(d, rel=1e-3)
 
 
 @pytest.mark.parametrize("clock", [1.0004, 0.997])
 def test_a_clock_that_runs_wrong_is_found(tmp_path: Path, clock: float) -> None:
-    found = df.overlay(RUN, measurement(tmp_path, clock=clock, duration=6.0))
-    assert abs(found.alignment.rate - clock) < SIGMAS * found.alignment.rate_error
-    assert found.alignment.rate_error < 1e-4
-    assert found.measured_frequency == pytest.approx(clock / PERIOD, rel=1e-4)
-    assert found.measured_frequency == pytest.approx(found.alignment.rate / PERIOD, rel=1e-12)
-    assert all(abs(own.gain - 1.0) < 0.01 for own in found.channels)
-    assert kinds(found) == [("clock", "")] and found.numbers["verdict"] == "differs"
+    comparison = df.overlay(RUN, measurement(tmp_path, clock=clock, duration=6.0))
+    assert abs(comparison.alignment.rate - clock) < SIGMAS * comparison.alignment.rate_error
+    assert comparison.alignment.rate_error < 1e-4
+    assert comparison.measured_frequency == pytest.approx(clock / PERIOD, rel=1e-4)
+    assert comparison.measured_frequency == pytest.approx(
+        comparison.alignment.rate / PERIOD, rel=1e-12
+    )
+    assert all(abs(channel.gain - 1.0) < 0.01 for channel in comparison.channels)
+    assert kinds(comparison) == [("clock", "")] and comparison.numbers["verdict"] == "differs"
 
 
 def test_absolute_times_keep_offset_clock_and_drift(tmp_path: Path) -> None:
@@ -120,28 +124,28 @@ def test_absolute_times_keep_offset_clock_and_drift(tmp_path: Path) -> None:
 
 
 def kinds(found: Overlay) -> list[tuple[str, str]]:
-    return [(own.kind, own.channel) for own in found.findings]
+    return [(finding.kind, finding.channel) for finding in found.findings]
 
 
 @pytest.mark.parametrize("scale", [1.12, 1e3, 25.4])
 def test_a_scaled_channel_is_reported(tmp_path: Path, scale: float) -> None:
-    found = df.overlay(RUN, measurement(tmp_path, thin=scale))
-    assert kinds(found) == [("amplitude", "tip thin")]
-    assert found.channels[1].gain == pytest.approx(scale, rel=0.01)
+    comparison = df.overlay(RUN, measurement(tmp_path, thin=scale))
+    assert kinds(comparison) == [("amplitude", "tip thin")]
+    assert comparison.channels[1].gain == pytest.approx(scale, rel=0.01)
     if scale == 1e3:
-        assert "as if millimetres were read as metres" in found.findings[0].text
-    assert abs(wrapped(found.offset - START)) < SIGMAS * found.alignment.start_error
+        assert "as if millimetres were read as metres" in comparison.findings[0].text
+    assert abs(wrapped(comparison.offset - START)) < SIGMAS * comparison.alignment.start_error
 
 
 @pytest.mark.parametrize("degrees", [20, 85])
 def test_a_late_channel_is_reported(tmp_path: Path, degrees: int) -> None:
     """The later it is, the worse both lie on the run together: that is no error of its phase."""
     late = degrees / 360.0 * PERIOD
-    found = df.overlay(RUN, measurement(tmp_path, late=late))
-    assert [kind for kind, _ in kinds(found)] == ["phase"]
-    thick, thin = found.channels
+    comparison = df.overlay(RUN, measurement(tmp_path, late=late))
+    assert [kind for kind, _ in kinds(comparison)] == ["phase"]
+    thick, thin = comparison.channels
     assert thin.delay - thick.delay == pytest.approx(late, rel=0.05)
-    text, size = found.findings[0].text, rf"measured ({degrees}|{degrees - 1})\.\d°"
+    text, size = comparison.findings[0].text, rf"measured ({degrees}|{degrees - 1})\.\d°"
     assert re.search(rf"thin: {size} .* later than tip thick", text) or re.search(
         rf"thick: {size} .* earlier than tip thin", text
     )
@@ -156,10 +160,10 @@ def test_the_drive_tells_which_channel_is_late(tmp_path: Path) -> None:
         tmp_path / "base.csv", data["time"].to_numpy(),
         {"base": 0.0025 * np.sin(2.0 * np.pi * t / PERIOD)},
     )  # fmt: skip
-    found = df.overlay(RUN, df.read_measured(path, base))
-    assert kinds(found) == [("phase", "tip thin")]
-    assert found.channels[1].delay == pytest.approx(late, rel=0.02)
-    assert abs(wrapped(found.offset - START)) < 1e-4
+    comparison = df.overlay(RUN, df.read_measured(path, base))
+    assert kinds(comparison) == [("phase", "tip thin")]
+    assert comparison.channels[1].delay == pytest.approx(late, rel=0.02)
+    assert abs(wrapped(comparison.offset - START)) < 1e-4
 
 
 def test_a_turned_sign_is_reported(tmp_path: Path) -> None:
@@ -169,32 +173,32 @@ def test_a_turned_sign_is_reported(tmp_path: Path) -> None:
         tmp_path / "base.csv", t, {"base": 0.0025 * np.sin(2.0 * np.pi * (START + t) / PERIOD)}
     )
     turned = measurement(tmp_path, thick=-1.0)
-    found = df.overlay(RUN, df.read_measured(turned, base))
-    assert [channel for _, channel in kinds(found)] == ["tip thick"]
-    assert "is its sign turned?" in found.findings[0].text
+    comparison = df.overlay(RUN, df.read_measured(turned, base))
+    assert [channel for _, channel in kinds(comparison)] == ["tip thick"]
+    assert "is its sign turned?" in comparison.findings[0].text
 
 
 def test_another_frequency_is_reported(tmp_path: Path) -> None:
-    found = df.overlay(RUN, measurement(tmp_path, clock=1.05))
-    assert ("clock", "") in kinds(found)
-    assert "driven at 3.41" in found.findings[0].text
+    comparison = df.overlay(RUN, measurement(tmp_path, clock=1.05))
+    assert ("clock", "") in kinds(comparison)
+    assert "driven at 3.41" in comparison.findings[0].text
 
 
 def test_another_motion_is_reported(tmp_path: Path) -> None:
     t = np.arange(2000) / 1000.0
     noise = np.random.default_rng(2).normal(0.0, 0.01, t.size)
-    found = df.overlay(RUN, write_csv(tmp_path / "m.csv", t, {"tip thin": noise}))
-    assert ("shape", "tip thin") in kinds(found)
+    comparison = df.overlay(RUN, write_csv(tmp_path / "m.csv", t, {"tip thin": noise}))
+    assert ("shape", "tip thin") in kinds(comparison)
 
 
 def test_a_subharmonic_motion_is_aligned_over_two_periods(tmp_path: Path) -> None:
     run = result(subharmonic=0.004)
     assert run.summary["periodicity"] == 2
     t, (a, b) = recorded(run.history, period=2 * PERIOD, start=START, noise=NOISE)
-    found = df.overlay(run, write_csv(tmp_path / "m.csv", t, {"tip thick": a, "tip thin": b}))
-    error = found.alignment.start_error
-    assert abs(wrapped(found.offset - START, 2 * PERIOD)) < SIGMAS * error < 1e-2 * PERIOD
-    assert not found.findings
+    comparison = df.overlay(run, write_csv(tmp_path / "m.csv", t, {"tip thick": a, "tip thin": b}))
+    error = comparison.alignment.start_error
+    assert abs(wrapped(comparison.offset - START, 2 * PERIOD)) < SIGMAS * error < 1e-2 * PERIOD
+    assert not comparison.findings
 
 
 @pytest.mark.parametrize("turned", [None, 0, 1])
@@ -206,14 +210,16 @@ def test_the_base_alone_does_not_tell_the_periods_of_a_doubled_motion_apart(
     t, tips = recorded(run.history, period=2 * PERIOD, start=start, noise=NOISE)
     base = 0.0025 * np.sin(2.0 * np.pi * (start + t) / PERIOD)
     tips *= np.array([-1.0 if k == turned else 1.0 for k in (0, 1)])[:, None]
-    found = df.overlay(run, write_csv(
+    comparison = df.overlay(run, write_csv(
         tmp_path / "m.csv", t, {"tip thick": tips[0], "tip thin": tips[1], "base": base}
     ))  # fmt: skip
-    assert abs(wrapped(found.offset - start, 2 * PERIOD)) < 1e-4 * PERIOD
-    signs = [own.channel for own in found.findings if "is its sign turned?" in own.text]
+    assert abs(wrapped(comparison.offset - start, 2 * PERIOD)) < 1e-4 * PERIOD
+    signs = [
+        finding.channel for finding in comparison.findings if "is its sign turned?" in finding.text
+    ]
     assert signs == [("tip thick", "tip thin")[k] for k in [turned] if k is not None]
-    assert len(found.findings) == len(signs)
-    assert all(abs(own.delay) < 1e-2 * PERIOD for own in found.channels)
+    assert len(comparison.findings) == len(signs)
+    assert all(abs(channel.delay) < 1e-2 * PERIOD for channel in comparison.channels)
 
 
 def test_another_half_of_a_doubled_motion_is_not_said_to_agree(tmp_path: Path) -> None:
@@ -222,10 +228,10 @@ def test_another_half_of_a_doubled_motion_is_not_said_to_agree(tmp_path: Path) -
     _, (a, _) = recorded(run.history, period=2 * PERIOD, start=START, noise=NOISE)
     t, (_, b) = recorded(run.history, period=2 * PERIOD, start=START + PERIOD, noise=NOISE)
     base = 0.0025 * np.sin(2.0 * np.pi * (START + t) / PERIOD)
-    found = df.overlay(run, write_csv(
+    comparison = df.overlay(run, write_csv(
         tmp_path / "m.csv", t, {"tip thick": a, "tip thin": b, "base": base}
     ))  # fmt: skip
-    assert "shape" in [kind for kind, _ in kinds(found)]
+    assert "shape" in [kind for kind, _ in kinds(comparison)]
 
 
 @pytest.mark.slow
@@ -249,12 +255,12 @@ def test_stated_errors_contain_the_truth_as_often_as_they_say(
         if has_base:
             base = 0.0025 * np.sin(2.0 * np.pi * (start + clock * t) / PERIOD)
             columns["base"] = base + rng.normal(0.0, 0.1 * NOISE, t.size)
-        found = df.overlay(run, write_csv(tmp_path / "m.csv", t, columns))
-        own = found.alignment
-        assert {kind for kind, _ in kinds(found)} <= {"clock"}
+        comparison = df.overlay(run, write_csv(tmp_path / "m.csv", t, columns))
+        alignment = comparison.alignment
+        assert {kind for kind, _ in kinds(comparison)} <= {"clock"}
         inside += [
-            abs(wrapped(found.offset - start, 2 * PERIOD)) < 2.0 * own.start_error,
-            abs(own.rate - clock) < 2.0 * own.rate_error,
+            abs(wrapped(comparison.offset - start, 2 * PERIOD)) < 2.0 * alignment.start_error,
+            abs(alignment.rate - clock) < 2.0 * alignment.rate_error,
         ]
     least = binom.ppf(0.01, number, 0.954)
     assert least <= inside.min(), inside
@@ -268,11 +274,11 @@ def test_the_clock_is_fitted_beside_a_run_that_has_not_settled(tmp_path: Path) -
     t = np.arange(0.0, 1.1, 1.0 / 900.0)
     tips = CubicSpline(time, growing.to_numpy(), axis=1)(time[0] + 0.1 + 1.005 * t)
     path = write_csv(tmp_path / "m.csv", t, {"tip thick": tips[0], "tip thin": tips[1]})
-    found = df.overlay(run, path)
-    assert found.alignment.rate == pytest.approx(1.005, abs=2e-4)
-    assert found.alignment.rate_error > 0.0
-    assert kinds(found) == [("clock", "")]
-    assert found.offset == pytest.approx(time[0] + 0.1, abs=1e-3 * PERIOD)
+    comparison = df.overlay(run, path)
+    assert comparison.alignment.rate == pytest.approx(1.005, abs=2e-4)
+    assert comparison.alignment.rate_error > 0.0
+    assert kinds(comparison) == [("clock", "")]
+    assert comparison.offset == pytest.approx(time[0] + 0.1, abs=1e-3 * PERIOD)
 
 
 def test_a_motion_that_does_not_repeat_is_aligned_by_correlation(tmp_path: Path) -> None:
@@ -286,22 +292,22 @@ def test_a_motion_that_does_not_repeat_is_aligned_by_correlation(tmp_path: Path)
     tips = np.array([0.01, 0.02])[:, None] * np.sin(2.0 * np.pi * (3.0 + 2.0 * u) * u)
     tips += np.random.default_rng(4).normal(0.0, NOISE, tips.shape)
     path = write_csv(tmp_path / "m.csv", t, {"tip thick": tips[0], "tip thin": tips[1]})
-    found = df.overlay(Result(run.case, history, run.summary, None), path)
-    assert found.numbers["method"] == "cross-correlation"
-    assert found.offset == pytest.approx(start, abs=SIGMAS * found.alignment.start_error)
-    assert found.alignment.start_error < 1e-3
-    assert found.channels[0].residual == pytest.approx(NOISE, rel=0.1)
-    assert found.numbers["channels"]["tip thin"]["noise_rms"] is None
-    assert {path.name for path in found.save(tmp_path / "out")} >= {"overlay_histories.png"}
+    comparison = df.overlay(Result(run.case, history, run.summary, None), path)
+    assert comparison.numbers["method"] == "cross-correlation"
+    assert comparison.offset == pytest.approx(start, abs=SIGMAS * comparison.alignment.start_error)
+    assert comparison.alignment.start_error < 1e-3
+    assert comparison.channels[0].residual == pytest.approx(NOISE, rel=0.1)
+    assert comparison.numbers["channels"]["tip thin"]["noise_rms"] is None
+    assert {path.name for path in comparison.save(tmp_path / "out")} >= {"overlay_histories.png"}
 
 
 def test_sensors_are_matched_by_name(tmp_path: Path) -> None:
     history = RUN.history.assign(sensor_mid=RUN.history["tip_displacement"][0].drop_vars("lamina"))
     t, (a, _) = recorded(RUN.history, period=PERIOD, start=START, noise=NOISE)
     path = write_csv(tmp_path / "m.csv", t, {"mid": a, "far": a})
-    found = df.overlay(Result(RUN.case, history, RUN.summary, None), path)
-    assert found.pairs.names == ("mid",) and found.pairs.unmatched == ("far",)
-    assert not found.findings
+    comparison = df.overlay(Result(RUN.case, history, RUN.summary, None), path)
+    assert comparison.pairs.names == ("mid",) and comparison.pairs.unmatched == ("far",)
+    assert not comparison.findings
 
 
 def test_a_sensor_with_a_rate_of_its_own_is_matched(tmp_path: Path) -> None:
@@ -310,9 +316,9 @@ def test_a_sensor_with_a_rate_of_its_own_is_matched(tmp_path: Path) -> None:
     history = RUN.history.assign(sensor_mid=slow)
     t, (a, _) = recorded(RUN.history, period=PERIOD, start=START, noise=NOISE)
     path = write_csv(tmp_path / "m.csv", t, {"mid": a})
-    found = df.overlay(Result(RUN.case, history, RUN.summary, None), path)
-    assert found.channels[0].gain == pytest.approx(1.0, abs=0.01)
-    assert abs(wrapped(found.offset - START)) < SIGMAS * found.alignment.start_error
+    comparison = df.overlay(Result(RUN.case, history, RUN.summary, None), path)
+    assert comparison.channels[0].gain == pytest.approx(1.0, abs=0.01)
+    assert abs(wrapped(comparison.offset - START)) < SIGMAS * comparison.alignment.start_error
 
 
 def test_nothing_in_common_is_refused(tmp_path: Path) -> None:
@@ -324,14 +330,14 @@ def test_nothing_in_common_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("pictures")
 def test_everything_is_written(tmp_path: Path) -> None:
-    found = df.overlay(RUN, measurement(tmp_path))
-    written = found.save(tmp_path / "out")
+    comparison = df.overlay(RUN, measurement(tmp_path))
+    written = comparison.save(tmp_path / "out")
     assert [path.name for path in written] == [
         "overlay.json", "overlay.nc", "overlay_histories.png", "overlay_harmonics.png",
         "overlay_portraits.png", "overlay.html",
     ]  # fmt: skip
     numbers = json.loads(written[0].read_text())
-    assert numbers["offset"] == found.offset
+    assert numbers["offset"] == comparison.offset
     assert set(numbers["channels"]) == {"tip thick", "tip thin"}
     data = xr.load_dataset(written[1], engine="h5netcdf")
     assert float(data["residual"].std()) == pytest.approx(NOISE, rel=0.06)

@@ -85,10 +85,12 @@ def of_study(seeds: range) -> np.ndarray:
         try:
             responses = with_responses(data, "force")
             last = float(responses["frequency"][-1])
-            found, _ = poles(responses, 0.5 * frequencies[0], min(1.4 * frequencies[-1], last))
+            fitted_poles, _ = poles(
+                responses, 0.5 * frequencies[0], min(1.4 * frequencies[-1], last)
+            )
         except CaseError:
             continue
-        for pole in found:
+        for pole in fitted_poles:
             k = int(np.argmin(np.abs(frequencies - pole.frequency)))
             of_frequency = abs(pole.frequency - frequencies[k])
             of_damping = abs(pole.damping - dampings[k])
@@ -101,18 +103,18 @@ def of_study(seeds: range) -> np.ndarray:
 
 def test_errors_of_blows_are_within_what_is_printed() -> None:
     """Ten of the two hundred blows of the long form: about forty modes."""
-    found = of_study(range(10))
-    assert len(found) > 20
-    assert (found[:, :2].mean(axis=0) > 0.8).all()
-    assert np.median(found[:, 2]) < 0.005
+    scores = of_study(range(10))
+    assert len(scores) > 20
+    assert (scores[:, :2].mean(axis=0) > 0.8).all()
+    assert np.median(scores[:, 2]) < 0.005
 
 
 @pytest.mark.nightly
 def test_errors_of_two_hundred_blows_are_within_what_is_printed() -> None:
-    found = of_study(range(200))
-    assert len(found) > 500
-    assert (found[:, :2].mean(axis=0) >= 0.9).all()
-    assert np.median(found[:, 2]) < 0.005
+    scores = of_study(range(200))
+    assert len(scores) > 500
+    assert (scores[:, :2].mean(axis=0) >= 0.9).all()
+    assert np.median(scores[:, 2]) < 0.005
 
 
 MODES = ((9.284, 0.004), (18.278, 0.006), (58.179, 0.003), (114.548, 0.005))
@@ -144,9 +146,11 @@ def mixed(f: np.ndarray, factor: float = 1.0) -> xr.Dataset:
 
 @pytest.mark.parametrize("factor", [1.0, 1e5, 1e-6])
 def test_poles_do_not_depend_on_units(factor: float) -> None:
-    found, left = poles(mixed(0.05 * np.arange(3001), factor), 2.0, 140.0)
-    assert [pole.frequency for pole in found] == pytest.approx([f for f, _ in MODES], rel=1e-3)
-    assert [pole.damping for pole in found] == pytest.approx([d for _, d in MODES], rel=0.05)
+    fitted_poles, left = poles(mixed(0.05 * np.arange(3001), factor), 2.0, 140.0)
+    assert [pole.frequency for pole in fitted_poles] == pytest.approx(
+        [f for f, _ in MODES], rel=1e-3
+    )
+    assert [pole.damping for pole in fitted_poles] == pytest.approx([d for _, d in MODES], rel=0.05)
     assert left.keys() == {"u", "a", "b"} and 1e-5 < max(left.values()) < 0.01
 
 
@@ -163,8 +167,10 @@ def test_what_the_poles_leave_is_said_of_each_response() -> None:
 @pytest.mark.parametrize("first", [10.0, 10.02])
 def test_a_band_that_does_not_begin_at_zero(first: float) -> None:
     data = mixed(first + 0.05 * np.arange(2500))
-    found, _ = poles(data, 12.0, 130.0)
-    assert [pole.frequency for pole in found] == pytest.approx([f for f, _ in MODES[1:]], rel=1e-3)
+    fitted_poles, _ = poles(data, 12.0, 130.0)
+    assert [pole.frequency for pole in fitted_poles] == pytest.approx(
+        [f for f, _ in MODES[1:]], rel=1e-3
+    )
     with pytest.raises(CaseError, match=f"from {first:g} to"):
         poles(data, 5.0, 130.0)
 
@@ -182,8 +188,8 @@ def test_a_hann_window_adds_nothing_to_damping(segment: float) -> None:
     y = np.fft.irfft(h * np.fft.rfft(force), n)
     y += 0.02 * y.std() * rng.normal(size=n)
     data = with_responses(record(np.arange(n) / rate, force, y[None]), "force", segment=segment)
-    found, _ = poles(data, 1.0, 30.0)
-    for pole, (frequency, damping, _) in zip(found, modes, strict=True):
+    fitted_poles, _ = poles(data, 1.0, 30.0)
+    for pole, (frequency, damping, _) in zip(fitted_poles, modes, strict=True):
         assert abs(pole.frequency - frequency) < 2.0 * pole.frequency_error
         assert abs(pole.damping - damping) < min(2.0 * pole.damping_error, 0.06 * damping)
 
@@ -208,9 +214,9 @@ def test_a_sweep_has_the_right_peaks_and_damping(ends: tuple[float, float], is_c
     motion += 1e-3 * motion.std() * np.random.default_rng(3).normal(size=motion.size)
     data = with_responses(record(t[:n], force[:n], motion[None, :n]), "force")
     assert "sweep" in data.attrs["notes"]
-    found, _ = poles(data, 3.0, 35.0)
-    assert len(found) == len(SWEPT)
-    for pole, (frequency, damping, _) in zip(found, SWEPT, strict=True):
+    fitted_poles, _ = poles(data, 3.0, 35.0)
+    assert len(fitted_poles) == len(SWEPT)
+    for pole, (frequency, damping, _) in zip(fitted_poles, SWEPT, strict=True):
         assert pole.frequency == pytest.approx(frequency, rel=2e-4)
         assert pole.damping == pytest.approx(damping, rel=0.01)
     f, h = data["frequency"].to_numpy(), data["response"].to_numpy()[:, 0]
@@ -232,9 +238,9 @@ SWEPT = ((9.0, 0.006, 1.0), (19.7, 0.008, -5.0))
 def test_poles_of_a_file_are_those_of_its_record(tmp_path: Path) -> None:
     """What the window has damped is in the file, so that poles found later are free of it, too."""
     data, frequencies, _ = struck(0)
-    found = with_responses(data, "force").assign_attrs(schema=SCHEMA)
-    again = read_measured(write_measured(found, tmp_path / "measured.nc"))
-    band = 0.5 * frequencies[0], min(1.4 * frequencies[-1], float(found["frequency"][-1]))
+    responses = with_responses(data, "force").assign_attrs(schema=SCHEMA)
+    again = read_measured(write_measured(responses, tmp_path / "measured.nc"))
+    band = 0.5 * frequencies[0], min(1.4 * frequencies[-1], float(responses["frequency"][-1]))
     assert "damped_response" in again
-    for pole, same in zip(poles(found, *band)[0], poles(again, *band)[0], strict=True):
+    for pole, same in zip(poles(responses, *band)[0], poles(again, *band)[0], strict=True):
         assert same.damping == pytest.approx(pole.damping, rel=1e-9)

@@ -101,31 +101,31 @@ def distortion(quantity: str) -> float:
 
 def check(found: Overlay, quantity: str) -> None:
     """Compare what an overlay says of a channel with the formulas."""
-    own = found.numbers["channels"][NAMES[quantity]]
-    assert own["noise_rms"] == pytest.approx(NOISE[quantity], rel=0.04)
-    assert abs(own["gain"] - 1.0) < max(SIGMAS * own["gain_error"], 1e-3)
-    assert own["phase_degrees_error"] < 0.5
-    assert abs(own["phase_degrees"]) < SIGMAS * own["phase_degrees_error"]
-    assert own["residual_rms"] >= own["noise_rms"]
-    assert own["misfit_rms"] < 0.3 * own["noise_rms"]
+    channel = found.numbers["channels"][NAMES[quantity]]
+    assert channel["noise_rms"] == pytest.approx(NOISE[quantity], rel=0.04)
+    assert abs(channel["gain"] - 1.0) < max(SIGMAS * channel["gain_error"], 1e-3)
+    assert channel["phase_degrees_error"] < 0.5
+    assert abs(channel["phase_degrees"]) < SIGMAS * channel["phase_degrees_error"]
+    assert channel["residual_rms"] >= channel["noise_rms"]
+    assert channel["misfit_rms"] < 0.3 * channel["noise_rms"]
     exact = distortion(quantity)
-    assert own["distortion_computed"] == pytest.approx(exact, rel=1e-2)
-    error = own["distortion_measured_error"]
-    assert abs(own["distortion_measured"] - exact) < SIGMAS * error + 1e-3 * exact
+    assert channel["distortion_computed"] == pytest.approx(exact, rel=1e-2)
+    error = channel["distortion_measured_error"]
+    assert abs(channel["distortion_measured"] - exact) < SIGMAS * error + 1e-3 * exact
     amplitudes = np.abs(coefficients(quantity))[:10]
-    assert own["harmonics_computed"] == pytest.approx(amplitudes, rel=1e-2)
-    assert own["harmonics_measured"] == pytest.approx(
-        amplitudes, abs=SIGMAS * own["harmonic_noise"]
+    assert channel["harmonics_computed"] == pytest.approx(amplitudes, rel=1e-2)
+    assert channel["harmonics_measured"] == pytest.approx(
+        amplitudes, abs=SIGMAS * channel["harmonic_noise"]
     )
 
 
 @pytest.mark.parametrize("of_base", ["", "displacement", "acceleration"])
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_a_record_of_each_quantity(tmp_path: Path, quantity: str, of_base: str) -> None:
-    found = df.overlay(RUN, record(tmp_path, [quantity], of_base))
-    check(found, quantity)
-    assert found.numbers["verdict"] == "agrees" and not found.pairs.unmatched
-    assert abs(wrapped(found.offset - START)) < SIGMAS * found.alignment.start_error
+    comparison = df.overlay(RUN, record(tmp_path, [quantity], of_base))
+    check(comparison, quantity)
+    assert comparison.numbers["verdict"] == "agrees" and not comparison.pairs.unmatched
+    assert abs(wrapped(comparison.offset - START)) < SIGMAS * comparison.alignment.start_error
 
 
 @pytest.mark.parametrize("of_base", ["displacement", "velocity", "acceleration"])
@@ -134,15 +134,15 @@ def test_a_sensor_on_the_base_is_the_base_whatever_it_measures(
 ) -> None:
     """It gives the clock of the run, so that a late channel is seen as late."""
     late = 10.0 / 360.0 * PERIOD
-    found = df.overlay(RUN, record(tmp_path, ["velocity"], of_base, late=late))
-    drive = next(own for own in found.channels if own.is_drive)
-    assert drive.name == "base" and not found.pairs.unmatched
-    assert abs(wrapped(found.offset - START)) < SIGMAS * found.alignment.start_error
+    comparison = df.overlay(RUN, record(tmp_path, ["velocity"], of_base, late=late))
+    drive = next(channel for channel in comparison.channels if channel.is_drive)
+    assert drive.name == "base" and not comparison.pairs.unmatched
+    assert abs(wrapped(comparison.offset - START)) < SIGMAS * comparison.alignment.start_error
     assert drive.gain == pytest.approx(1.0, abs=2e-3)
-    velocity = found.numbers["channels"]["velocity"]
+    velocity = comparison.numbers["channels"]["velocity"]
     error = velocity["phase_degrees_error"]
     assert velocity["phase_degrees"] == pytest.approx(10.0, abs=SIGMAS * error)
-    assert [own.kind for own in found.findings] == ["phase"]
+    assert [finding.kind for finding in comparison.findings] == ["phase"]
 
 
 def test_a_record_that_was_not_filtered_is_compared_with_all_of_the_run(tmp_path: Path) -> None:
@@ -153,11 +153,11 @@ def test_a_record_that_was_not_filtered_is_compared_with_all_of_the_run(tmp_path
     path = tmp_path / "record.csv"
     np.savetxt(path, np.array([time, values]).T, "%.12g", ",",
                header="time [s],acceleration [m/s2]", comments="")  # fmt: skip
-    own = df.overlay(RUN, path).numbers["channels"]["acceleration"]
-    assert own["gain"] == pytest.approx(1.0, abs=0.02)
-    assert own["noise_rms"] == pytest.approx(NOISE["acceleration"], rel=0.05)
-    assert own["noise_rms"] <= own["residual_rms"]
-    assert abs(own["phase_degrees"]) < SIGMAS * own["phase_degrees_error"]
+    channel = df.overlay(RUN, path).numbers["channels"]["acceleration"]
+    assert channel["gain"] == pytest.approx(1.0, abs=0.02)
+    assert channel["noise_rms"] == pytest.approx(NOISE["acceleration"], rel=0.05)
+    assert channel["noise_rms"] <= channel["residual_rms"]
+    assert abs(channel["phase_degrees"]) < SIGMAS * channel["phase_degrees_error"]
 
 
 def test_what_does_not_repeat_is_noise_whatever_its_spectrum(tmp_path: Path) -> None:
@@ -168,5 +168,5 @@ def test_what_does_not_repeat_is_noise_whatever_its_spectrum(tmp_path: Path) -> 
     path = tmp_path / "record.csv"
     np.savetxt(path, np.array([TIME, clean + hum]).T, "%.12g", ",",
                header="time [s],acceleration [m/s2]", comments="")  # fmt: skip
-    own = df.overlay(RUN, path).numbers["channels"]["acceleration"]
-    assert own["noise_rms"] == pytest.approx(float(hum.std()), rel=0.05)
+    channel = df.overlay(RUN, path).numbers["channels"]["acceleration"]
+    assert channel["noise_rms"] == pytest.approx(float(hum.std()), rel=0.05)

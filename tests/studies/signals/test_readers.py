@@ -47,9 +47,9 @@ def columns_of(sheets: list[Sheet]) -> list[tuple[float | None, Columns]]:
 
 def assert_same(sheets: list[Sheet], expected: list[tuple[float | None, Columns]]) -> None:
     """Compare what a reader found with what was written, up to the digits of a table."""
-    found = columns_of(sheets)
-    assert len(found) == len(expected)
-    for (rate, columns), (expected_rate, expected_columns) in zip(found, expected, strict=True):
+    groups = columns_of(sheets)
+    assert len(groups) == len(expected)
+    for (rate, columns), (expected_rate, expected_columns) in zip(groups, expected, strict=True):
         assert rate == expected_rate
         assert list(columns) == list(expected_columns)
         for name, (unit, values) in expected_columns.items():
@@ -291,7 +291,7 @@ def test_matlab_files_of_version_7_3_are_read(tmp_path: Path) -> None:
 def test_a_matlab_file_that_holds_nothing_says_what_it_has(tmp_path: Path) -> None:
     path = tmp_path / "m.mat"
     start = "expected vectors beside a vector t or time, or a number fs or dt; found "
-    for content, found in (
+    for content, listing in (
         ({"y": ONE, "t": TIME[:1], "a": 1.0}, "a, t, y"),
         ({f"name_{k:02d}": 1.0 for k in range(40)}, None),
         ({"fs": 4.0, "y": ONE[:1]}, "fs, y"),
@@ -300,7 +300,7 @@ def test_a_matlab_file_that_holds_nothing_says_what_it_has(tmp_path: Path) -> No
         savemat(path, content)
         with pytest.raises(CaseError) as error:
             read_matlab(path)
-        wanted = found or ", ".join(f"name_{k:02d}" for k in range(40))[:200]
+        wanted = listing or ", ".join(f"name_{k:02d}" for k in range(40))[:200]
         assert str(error.value) == f"{path}: {start}{wanted}"
     path.write_bytes(b"MATLAB 5.0 MAT-file, but no more of it")
     with pytest.raises(CaseError, match=r"m\.mat: damaged, or no MATLAB file \(.{1,80}\);"):
@@ -402,7 +402,7 @@ def test_blocks_and_their_bytes(tmp_path: Path) -> None:
     assert plain.header == b"    -1  \n   151 and more \n model d\n\n"
     assert cleaned(plain) == b"    -1\n   151 and more\n model d\n\n    -1\n"
     assert (of_data.number, of_data.kind, of_data.data, of_data.notes) == (3, "58b", data, ())
-    assert of_data.header == b"".join(own.rstrip() + b"\n" for own in header.splitlines())
+    assert of_data.header == b"".join(line.rstrip() + b"\n" for line in header.splitlines())
     assert cleaned(of_data) == of_data.header + data + b"\n    -1\n"
     assert (of_text.number, of_text.kind) == (4, "58")
     head = b"    -1\n    58\n" + 11 * b"head D\n"
@@ -483,13 +483,13 @@ def functions(**all_have: Any) -> list[dict[str, Any]]:
         over | {"func_type": 2, "rsp_node": 30},
         of_time | {"abscissa_spec_data_type": 3, "rsp_node": 31},
     ]  # fmt: skip
-    return [own | all_have for own in sets]
+    return [dataset | all_have for dataset in sets]
 
 
 def write(path: Path, *sets: dict[str, Any]) -> Path:
     """Write sets with pyuff."""
-    for own in sets:
-        pyuff.UFF(str(path)).write_sets([own], "add")
+    for dataset in sets:
+        pyuff.UFF(str(path)).write_sets([dataset], "add")
     return path
 
 
@@ -507,12 +507,12 @@ def test_sets_are_named_by_what_tells_them_apart(tmp_path: Path) -> None:
         (({"id1": "a", "rsp_ent_name": "P"}, {"id1": "", "rsp_ent_name": "Q"}), ["P", "Q"]),
         (({"id1": "a"}, {"id1": "NONE"}), ["node10 +x", "node6 +z"]),
     ]):  # fmt: skip
-        sets = [own | more for own, more in zip((history, other), about, strict=True)]
-        found = read_universal(write(tmp_path / f"{k}.uff", *sets))
-        assert [sheet.columns[1].name for sheet in found] == names, k
+        sets = [dataset | more for dataset, more in zip((history, other), about, strict=True)]
+        sheets = read_universal(write(tmp_path / f"{k}.uff", *sets))
+        assert [sheet.columns[1].name for sheet in sheets] == names, k
     same = [history | {"id1": "a"}, history | {"id1": "a", "rsp_node": 4, "rsp_dir": 0}]
-    found = read_universal(write(tmp_path / "same.uff", *same))
-    assert [sheet.columns[1].name for sheet in found] == ["node10 +x", "node4"]
+    sheets = read_universal(write(tmp_path / "same.uff", *same))
+    assert [sheet.columns[1].name for sheet in sheets] == ["node10 +x", "node4"]
 
 
 def test_a_set_with_fewer_values_than_it_says_is_refused(tmp_path: Path) -> None:

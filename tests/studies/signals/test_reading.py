@@ -54,23 +54,23 @@ def table(path: Path, heading: str, *columns: np.ndarray, separator: str = ",") 
 
 
 def uff_set(name: str, values: np.ndarray, **about: object) -> dict[str, object]:
-    own: dict[str, object] = {
+    record: dict[str, object] = {
         "type": 58, "binary": 0, "func_type": 1, "id1": name, "rsp_node": 1, "rsp_dir": 3,
         "ref_node": 0, "ref_dir": 0, "data": values, "x": TIME, "abscissa_spacing": 1,
         "abscissa_inc": 1.0 / RATE, "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 8,
         "ordinate_axis_units_lab": "mm", "orddenom_spec_data_type": 0,
     }  # fmt: skip
-    return own | about
+    return record | about
 
 
 def write_uff(path: Path, *sets: dict[str, object], double: bool = True) -> Path:
     file = pyuff.UFF(str(path))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for own in sets:
+        for record in sets:
             if not double:
-                own["ord_data_type"] = 5 if np.iscomplexobj(own["data"]) else 2
-            file.write_sets([own], "add", force_double=double)
+                record["ord_data_type"] = 5 if np.iscomplexobj(record["data"]) else 2
+            file.write_sets([record], "add", force_double=double)
     return path
 
 
@@ -286,9 +286,11 @@ def test_stray_line_ends_about_binary_data(
     content, data = path.read_bytes(), values.astype("<f8").tobytes()
     assert data in content
     path.write_bytes(content.replace(data, stray + data if is_before else data + stray))
-    found = read_measured(path)
-    assert is_close(found["sensor_a"], 1e-3 * values) and is_close(found["sensor_b"], THICK, 1e-9)
-    assert "stray" in found.attrs["notes"]
+    measured = read_measured(path)
+    assert is_close(measured["sensor_a"], 1e-3 * values) and is_close(
+        measured["sensor_b"], THICK, 1e-9
+    )
+    assert "stray" in measured.attrs["notes"]
 
 
 def test_binary_data_that_looks_like_the_end_of_a_set(tmp_path: Path) -> None:
@@ -325,8 +327,8 @@ def test_units_and_positions_from_other_sets(tmp_path: Path) -> None:
 
 
 def test_a_universal_file_without_units_asks_for_them(tmp_path: Path) -> None:
-    own = uff_set("a", THIN, ordinate_axis_units_lab="NONE", ordinate_spec_data_type=12)
-    path = write_uff(tmp_path / "m.uff", own)
+    record = uff_set("a", THIN, ordinate_axis_units_lab="NONE", ordinate_spec_data_type=12)
+    path = write_uff(tmp_path / "m.uff", record)
     with pytest.raises(CaseError, match="no unit"):
         read_measured(path)
     data = read_measured(path, units="SI")
@@ -429,10 +431,10 @@ def test_the_result_of_a_run_is_read_under_its_own_names(tmp_path: Path) -> None
 
 
 def test_other_netcdf_files(tmp_path: Path) -> None:
-    own = xr.Dataset(
+    content = xr.Dataset(
         {"w": (("time",), 1e3 * THIN, {"units": "mm"})}, {"time": ("time", TIME, {"units": "s"})}
     )
-    own.to_netcdf(tmp_path / "m.nc", engine="scipy")
+    content.to_netcdf(tmp_path / "m.nc", engine="scipy")
     data = read_measured(tmp_path / "m.nc", channels={"tip thin": "w"})
     assert is_close(data["tip_displacement"][0], THIN)
 
@@ -555,12 +557,12 @@ def test_channels_are_interpolated_to_the_finest_step_that_all_have() -> None:
         np.testing.assert_array_equal(time, moved[-n:])
         np.testing.assert_allclose(data["sensor_a"], cubic(np.maximum(time, 1.0)), rtol=1e-12)
         np.testing.assert_allclose(data["sensor_b"], 3.0 * cubic(time), rtol=1e-12)
-    whole = np.arange(8.0)
+    points = np.arange(8.0)
     for end, n in ((7.0 - EQUAL, 8), (7.0 - 2.0 * EQUAL, 7)):
         other = channel("b", B[:5], points=np.r_[0.0, 2.0, 4.0, 6.0, end])
-        assert dataset([channel("a", A, points=whole), other]).sizes["time"] == n
+        assert dataset([channel("a", A, points=points), other]).sizes["time"] == n
     other = channel("b", B, points=np.r_[6.0, 7.0, 8.2, np.arange(9.0, 14.0)])  # one step shared
-    assert dataset([channel("a", A, points=whole), other]).sizes["time"] == 2
+    assert dataset([channel("a", A, points=points), other]).sizes["time"] == 2
     shared = coarse[1:3] + 1e-3  # half a second in common with b, more than its step
     data = dataset([channel("a", A[:3], points=np.r_[coarse[:2], 2.0]),
                     channel("b", B, points=shared[0] - 0.3 + 0.1 * np.arange(8))])  # fmt: skip

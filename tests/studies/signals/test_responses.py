@@ -59,7 +59,7 @@ def as_dataset(time: np.ndarray, force: np.ndarray, motions: np.ndarray) -> xr.D
     names = ["a", "force", "b"]
     values = {"sensor_a": motions[0], "force": force, "sensor_b": motions[1]}
     return xr.Dataset(
-        {name: ("time", own) for name, own in values.items()}
+        {name: ("time", array) for name, array in values.items()}
         | {"channel_variable": ("channel", list(values)),
            "channel_units": ("channel", ["m", "N", "m/s"]),
            "channel_lamina": ("channel", ["", "", ""])},
@@ -92,10 +92,10 @@ def test_what_follows_within_the_width_of_a_blow_is_part_of_it(rest: int, n_puls
 def test_thresholds_of_pulses_are_met_on_both_sides() -> None:
     """Noise of -1, 0 and 1, whose scatter is 1.4826, begins no blow below six times that."""
     noise, scatter = np.resize([-1.0, 0.0, 1.0], 999), 1.4826
-    for share, found in ((0.99, []), (1.01, [(500, 501)])):
+    for share, expected in ((0.99, []), (1.01, [(500, 501)])):
         force = noise.copy()
         force[500] = share * QUIET * scatter
-        assert pulses(force) == found
+        assert pulses(force) == expected
     for height, end in ((5.9 * scatter, 501), (6.1 * scatter, 502)):
         force[500:502] = 30.0 * scatter, height
         assert pulses(force) == [(500, end)]
@@ -141,26 +141,26 @@ def test_double_hits_are_those_within_a_tenth_of_the_longest_segment() -> None:
 
 def two_modes(s: np.ndarray) -> np.ndarray:
     """Return two responses of two modes, one with a line beside it."""
-    found = np.zeros((2, s.size), dtype=complex)
+    responses = np.zeros((2, s.size), dtype=complex)
     for pole, residues in (
         (2j * np.pi * 20.0 - 0.8, (1.0 - 0.3j, 0.5)), (2j * np.pi * 55.0 - 1.5, (-0.8, 1.2 + 1.0j)),
     ):  # fmt: skip
         r = np.array(residues)[:, None]
-        found += r / (s - pole) + r.conj() / (s - np.conj(pole))
-    return found
+        responses += r / (s - pole) + r.conj() / (s - np.conj(pole))
+    return responses
 
 
 @pytest.mark.parametrize("decay", [0.4, 3.0])
 def test_the_window_is_taken_out_at_the_peaks(decay: float) -> None:
     f = 0.1 * np.arange(1000)
     axis, windowed = two_modes(2j * np.pi * f), two_modes(2j * np.pi * f + decay)
-    found, led = on_axis(f, windowed, np.ones(f.size), decay)
+    response, led = on_axis(f, windowed, np.ones(f.size), decay)
     np.testing.assert_allclose(led, [20.0, 55.0], atol=0.051)
     near = (np.abs(f - 20.0) < 2.0) | (np.abs(f - 55.0) < 2.0)
     largest = np.abs(axis).max()
-    assert np.abs(found - axis)[:, near].max() < 2e-6 * largest
+    assert np.abs(response - axis)[:, near].max() < 2e-6 * largest
     assert np.abs(windowed - axis)[:, near].max() > 0.1 * largest
-    assert np.abs(found - windowed)[:, near].max() > 0.1 * largest
+    assert np.abs(response - windowed)[:, near].max() > 0.1 * largest
 
 
 def test_peaks_without_force_or_pole_stay_as_they_are() -> None:
@@ -170,10 +170,10 @@ def test_peaks_without_force_or_pole_stay_as_they_are() -> None:
         force = np.where(f > 40.0, weak, 1.0)
         np.testing.assert_allclose(on_axis(f, windowed, force, 1.0)[1], led, atol=0.051)
     for place, led in ((5, []), (6, [0.6])):  # it reaches five lines to both sides
-        own = windowed[:, 200 - place : 300]
-        found, peaks = on_axis(f[: own.shape[1]], own, np.ones(own.shape[1]), 1.0)
+        piece = windowed[:, 200 - place : 300]
+        response, peaks = on_axis(f[: piece.shape[1]], piece, np.ones(piece.shape[1]), 1.0)
         np.testing.assert_allclose(peaks, led)
-        assert np.array_equal(found, own) == (not led)
+        assert np.array_equal(response, piece) == (not led)
 
 
 # ---- responses
@@ -199,16 +199,16 @@ def test_messages_of_responses_are_exact() -> None:
     still = data.assign(force=0.0 * data["force"] + 2.0)
     told = "excitation: expected a channel that moves, given 'force' at rest"
     assert refusal(lambda: with_responses(still, "force")) == told
-    for own, segment, upper, given in (
+    for record, segment, upper, text in (
         (data, 1.01, "half the record, 1 s", "1.01"),
         (data, 0.035, "half the record, 1 s", "0.035"), (blows, 2.005, "the record, 2 s", "2"),
     ):  # fmt: skip
-        assert refusal(lambda own=own, segment=segment: with_responses(
+        assert refusal(lambda own=record, segment=segment: with_responses(
             own, "force", segment=segment)) == (
-            f"segment: expected from 0.04 s to {upper}, given {given} s"
+            f"segment: expected from 0.04 s to {upper}, given {text} s"
         )  # fmt: skip
-    for own, segment in ((data, 1.0), (data, 0.04), (blows, 2.0)):
-        assert with_responses(own, "force", segment=segment)["frequency"][-1] > 0.0
+    for record, segment in ((data, 1.0), (data, 0.04), (blows, 2.0)):
+        assert with_responses(record, "force", segment=segment)["frequency"][-1] > 0.0
     only = data.isel(channel=[1])
     told = "excitation: expected a response beside it, found none"
     assert refusal(lambda: with_responses(only, "force")) == told
@@ -243,15 +243,17 @@ def test_poles_of_exact_responses() -> None:
     pytest.importorskip("sdypy.EMA")
     data = measured_poles()
     (first, second), left = poles(data, 5.0, 70.0)
-    for own, frequency, decay in ((first, 20.0, 0.8), (second, 55.0, 1.5)):
+    for pole, frequency, decay in ((first, 20.0, 0.8), (second, 55.0, 1.5)):
         size = float(np.hypot(frequency, decay / (2.0 * np.pi)))
-        assert own.frequency == pytest.approx(size, rel=1e-8)
-        assert own.damping == pytest.approx(decay / (2.0 * np.pi * size), rel=1e-6)
-        assert own.frequency_error < 1e-8 * size and own.damping_error < 1e-6 * own.damping
+        assert pole.frequency == pytest.approx(size, rel=1e-8)
+        assert pole.damping == pytest.approx(decay / (2.0 * np.pi * size), rel=1e-6)
+        assert pole.frequency_error < 1e-8 * size and pole.damping_error < 1e-6 * pole.damping
     assert max(left.values()) < 1e-8
-    assert [own.frequency for own in poles(data, 30.0, 80.0)[0]] == pytest.approx([55.0], rel=1e-4)
+    assert [pole.frequency for pole in poles(data, 30.0, 80.0)[0]] == pytest.approx(
+        [55.0], rel=1e-4
+    )
     assert poles(data, 22.0, 50.0)[0] == []
-    assert {round(own.frequency) for own in poles(data, 0.0, 70.0)[0]} <= {20, 55}
+    assert {round(pole.frequency) for pole in poles(data, 0.0, 70.0)[0]} <= {20, 55}
 
 
 def test_messages_of_poles_are_exact() -> None:
@@ -278,22 +280,22 @@ def vibrating(n: int = 900, rate: float = 100.0) -> xr.Dataset:
 
 def test_a_fast_record_is_thinned() -> None:
     """To four times the highest frequency: the middles are those of the samples that are left."""
-    found = with_free_vibrations(vibrating(4000, 1000.0), "a", 6.0, 11.0, 1.0)
-    kept = int(1000.0 / 44.0)
-    n = round(1000.0 / kept)
-    middle = 2.0 + 0.5 * (n - 1) * kept / 1000.0
-    assert float(found["free_time"][0]) == pytest.approx(middle, abs=1e-12)
-    steps = np.diff(found["free_time"])
-    np.testing.assert_allclose(steps, n // 2 * kept / 1000.0, rtol=1e-9)
-    np.testing.assert_allclose(found["free_frequency"], 9.0, rtol=1e-3)
+    vibrations = with_free_vibrations(vibrating(4000, 1000.0), "a", 6.0, 11.0, 1.0)
+    thinning = int(1000.0 / 44.0)
+    n = round(1000.0 / thinning)
+    middle = 2.0 + 0.5 * (n - 1) * thinning / 1000.0
+    assert float(vibrations["free_time"][0]) == pytest.approx(middle, abs=1e-12)
+    steps = np.diff(vibrations["free_time"])
+    np.testing.assert_allclose(steps, n // 2 * thinning / 1000.0, rtol=1e-9)
+    np.testing.assert_allclose(vibrations["free_frequency"], 9.0, rtol=1e-3)
 
 
 def test_the_last_segment_is_a_whole_one() -> None:
     """The segments are 200 samples long, each begins 100 later: the fourth would end at 500."""
     for n, n_segments in ((499, 3), (500, 4), (599, 4)):
-        found = with_free_vibrations(vibrating(n), "a", 6.0, 15.0, 2.0)
+        vibrations = with_free_vibrations(vibrating(n), "a", 6.0, 15.0, 2.0)
         wanted = 2.0 + (100.0 * np.arange(n_segments) + 99.5) / 100.0
-        np.testing.assert_allclose(found["free_time"], wanted, rtol=1e-12)
+        np.testing.assert_allclose(vibrations["free_time"], wanted, rtol=1e-12)
 
 
 def test_the_strongest_mode_has_most_energy_and_not_most_amplitude() -> None:
@@ -302,8 +304,8 @@ def test_the_strongest_mode_has_most_energy_and_not_most_amplitude() -> None:
     y = 1e-6 * np.random.default_rng(3).normal(size=(2, time.size))
     for size, decay, f in ((1.0, 0.25, 9.0), (3.0, 3.75, 14.0)):
         y += size * np.exp(-decay * time) * np.cos(2.0 * np.pi * f * time)
-    found = with_free_vibrations(as_dataset(time, 0.0 * time, y), "a", 5.0, 18.0, 4.0)
-    np.testing.assert_allclose(found["free_frequency"], [9.0], rtol=1e-3)
+    vibrations = with_free_vibrations(as_dataset(time, 0.0 * time, y), "a", 5.0, 18.0, 4.0)
+    np.testing.assert_allclose(vibrations["free_frequency"], [9.0], rtol=1e-3)
 
 
 def test_messages_of_free_vibrations_are_exact() -> None:

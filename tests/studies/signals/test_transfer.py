@@ -58,17 +58,17 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
 
 @pytest.mark.parametrize("estimator", ["H1", "H2", "Hv"])
 def test_responses_are_those_of_the_modes(data: xr.Dataset, estimator: str) -> None:
-    found = with_responses(data, "force", segment=SEGMENT, estimator=estimator)
-    f, h = found["frequency"].to_numpy(), found["response"].sel(output="a").to_numpy()
+    responses = with_responses(data, "force", segment=SEGMENT, estimator=estimator)
+    f, h = responses["frequency"].to_numpy(), responses["response"].sel(output="a").to_numpy()
     assert f[1] == pytest.approx(1.0 / SEGMENT)
-    assert found["response"].attrs["units"] == "m/N"
+    assert responses["response"].attrs["units"] == "m/N"
     wanted = exact(f)
     for near in (2.8, 3.6, 19.0, 20.4):  # beside the peaks, which the window widens
         k = int(np.argmin(np.abs(f - near)))
         around = slice(k - 4, k + 5)
         ratio = np.mean(h[around] / wanted[around])
         assert abs(ratio - 1.0) < 0.05, near
-        assert found["coherence"].sel(output="a")[k] > 0.9
+        assert responses["coherence"].sel(output="a")[k] > 0.9
 
 
 def test_responses_are_drawn(data: xr.Dataset, tmp_path: Path) -> None:
@@ -80,28 +80,30 @@ def test_a_late_response_has_a_negative_phase_and_noise_takes_coherence() -> Non
     x = rng.normal(0.0, 1.0, N)
     y = 2.0 * np.roll(x, late) + rng.normal(0.0, 2.0 * share, N)
     time = np.arange(N) / RATE
-    own = xr.Dataset(
+    record = xr.Dataset(
         {"force": ("time", x), "sensor_y": ("time", y),
          "channel_variable": ("channel", ["force", "sensor_y"]),
          "channel_units": ("channel", ["N", "m/s2"]), "channel_lamina": ("channel", ["", ""])},
         {"time": time, "channel": ["force", "y"]},
     )  # fmt: skip
-    found = with_responses(own, "force", segment=1.0)
-    f, h = found["frequency"].to_numpy()[1:-1], found["response"].to_numpy()[1:-1, 0]
+    responses = with_responses(record, "force", segment=1.0)
+    f, h = responses["frequency"].to_numpy()[1:-1], responses["response"].to_numpy()[1:-1, 0]
     np.testing.assert_allclose(h, 2.0 * np.exp(-2j * np.pi * f * late / RATE), atol=0.25)
-    coherence = float(found["coherence"][1:-1].mean())
+    coherence = float(responses["coherence"][1:-1].mean())
     assert coherence == pytest.approx(1.0 / (1.0 + share**2), abs=0.02)
-    assert found["response_units"].item() in ("1/kg", "m/(N s2)")
+    assert responses["response_units"].item() in ("1/kg", "m/(N s2)")
 
 
 def test_poles_are_those_of_the_modes(data: xr.Dataset) -> None:
     pytest.importorskip("sdypy.EMA")
-    found, _ = poles(with_responses(data, "force", segment=SEGMENT), 1.0, 30.0)
-    assert len(found) == len(MODES)
-    for own, (frequency, damping, _) in zip(found, MODES, strict=True):
-        assert own.frequency == pytest.approx(frequency, rel=1e-3)
-        assert own.damping == pytest.approx(damping, rel=0.06)  # Hann's window added 16 %
-        assert abs(own.damping - damping) < 1.5 * own.damping_error  # one record in ten is outside
+    fitted_poles, _ = poles(with_responses(data, "force", segment=SEGMENT), 1.0, 30.0)
+    assert len(fitted_poles) == len(MODES)
+    for pole, (frequency, damping, _) in zip(fitted_poles, MODES, strict=True):
+        assert pole.frequency == pytest.approx(frequency, rel=1e-3)
+        assert pole.damping == pytest.approx(damping, rel=0.06)  # Hann's window added 16 %
+        assert (
+            abs(pole.damping - damping) < 1.5 * pole.damping_error
+        )  # one record in ten is outside
 
 
 def test_without_the_extra_a_message_says_what_to_install(

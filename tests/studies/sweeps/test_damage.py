@@ -125,8 +125,8 @@ def test_a_changed_value_is_noticed(result: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", [b"", b"no dataset", None])
 def test_another_file_is_refused(result: Path, tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "sweep.nc"
-    whole = result.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2] if content is None else content)
+    complete_bytes = result.read_bytes()
+    path.write_bytes(complete_bytes[: len(complete_bytes) // 2] if content is None else content)
     with pytest.raises(CaseError, match="expected the result of a sweep"):
         open_result(path)
 

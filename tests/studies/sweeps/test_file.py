@@ -208,8 +208,8 @@ def test_an_axis_of_laws_names_each_with_its_scheme() -> None:
         "values": ["newton-penalty@newmark", "newton@moreau-jean", "none@moreau-jean"],
     }
     made = sweep(law)
-    found = [(case.contact.law, case.time.scheme) for case in map(made.case, range(3))]
-    assert found == [
+    pairs = [(case.contact.law, case.time.scheme) for case in map(made.case, range(3))]
+    assert pairs == [
         ("newton-penalty", "newmark"),
         ("newton", "moreau-jean"),
         ("none", "moreau-jean"),

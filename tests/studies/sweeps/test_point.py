@@ -45,10 +45,10 @@ def test_what_does_not_enter_the_assembly_shares_the_model(
     model = runner.structure(case)
     assert runner.structure(other) is model
     for name in ("mass", "damping", "stiffness"):  # and it is right to share it
-        own = PointRunner(runner.sweep).structure(other).operators
-        difference = getattr(own, name) - getattr(model.operators, name)
+        operators = PointRunner(runner.sweep).structure(other).operators
+        difference = getattr(operators, name) - getattr(model.operators, name)
         assert abs(difference).max() == 0.0
-        np.testing.assert_array_equal(own.gap0, model.operators.gap0)
+        np.testing.assert_array_equal(operators.gap0, model.operators.gap0)
 
 
 @pytest.mark.parametrize("keys", OWN)
@@ -87,8 +87,8 @@ def test_points_say_whether_they_have_settled_and_may_run_until_they_have() -> N
     keys = {"time.steps_per_period": 60, "output.window_periods": 4, "time.periods": "settled"}
     axis = {"key": "excitation.frequency", "values": [1.25, 13.667]}
     damping = {f"lamina.{name}.damping_ratio": 0.005 for name in ("thick", "thin")}
-    given = {"name": "s", "base": "paper", "axis": [axis], "record": {"strobes": 30}}
-    ends = PointRunner(sweep_of(given | {"set": SMALL | keys}))
+    data = {"name": "s", "base": "paper", "axis": [axis], "record": {"strobes": 30}}
+    ends = PointRunner(sweep_of(data | {"set": SMALL | keys}))
     layout = ends.structure(ends.sweep.case(0)).layout
     wanted = quantities(ends.sweep.file.record, layout)
     names, sizes = [q.name for q in wanted], [q.size for q in wanted]
@@ -97,10 +97,10 @@ def test_points_say_whether_they_have_settled_and_may_run_until_they_have() -> N
     starts = dict(zip(names, np.cumsum([0, *sizes]), strict=False))
     periods = int(first.row[starts["periods_computed"]])
     assert first.row[starts["settled"]] == 1.0 and periods % 20 == 0 and periods < 300
-    counted = PointRunner(sweep_of(given | {"set": SMALL | keys | {"time.periods": periods}}))
+    counted = PointRunner(sweep_of(data | {"set": SMALL | keys | {"time.periods": periods}}))
     np.testing.assert_array_equal(counted.point(0, None)[0].row, first.row)
     few = {"time.periods": 60, "contact.law": "none"}
-    short = PointRunner(sweep_of(given | {"set": SMALL | keys | damping | few}))
+    short = PointRunner(sweep_of(data | {"set": SMALL | keys | damping | few}))
     row = short.point(1, None)[0].row
     assert row is not None and row[starts["settled"]] == 0.0
     assert np.isnan(row[starts["periodicity"]]) and row[starts["transient"]] > 0.01

@@ -21,13 +21,13 @@ RECORD = Record(
 
 def test_the_motion_of_a_record_is_that_of_its_dataset() -> None:
     recorded = three_laminae()
-    found = probe_motion(recorder := recorded.recorder, recorded.structure)
+    motion = probe_motion(recorder := recorded.recorder, recorded.structure)
     expected = diagnostics.ProbeMotion.of(recorded.history())
     for name in ("displacement", "strobe", "gap_at_rest", "is_hit"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
-    assert found.n_impacts == expected.n_impacts == 3 * WINDOW
-    assert found.is_hit.sum(axis=1).tolist() == [WINDOW, WINDOW]
-    assert found.strobe.shape == (3, recorder.n_closed)
+        np.testing.assert_array_equal(getattr(motion, name), getattr(expected, name), name)
+    assert motion.n_impacts == expected.n_impacts == 3 * WINDOW
+    assert motion.is_hit.sum(axis=1).tolist() == [WINDOW, WINDOW]
+    assert motion.strobe.shape == (3, recorder.n_closed)
 
 
 def test_an_interface_without_a_pair_at_the_probes_is_never_hit_there() -> None:

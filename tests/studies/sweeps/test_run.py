@@ -158,9 +158,9 @@ def test_workers_give_what_one_process_gives(tmp_path: Path, order: str) -> None
 
 def test_any_executor_will_do(tmp_path: Path) -> None:
     with ThreadPoolExecutor(1) as executor:
-        given = run_sweep(small(), tmp_path / "1", executor)
-    assert given.attrs["workers"] == 1
-    assert same(given, run_sweep(small(), tmp_path / "2", Serial()))
+        dataset = run_sweep(small(), tmp_path / "1", executor)
+    assert dataset.attrs["workers"] == 1
+    assert same(dataset, run_sweep(small(), tmp_path / "2", Serial()))
 
 
 def test_a_dask_client_is_an_executor(tmp_path: Path) -> None:
@@ -173,15 +173,15 @@ def test_a_dask_client_is_an_executor(tmp_path: Path) -> None:
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        given = run_sweep(small(), tmp_path / "1", client.get_executor())
-    assert same(given, run_sweep(small(), tmp_path / "2", "serial"))
+        dataset = run_sweep(small(), tmp_path / "1", client.get_executor())
+    assert same(dataset, run_sweep(small(), tmp_path / "2", "serial"))
 
 
 def test_progress_counts_points(tmp_path: Path) -> None:
-    seen: list[tuple[int, int]] = []
-    run_sweep(small(), tmp_path, "serial", progress=lambda *now: seen.append(now))
-    assert seen[0] == (0, 4) and seen[-1] == (4, 4)
-    assert seen == sorted(seen)
+    calls: list[tuple[int, int]] = []
+    run_sweep(small(), tmp_path, "serial", progress=lambda *now: calls.append(now))
+    assert calls[0] == (0, 4) and calls[-1] == (4, 4)
+    assert calls == sorted(calls)
 
 
 def test_a_finished_sweep_is_read_and_another_is_not_taken_for_it(tmp_path: Path) -> None:
@@ -208,10 +208,12 @@ def test_a_sweep_goes_on_if_its_case_lacks_a_default(
     changed = framed(json.dumps({**about, "identity": identity}).encode())
     assert part.read_bytes().startswith(first)
     part.write_bytes(changed + part.read_bytes()[len(first) :])
-    seen: list[int] = []
+    counts: list[int] = []
     with nullcontext() if is_same else pytest.raises(CaseError, match="belongs to another"):
-        run_sweep(made, tmp_path, "serial", resume=True, progress=lambda done, _: seen.append(done))
-    assert not is_same or seen[0] > 0
+        run_sweep(
+            made, tmp_path, "serial", resume=True, progress=lambda done, _: counts.append(done)
+        )
+    assert not is_same or counts[0] > 0
     if is_same:  # and so the whole result
         with h5py.File(tmp_path / "sweep.nc", "a") as file:
             file.attrs["identity"] = identity
@@ -246,10 +248,10 @@ def test_an_unfinished_sweep_is_not_lost_by_mistake(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("after", [0, 1, 4])
 def test_a_sweep_whose_folder_is_deleted_says_so_and_stops(after: int, tmp_path: Path) -> None:
-    folder, seen = tmp_path / "out", list[int]()
+    folder, counts = tmp_path / "out", list[int]()
 
     def delete(done: int, total: int) -> None:
-        seen.append(done)
+        counts.append(done)
         if done >= after:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -257,7 +259,7 @@ def test_a_sweep_whose_folder_is_deleted_says_so_and_stops(after: int, tmp_path:
     made = small({"key": "excitation.frequency", "values": values}, order="up")
     with pytest.raises(FileNotFoundError, match="was deleted while the sweep was computed"):
         run_sweep(made, folder, "serial", progress=delete)
-    assert seen[-1] < 40
+    assert counts[-1] < 40
     assert not folder.exists()
 
 
@@ -366,8 +368,8 @@ def test_a_stopped_sweep_goes_on_to_the_same_dataset(
 ) -> None:
     file = tmp_path / "frequencies.toml"
     file.write_text(SWEEP_TOML.format(order=order, periods=150))
-    found, message = stopped(file, tmp_path / "stopped", number)
-    assert found == status
+    exit_status, message = stopped(file, tmp_path / "stopped", number)
+    assert exit_status == status
     if number == signal.SIGINT:
         assert "--resume goes on" in message
     sweep = df.load_sweep(file)

@@ -30,15 +30,15 @@ def scanned(**changes: object) -> Sweep:
 def test_a_sweep_records_the_shapes_of_a_measurement(tmp_path: Path) -> None:
     data = run_sweep(scanned(), tmp_path, "serial").load()
     case = preset("embedded", SMALL | {"time.periods": 260, "excitation.frequency": 80.0})
-    own = simulated(case, Scan())
-    shapes = shapes_of(own.field, own.times, 80.0, own.x)
-    np.testing.assert_allclose(data.scan_x, own.x)
+    measurement = simulated(case, Scan())
+    shapes = shapes_of(measurement.field, measurement.times, 80.0, measurement.x)
+    np.testing.assert_allclose(data.scan_x, measurement.x)
     np.testing.assert_array_equal(data.order, ORDERS)
-    found = (data.scan_real + 1j * data.scan_imag).isel(frequency=0).to_numpy()
+    recorded = (data.scan_real + 1j * data.scan_imag).isel(frequency=0).to_numpy()
     for order in (1.0, 2.0):
         k, expected = ORDERS.index(order), shapes.order(order)
-        np.testing.assert_allclose(found[k], expected, atol=0.02 * np.abs(expected).max())
-    assert float(data.scan_rms[0]) == pytest.approx(own.rms, rel=1e-2)
+        np.testing.assert_allclose(recorded[k], expected, atol=0.02 * np.abs(expected).max())
+    assert float(data.scan_rms[0]) == pytest.approx(measurement.rms, rel=1e-2)
     assert data.scan_real.attrs["units"] == "m/s"
 
 

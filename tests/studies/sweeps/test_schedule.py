@@ -81,8 +81,8 @@ def test_a_track_keeps_its_order_and_has_one_chunk_in_flight() -> None:
     tracks = deque(Track(k, np.arange(20 * k, 20 * k + 20)) for k in range(2))
     _, points = computed(Schedule(b"", 4, tracks, executor))
     for k in range(2):
-        own = [i for c in executor.chunks if c.track == k for i in c.indices]
-        assert own == list(range(20 * k, 20 * k + 20))
+        indices = [i for c in executor.chunks if c.track == k for i in c.indices]
+        assert indices == list(range(20 * k, 20 * k + 20))
     assert len(points) == 40
 
 

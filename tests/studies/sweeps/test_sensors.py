@@ -52,8 +52,8 @@ def test_a_point_keeps_the_numbers_of_its_sensors(tmp_path: Path) -> None:
 
 def test_the_point_of_a_force_is_part_of_the_model() -> None:
     def key(position: float, frequency: float) -> str:
-        given = {"kind": "force", "lamina": "thin", "amplitude": 0.1, "frequency": frequency}
-        keys = {f"excitation.{name}": value for name, value in given.items()}
+        excitation = {"kind": "force", "lamina": "thin", "amplitude": 0.1, "frequency": frequency}
+        keys = {f"excitation.{name}": value for name, value in excitation.items()}
         return assembly_key(df.preset("paper", {**keys, "excitation.position": position}))
 
     assert key(0.5, 3.0) == key(0.5, 2.0)

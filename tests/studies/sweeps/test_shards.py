@@ -120,8 +120,8 @@ def test_shards_merge_to_the_bytes_of_one_run(tmp_path: Path, order: str) -> Non
     made = sweep(order=order)
     run_sweep(made, tmp_path / "one", "serial").close()
     for k in (2, 3, 1):
-        found = run_shard(made, tmp_path / "many", Shard(k, 3), "serial")
-        assert found.n_done == found.n_points == share_size(made, Shard(k, 3))
+        result = run_shard(made, tmp_path / "many", Shard(k, 3), "serial")
+        assert result.n_done == result.n_points == share_size(made, Shard(k, 3))
     merge_sweep(made, tmp_path / "many").close()
     assert contents(tmp_path / "many") == contents(tmp_path / "one")
     assert not (tmp_path / "many" / "sweep.journal").exists()
@@ -316,8 +316,8 @@ def test_many_killed_shards_merge_to_the_bytes_of_one_run(
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    found = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
-    return found.exit_code, found.output
+    result = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
+    return result.exit_code, result.output
 
 
 def test_the_command_computes_and_merges(tmp_path: Path) -> None:
@@ -336,9 +336,9 @@ def test_the_command_computes_and_merges(tmp_path: Path) -> None:
 
 def test_a_diagram_of_shards_says_that_they_are_not_merged(tmp_path: Path) -> None:
     run(tiny(tmp_path, 4), "-o", tmp_path / "out", "--executor", "serial", "--shard", "2/2", "-q")
-    found = CliRunner().invoke(app, ["show", "diagram", "response", str(tmp_path / "out")])
-    assert found.exit_code == 2
-    assert "has shards that are not merged; delam-fem sweep FILE --merge" in found.output
+    result = CliRunner().invoke(app, ["show", "diagram", "response", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert "has shards that are not merged; delam-fem sweep FILE --merge" in result.output
 
 
 @pytest.mark.parametrize(
