@@ -51,8 +51,8 @@ SWEEPS = {
 }  # fmt: skip
 _STYLES: dict[str, dict[str, Any]] = {
     "linear, up": {"color": style.BLUE}, "linear, down": {"color": style.VERMILLION},
-    "logarithmic, up": {"color": style.SKY, "style": "--"},
-    "logarithmic, down": {"color": style.ORANGE, "style": "--"},
+    "logarithmic, up": {"color": style.SKY, "line_style": "--"},
+    "logarithmic, down": {"color": style.ORANGE, "line_style": "--"},
 }  # fmt: skip
 LABELS = {"xlabel": "frequency of the base [Hz]", "ylabel": "tip amplitude [mm]"}
 _ZOOM = 0.06

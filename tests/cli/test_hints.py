@@ -134,7 +134,7 @@ def test_the_page_of_a_sweep_is_written_again() -> None:
 
 
 def test_laminae_that_are_apart_are_not_searched_for_delaminations() -> None:
-    told = "detect: expected a case with [[delamination]], given laminae apart"
+    told = "detect: expected a case with [[delamination]], given none"
     assert told in refused("detect", "scan", "default", "-o", "d")
 
 

@@ -90,7 +90,6 @@ def test_a_start_counts_in_the_fixed_frame_beside_any_stop(kind: str) -> None:
     ("lamina", "initial", "sections", "expected"),
     [
         (POINT, [{"lamina": "two"}], {}, r"initial\.1\.lamina: expected one of one, given 'two'"),
-        (POINT, [{"shape": "force", "lamina": "one"}], {}, r"position: missing"),
         (POINT, [{"mode": 2}], {}, r"mode: expected none"),
         (POINT, [], {"mesh": {"elements": 2}}, r"expected of points mesh\.elements = 1"),
         ({"name": "one", "mass": 1.0, "damping_ratio": 0.0}, [], {}, r"stiffness: missing"),

@@ -56,7 +56,7 @@ EXTRAS: dict[str, dict[str, Any]] = {
         ]
     },
     "start": {
-        "initial": [{"lamina": "a", "shape": "mode", "displacement": 1e-4, "velocity": -0.02}],
+        "initial": [{"lamina": "a", "shape": "mode", "displacement": -1e-4, "velocity": 0.02}],
         "point_mass": [{"lamina": "b", "mass": 0.02, "position": 0.25}],
     },
 }  # fmt: skip

@@ -54,9 +54,11 @@ CASES: dict[str, dict[str, Any]] = {
     },
     "a pin and a spring inside": {
         "stop": [ELASTIC | {"gap": 2e-5}],
-        "support": {"start": "clamped", "end": "free", "inside": [
+        "support": [
+            {"start": "clamped", "end": "free"},
             {"position": 0.2, "kind": "pinned"},
-            {"position": 0.36, "kind": "spring", "stiffness": 2e3, "damping": 0.4}]},
+            {"position": 0.36, "kind": "spring", "stiffness": 2e3, "damping": 0.4},
+        ],
     },
 }  # fmt: skip
 

@@ -9,18 +9,18 @@ from stack import STOPS, three_laminae, with_stops
 from synthetic import small_case, synthetic_history
 
 from delam_fem.api import Case
-from delam_fem.case.sections import InnerSupport, Support
+from delam_fem.case.sections import Support
 from delam_fem.results.fields import pictures
 
 
 def three_with_stops() -> tuple[xr.Dataset, Case]:
     """Return three laminae with stops, an impactor and supports inside the span."""
     recorded = three_laminae()
-    inside = (
-        InnerSupport(position=0.3, kind="pinned", lamina="thin"),
-        InnerSupport(position=0.52, kind="spring", stiffness=1.0),
-    )
-    case = recorded.case.model_copy(update={"stop": STOPS, "support": Support(inside=inside)})
+    support = Support.model_validate([
+        {"position": 0.3, "kind": "pinned", "lamina": "thin"},
+        {"position": 0.52, "kind": "spring", "stiffness": 1.0},
+    ])  # fmt: skip
+    case = recorded.case.model_copy(update={"stop": STOPS, "support": support})
     return with_stops(recorded.history()), case
 
 
