@@ -308,7 +308,7 @@ NUMBERING: Mapping[str, str] = MappingProxyType({
 """Variables whose values number the entries of a dimension, from 0, and that dimension."""
 NONE_HIT = ("event_interface", "event_stop")
 """Those of them that are -1 where there is none."""
-OUTCOMES = ("completed", "diverged", "interrupted")
+OUTCOMES = ("completed", "diverged", "interrupted", "failed")
 """How a run may end."""
 RISING = ("time", "frame", "x", "period")
 """Coordinates that increase."""

@@ -355,7 +355,7 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
         ValueError: an array has another shape or type, or names pairs that do not exist.
         KeyError: one is missing.
     """
-    if str(data["outcome"]) not in ("running", "completed", "diverged"):
+    if str(data["outcome"]) not in ("running", "completed", "diverged", "failed"):
         raise ValueError("no outcome")
     k = int(data["n_closed"])
     n_pairs = state.resting.size

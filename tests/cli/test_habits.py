@@ -93,7 +93,7 @@ def test_what_a_diagram_needs(kind: str, keys: dict[str, object], text: str) -> 
     record = {"strobes": 64}
     require_drawable("plane", small_sweep(axis=axes, record=record))
     with pytest.raises(CaseError, match=r"record\.strobes of at least 64 .* given 40"):
-        require_drawable("plane", small_sweep(axis=axes))
+        require_drawable("plane", small_sweep(axis=axes, record={"strobes": 40}))
     with pytest.raises(CaseError, match="a map shows one direction"):
         require_drawable("plane", small_sweep(axis=axes, record=record, order="both"))
     with pytest.raises(CaseError, match="a map shows one direction"):

@@ -45,6 +45,7 @@ from delam_fem.api import (
     openings,
     record_of,
     session_of,
+    span_of,
     step_hours,
 )
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
@@ -272,6 +273,8 @@ MOST_PERIODS = 2000
 """Largest number of settling periods without contact, for laminae with almost no damping."""
 RING_PERIODS = 8
 """Number of periods of the excitation over which free vibrations are recorded."""
+RING_SHARE = 0.1
+"""Largest amplitude of these vibrations over the displacement at which a motion has diverged."""
 FREQUENCY_STEPS = 20
 """Largest number of iterations of the frequency fit, which converges quadratically."""
 
@@ -419,7 +422,9 @@ def _frequencies(case: Case, engine: EngineName) -> list[float]:
     structure = assemble(ring, needs_dolfinx=False)
     o = structure.operators
     motion = np.zeros((3, o.n_dofs))
-    motion[0] = first_shapes(case, structure)
+    # the limit of a case of points goes with its loads: a metre would be beyond it
+    amplitude = min(1.0, RING_SHARE * span_of(ring).limit)
+    motion[0] = amplitude * first_shapes(case, structure)
     run = _run(ring, structure, engine, State(motion, np.zeros(o.n_pairs, dtype=np.bool_)), 0)
     u = np.concatenate([record.u[1:, N_BASE:] for record in run.recorder.window])
     t = (1 + np.arange(len(u))) * ring.time_step

@@ -269,12 +269,12 @@ def intact(case: Case) -> Case:
     """Return the case without its delaminations: one bonded beam on the same supports.
 
     Raises:
-        CaseError: nothing is apart in the case.
+        CaseError: the case is a single lamina, which cannot be delaminated.
     """
-    if not case.delamination and case.gap is None:
+    if len(case.lamina) == 1:
         raise CaseError(
             "delamination: expected a case with [[delamination]], to compare it with the intact "
-            f"structure, given {len(case.lamina)} lamina{'e' * (len(case.lamina) > 1)} with none"
+            "structure, given a single lamina"
         )
     data = tomllib.loads(case.to_toml())
     for key in ("delamination", "gap"):

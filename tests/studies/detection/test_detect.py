@@ -99,14 +99,15 @@ def test_the_contrast_of_a_measured_field_is_that_of_the_find(start: float) -> N
     rig, scan = embedded(80.0), Scan()
     pure = simulated(rig, scan)
     case = embedded(80.0, **{"delamination.1.start": start, "delamination.1.end": start + 0.08})
-    measured = pure.noisy(pure.noise_of(scan), 9)
+    # the noise of the simulated scan: with another seed the largest noise outside makes 8 to 19 of
+    # a contrast
+    measured = pure.noisy(pure.noise_of(scan), scan.seed)
     detection = detect(case, measured=measured, repetitions=20)
     marked = (detection.mark.x >= detection.mark.start) & (detection.mark.x <= detection.mark.end)
     exact = detection.mark.values[marked].max() / detection.mark.values[~marked].max()
     assert detection.report.numbers["contrast"] == pytest.approx(exact, rel=1e-9)
-    assert exact == pytest.approx(
-        detect(rig).contrast("curvature"), rel=0.2
-    )  # of a rig as its case
+    of_rig = detect(rig, repetitions=20).contrast("curvature")
+    assert exact == pytest.approx(of_rig, rel=1e-9)
 
 
 def test_the_noise_of_samples_and_of_shapes() -> None:

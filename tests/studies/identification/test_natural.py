@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
+from measurements import write_csv
 
 import delam_fem as df
 from delam_fem import CaseError
 from delam_fem.api import Case
 from delam_fem.studies.identification.identify import drawn, of_rig
-from delam_fem.studies.signals.reading import SCHEMA
+from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.writing import write_measured
 
 EI, L, RHO_A, PLACES, ERROR = 10.0, 0.5, 0.1, (0.12, 0.2), 0.2
@@ -33,13 +33,15 @@ def exact(place: float | np.ndarray) -> np.ndarray:
 
 
 def measured(path: Path, frequencies: np.ndarray) -> Path:
+    """Write a history with free vibrations, as `measure response --free` does."""
     errors = np.full(frequencies.size, ERROR)
     errors[np.isnan(frequencies)] = np.nan
-    data = xr.Dataset(
-        {"free_frequency": ("free_time", frequencies),
-         "free_frequency_error": ("free_time", errors)},
-        {"free_time": np.arange(frequencies.size, dtype=float)}, {"schema": SCHEMA},
-    )  # fmt: skip
+    times = np.arange(frequencies.size, dtype=float)
+    samples = np.linspace(0.0, 1.0, 11)
+    history = write_csv(path.with_suffix(".csv"), samples, {"y": np.cos(samples)})
+    data = read_measured(history).assign_coords(free_time=times)
+    data["free_frequency"] = ("free_time", frequencies)
+    data["free_frequency_error"] = ("free_time", errors)
     return write_measured(data, path)
 
 

@@ -22,6 +22,7 @@ import delam_fem as df
 from delam_fem.api import CaseError
 from delam_fem.model.beams import closed_form
 from delam_fem.studies.executors import Serial
+from delam_fem.studies.sweeps import schedule
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.studies.sweeps.journal import MARK, Journal, framed, payloads, unpacked
@@ -247,7 +248,9 @@ def test_an_unfinished_sweep_is_not_lost_by_mistake(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("after", [0, 1, 4])
-def test_a_sweep_whose_folder_is_deleted_says_so_and_stops(after: int, tmp_path: Path) -> None:
+def test_a_sweep_whose_folder_is_deleted_says_so_and_stops(
+    after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, counts = tmp_path / "out", list[int]()
 
     def delete(done: int, total: int) -> None:
@@ -255,6 +258,7 @@ def test_a_sweep_whose_folder_is_deleted_says_so_and_stops(after: int, tmp_path:
         if done >= after:
             shutil.rmtree(folder, ignore_errors=True)
 
+    monkeypatch.setattr(schedule, "CHUNK_SECONDS", 0.0)  # one point each, however fast they are
     values = np.linspace(3.0, 4.0, 40).tolist()
     made = small({"key": "excitation.frequency", "values": values}, order="up")
     with pytest.raises(FileNotFoundError, match="was deleted while the sweep was computed"):
