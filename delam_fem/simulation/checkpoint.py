@@ -366,9 +366,12 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
         "losses": (2,),
         **{name: getattr(recorder, name)[:k].shape for name in _PERIOD_ARRAYS},
     }
+    is_failed = str(data["outcome"]) == "failed"
     window = [f"window_{j}_" for j in range(min(k, recorder.window_periods))]
     for prefix in window:
-        n_frames = recorder.frame_steps.size
+        n_frames = n_planned = recorder.frame_steps.size
+        if is_failed and prefix == window[-1]:  # frames after the failure are not there
+            n_frames = min(n_frames, len(data[f"{prefix}contact"]))
         sizes = data[f"{prefix}jump_sizes"]
         n_hits = int(sizes.sum())
         if sizes.dtype.kind not in "iu" or sizes.min(initial=0) < 0:
@@ -377,7 +380,7 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
             "base_states": (rows, 3),
             "u": (rows, N_BASE + recorder.n_observed),
             "v": (rows, recorder.n_observed),
-            "frame_steps": (n_frames,),
+            "frame_steps": (n_planned,),
             "start": (len(LEVEL),),
             "contact": (n_frames, n_pairs) if n_frames else data[f"{prefix}contact"].shape,
             "resting": (n_pairs,),

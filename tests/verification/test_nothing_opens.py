@@ -88,18 +88,34 @@ def test_what_was_computed_before_a_step_without_solution_is_kept(engine: Engine
     assert np.abs(before).max() > 1e-4
 
 
-def test_a_failure_of_the_program_ends_a_command_with_what_it_had(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    examine, calls = rules.Rules.examine, []
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the law fail at its hundredth step."""
+    examine = rules.Rules.examine
+    calls: list[Any] = []
 
-    def failing(self: rules.Rules, seen: Any) -> Any:
-        calls.append(seen)
+    def examined(self: rules.Rules, step: Any) -> Any:
+        calls.append(step)
         if len(calls) > 100:
             raise ArithmeticError("no impulses")
-        return examine(self, seen)
+        return examine(self, step)
 
-    monkeypatch.setattr(rules.Rules, "examine", failing)
+    monkeypatch.setattr(rules.Rules, "examine", examined)
+
+
+@pytest.mark.usefixtures("failing")
+def test_a_run_that_has_failed_is_read_from_its_checkpoint(tmp_path: Path) -> None:
+    """As after a command that ended before its files were written."""
+    case = bonded(lamina__up__thickness=0.0005)
+    first = df.run(case, "petsc", directory=tmp_path)
+    again = df.run(case, "petsc", directory=tmp_path, resume=True)
+    assert (first.summary["outcome"], again.summary["outcome"]) == ("failed", "failed")
+    assert np.array_equal(first.history["displacement"], again.history["displacement"])
+    assert np.array_equal(first.history["time"], again.history["time"])
+
+
+@pytest.mark.usefixtures("failing")
+def test_a_failure_of_the_program_ends_a_command_with_what_it_had(tmp_path: Path) -> None:
     file = tmp_path / "case.toml"
     file.write_text(bonded(lamina__up__thickness=0.0005).to_toml())
     done = invoke("run", file, "-o", tmp_path / "run", "--no-figures")
