@@ -384,7 +384,7 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
             "start": (len(LEVEL),),
             "contact": (n_frames, n_pairs) if n_frames else data[f"{prefix}contact"].shape,
             "resting": (n_pairs,),
-            "damped": (n_pairs,),
+            "damped": (n_pairs,) if data[f"{prefix}damped"].size else (0,),
             "totals": (4,),
             "frames": (n_frames, 2, state.motion.shape[1]) if n_frames else (0,),
         }

@@ -13,13 +13,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.api import Case, assemble, elastic
 from delam_fem.studies.identification.identify import drawn, of_rig
-from delam_fem.studies.signals.reading import SCHEMA
 from delam_fem.studies.signals.writing import write_measured
 
 LEVEL = 0.9
@@ -49,6 +47,8 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         "soft clamps (k L/EI = 100)": {of_rig(CASE)[-1].keys(CASE)[0]: np.full(truths, clamp)},
         "8 elements, not 4": {"mesh.elements": np.full(truths, 8)},
     }
+    history = folder / "history.csv"
+    history.write_text("time [s],y [m]\n0,1e-3\n0.5,-1e-3\n1,1e-3\n", encoding="utf-8")
     for number, (rig, keys) in enumerate(rigs.items() if is_long else [(OWN, rigs[OWN])]):
         rng = np.random.default_rng([57, number])
         places = rng.uniform(LOW, HIGH, truths)
@@ -59,10 +59,9 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         ]
         names = {"free_frequency": frequencies + errors * rng.standard_normal(truths),
                  "free_frequency_error": errors}  # fmt: skip
-        data = xr.Dataset(
-            {name: ("free_time", values) for name, values in names.items()},
-            {"free_time": np.arange(float(truths))}, {"schema": SCHEMA},
-        )  # fmt: skip
+        data = df.read_measured(history).assign_coords(free_time=np.arange(float(truths)))
+        for name, values in names.items():
+            data[name] = ("free_time", values)
         path = write_measured(data, folder / f"{number}.nc")
         unknown = (f"{PLACE}={LOW}:{HIGH}",)
         ends = df.natural(CASE, folder / f"{number}", measured=path, unknown=unknown).quantiles
