@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import logging
 import random
-import resource
 import signal
 import sys
 import tempfile
@@ -25,6 +24,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from attack.hostile import Endless, damaged
+from project import peak_memory
 
 import delam_fem as df
 from delam_fem.api import CaseError, load_numbers, read_arrays, write_arrays, write_dataset
@@ -287,7 +287,7 @@ def attack(kind: str, count: int) -> dict[str, object]:
         "kind": kind,
         "accepted": counts["accepted"],
         "refused": counts["refused"],
-        "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "memory": peak_memory(),
         "defects": defects,
     }
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from project import peak_memory
 from scipy.io import savemat
 from support import invoke
 
@@ -92,13 +93,6 @@ KINDS: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], object]]] =
     "vtu": ("a.vtu", vtu, read_file),
     "toml": ("a.toml", toml, read_toml),
 }
-
-
-def peak_memory() -> int:
-    """Return the largest memory of this program [B]; `getrusage` counts that of its parent, too."""
-    status = Path("/proc/self/status").read_text(encoding="utf-8")
-    [kilobytes] = [line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:")]
-    return 1024 * int(kilobytes)
 
 
 def attempt(name: str, folder: Path) -> None:
