@@ -20,6 +20,7 @@ from delam_fem.api import (
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
 from delam_fem.paper.panels import line, show
 from delam_fem.paper.runs import FREQUENCIES, RESONANT, Laboratory, motion_case
+from delam_fem.studies.diagrams import KIND_COLOURS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,18 +55,6 @@ CORRECT_SHARE = 0.5
 TOLD_THRESHOLDS = (5.0, 7.0, 8.0, 10.0, 12.0)
 """Thresholds of the scatter that the text quotes [%]."""
 SHOWN_THRESHOLDS = (2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0)
-KIND_COLOURS = (
-    style.SKY,
-    style.ORANGE,
-    style.GREEN,
-    "#bbbbbb",
-    style.BLACK,
-    "#ffffff",
-    "#cfe8f7",
-    "#e0e0e0",
-)
-
-
 KINDS = (
     "one-periodic", "higher order", "quasi-periodic", "irregular", "diverged", "failed",
     "undecided", "not settled",
