@@ -20,7 +20,6 @@ from delam_fem.api import (
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
 from delam_fem.paper.panels import line, show
 from delam_fem.paper.runs import FREQUENCIES, RESONANT, Laboratory, motion_case
-from delam_fem.studies.diagrams import KIND_COLOURS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -231,15 +230,16 @@ def draw_planes(numbers: Numbers) -> Figure:
     top = max(float(np.nanmax(plane.scatter)) for plane in both)
     norm = LogNorm(1e-3, max(top, 2e-3), clip=True)
     for (left, right), plane, title in zip(panels, both, titles, strict=True):
-        _map(left, plane, plane.kind, cmap=ListedColormap(list(KIND_COLOURS)),
-             vmin=-0.5, vmax=len(KIND_COLOURS) - 0.5)  # fmt: skip
+        _map(left, plane, plane.kind, cmap=ListedColormap(list(style.KIND_COLOURS)),
+             vmin=-0.5, vmax=len(style.KIND_COLOURS) - 0.5)  # fmt: skip
         left.set_title(f"{title}: {100 * plane.share['one-periodic']:.0f} % one-periodic")
         mesh = _map(right, plane, plane.scatter, cmap="cividis", norm=norm)
         bar = figure.colorbar(mesh, ax=right, label="scatter one period apart [–]")
         bar.ax.axhline(diagnostics.PERIODIC_SCATTER, color=style.VERMILLION, linewidth=2.0)
     present = sorted({int(k) for plane in both for k in np.unique(plane.kind)})
     patches = [
-        Patch(facecolor=KIND_COLOURS[k], edgecolor=style.BLACK, label=KINDS[k]) for k in present
+        Patch(facecolor=style.KIND_COLOURS[k], edgecolor=style.BLACK, label=KINDS[k])
+        for k in present
     ]
     figure.legend(handles=patches, loc="outside upper left", ncols=6, frameon=False)
     return figure
@@ -265,7 +265,7 @@ def _shares(panel: Axes, planes: tuple[Numbers, ...], titles: tuple[str, ...]) -
         ylabel="points below it [%]", ylim=(0.0, 105.0),
     )  # fmt: skip
     panel.axvline(at, color=style.VERMILLION, linewidth=2.0)
-    undecided = KIND_COLOURS[settling.UNDECIDED]
+    undecided = style.KIND_COLOURS[settling.UNDECIDED]
     panel.axvspan(at / margin, at * margin, label="undecided", color=undecided, zorder=0)
     panel.set_xticks(SHOWN_THRESHOLDS, [f"{t:g}" for t in SHOWN_THRESHOLDS])
     panel.minorticks_off()

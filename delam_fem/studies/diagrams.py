@@ -289,17 +289,6 @@ def _finish(figure: Figure, panels: Iterable[Axes], data: xr.Dataset, axis: Diag
     figure.suptitle(heading(data))
 
 
-KIND_COLOURS = (
-    style.SKY,
-    style.ORANGE,
-    style.GREEN,
-    "#bbbbbb",
-    style.BLACK,
-    "#ffffff",
-    "#cfe8f7",
-    "#e0e0e0",
-)
-"""Colours of the kinds of motion, in the order of `KINDS`."""
 ATTRACTOR_COLOURS = (
     style.BLUE,
     style.ORANGE,
@@ -346,7 +335,7 @@ def plane(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     except ValueError as error:
         raise CaseError(f"diagram plane: {error}") from None
     figure, panel = _map(data, x, y)
-    _cells(panel, x, y, kinds, KIND_COLOURS)
+    _cells(panel, x, y, kinds, style.KIND_COLOURS)
     if kinds.size <= MOST_LABELS:
         periods = data["periodicity"].to_numpy()
         for i, j in zip(*np.nonzero((kinds == at.HIGHER) & (periods > 1)), strict=True):
@@ -357,7 +346,7 @@ def plane(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]
     shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
     _hatch_unsettled(panel, x, y, data)
-    _legend(panel, [KIND_COLOURS[k] for k in present], shares)
+    _legend(panel, [style.KIND_COLOURS[k] for k in present], shares)
     figure.supxlabel(
         f"period P: strobes P ≤ {diagnostics.LARGEST_PERIODICITY} periods apart differ by less "
         f"than {100 * diagnostics.PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "

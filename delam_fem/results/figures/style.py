@@ -33,6 +33,17 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
 
 LAMINA_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 """Colours of the laminae from bottom to top in every figure; further laminae begin again."""
+KIND_COLOURS = (
+    SKY,
+    ORANGE,
+    GREEN,
+    "#bbbbbb",
+    BLACK,
+    "#ffffff",
+    "#cfe8f7",
+    "#e0e0e0",
+)
+"""Colours of the kinds of motion, in the order of `settling.KINDS`."""
 GAP_COLOUR = "#e9e9e9"
 BASE_COLOUR = "#8a8a8a"
 
