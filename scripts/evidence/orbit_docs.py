@@ -1,10 +1,10 @@
-"""Draw the branches of a preset over its brute-force diagram, for docs/orbits.md.
+"""Draw the branches of a preset over its brute-force diagram, for docs/evidence/orbits.md.
 
     .venv/bin/python scripts/evidence/orbit_docs.py paper [--folder runs/orbits] [-o docs]
 
 It follows the branches from 3.3 to 4.0 Hz, sweeps the frequency both ways (each point goes on from
-the one before), draws figures/orbits_PRESET.png and prints the events, which docs/orbits.md
-quotes.
+the one before), draws figures/orbits_PRESET.png and prints the events, which
+docs/evidence/orbits.md quotes.
 """
 
 from __future__ import annotations

@@ -202,7 +202,7 @@ def test_impactors_run_on_springs_and_are_refused_without() -> None:
 def test_at_resonance_it_is_near_restitution_and_twelve_modes(
     elements: int, expected: float
 ) -> None:
-    """Limits with stiffness damping of docs/modes.md."""
+    """Limits with stiffness damping of docs/evidence/massless.md."""
     case = beams(mesh__elements=elements, time__refine=256, time__periods=120)
     lows = 1e3 * df.run(case).history["envelope_min"][0, -20:]
     assert float(lows.mean()) == pytest.approx(expected, abs=0.05)

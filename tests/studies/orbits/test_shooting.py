@@ -53,7 +53,7 @@ def test_a_motion_that_diverges_is_said() -> None:
 
 @pytest.mark.nightly
 def test_shooting_is_exact_where_the_document_says_so() -> None:
-    """docs/modes.md: 8 modes, r = 64, from 3.25 over 3.35 to 3.45 Hz."""
+    """docs/evidence/massless.md: 8 modes, r = 64, from 3.25 over 3.35 to 3.45 Hz."""
     strobe = ModalMap(massless(8))
     states = np.zeros((1, strobe.slow.basis.shape[0]))
     for _ in range(200):
