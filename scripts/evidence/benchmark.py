@@ -485,9 +485,8 @@ def limit_section(rows: list[dict[str, Any]]) -> str:
         lines.append((row["name"], str(row["elements"]), *times, *petsc))
     return (
         "## Beside a bare loop in C++\n\n"
-        "The bare loop computes the preset `paper` (Newmark, impacts and springs between steps) "
-        "without ledger, record and probes. Both engines have all of them; their time is the "
-        "slope between two lengths of run, per step taken where steps are refined.\n\n"
+        "The bare loop computes the preset `paper` (Newmark) without ledger, record and probes, "
+        "which both engines have. Times are slopes between two lengths of run.\n\n"
         + _rows_of(lines)
     )
 
@@ -507,10 +506,8 @@ def embedded_section(rows: list[dict[str, Any]]) -> str:
     return (
         "## A closed delamination that claps\n\n"
         "The preset `embedded` at its first opening frequency, newton@moreau-jean, 500 steps per "
-        "period: contact fills half of the time, at nearly all pairs at once. The compiled engine "
-        "steps the amplitudes of the modes, which needs no linear solve, and begins each "
-        "complementarity problem with the pairs that carried impulses in the last step. Beside it, "
-        "the preset `paper` with as many elements and the same law.\n\n" + _rows_of(lines)
+        "period: contact fills half of the time, at nearly all pairs at once. Beside it, the "
+        "preset `paper` with as many elements and the same law.\n\n" + _rows_of(lines)
     )
 
 
@@ -529,9 +526,7 @@ def points_section(rows: list[dict[str, Any]]) -> str:
         )
     return (
         "## Contact points inside the elements\n\n"
-        "Compiled, newton@moreau-jean, 4000 steps per period. A step computes control values that "
-        "bound all gaps of an element from below, and looks at single points only where one of "
-        "them is closed.\n\n" + _rows_of(lines)
+        "Compiled, newton@moreau-jean, 4000 steps per period.\n\n" + _rows_of(lines)
     )
 
 
@@ -552,20 +547,17 @@ def markdown(figures: dict[str, Any]) -> str:
     """Return the text of docs/evidence/performance.md."""
     parts = [
         "# Performance\n",
-        "For those who ask how long a step takes: both engines by mesh, law and scheme, beside a "
-        "bare loop and a readable one. [The continuum](../continuum.md#cost) has the cost of "
-        "solids by dofs and ranks, in time and memory.\n",
+        "For those who ask how long a step takes. [Solids](solids.md#cost) have a table of their "
+        "own.\n",
         "`scripts/evidence/benchmark.py -o docs/evidence` writes this page; `--limit PROGRAM` adds "
-        "the table beside a bare loop. All numbers are from one run on "
-        "one machine, each the fastest of several repeats. Times are in µs per step of processor "
-        "time of the thread that steps (threads of OpenBLAS use a processor while they wait), "
-        "at 1000 steps per period and 3.25 Hz from rest, with ledger and record. When the "
-        f"run began, {figures['load']:.1f} other processes were at work on the machine's "
+        "the table beside a bare loop. Times are in µs per step of processor time, the fastest of "
+        "several repeats, at 1000 steps per period and 3.25 Hz from rest, with ledger and record. "
+        f"When the run began, {figures['load']:.1f} other processes were at work on the machine's "
         f"{figures['cores']} cores: where that is not nearly 0, times are too long, and steps/s "
         "and sweeps say little.\n",
-        "- *MatSolve + 2 MatMult*: what PETSc needs for the bare linear algebra of a step.\n"
-        "- *plain loop*: the readable NumPy and SciPy loop of `delam_fem/reference/loop.py`.\n"
-        "- *PETSc / bare*: the time of PETSc's steps over that of its linear algebra.\n",
+        "*MatSolve + 2 MatMult* is what PETSc needs for the bare linear algebra of a step, *plain "
+        "loop* is `delam_fem/reference/loop.py`, and *PETSc / bare* is the time of PETSc's steps "
+        "over that of its linear algebra.\n",
         "![Cost of a step](figures/performance.png)\n",
     ]
     parts += [limit_section(figures["limit"])] if figures["limit"] else []
@@ -578,11 +570,6 @@ def markdown(figures: dict[str, Any]) -> str:
     parts.append(refined_section(figures["refined"]))
     parts.append("## Cores and memory\n")
     parts.append("\n".join(f"- {line}" for line in closing_lines(figures)) + "\n")
-    parts.append(
-        "A run uses the four lanes of a vector for its four chains (both laminae, from both "
-        "ends). A second process takes what latency leaves of a core. Runs in lockstep across "
-        "wider vectors are not built: they would have to wait for one another's contacts.\n"
-    )
     return "\n".join(parts)
 
 
