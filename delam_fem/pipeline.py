@@ -45,7 +45,7 @@ from delam_fem.model.layout import Structure
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.model.stops_sensors import overlap_at_start
 from delam_fem.results import contacts, dataset, diagnostics, quality, record
-from delam_fem.results.fields import derived
+from delam_fem.results.fields import solids
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, Problem, Result
 from delam_fem.results.overlap import overlap_warnings
 from delam_fem.results.pages.html import reporting
@@ -277,7 +277,7 @@ def _run_case(
         arrays = checkpoint.arrays_of(*of_run, outcome)
         reading = structure.layout.reading
         if reading is None or reading.comm is None:  # every rank reads all dofs
-            recorder.complete(opened.engine.whole)
+            recorder.complete(opened.engine.gather)
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     remark = None if other is None else f"{REPLACED} {other.name!r}; case.toml does not say so"
@@ -536,7 +536,7 @@ def _result(
         )
     if "message" in summary:
         _log.error(summary["message"])
-    solid = None if structure.body is None else derived.collected(structure, recorder, case)
+    solid = None if structure.body is None else solids.collected(structure, recorder, case)
     return Result(case, history, json_ready(summary), state, solid=solid)
 
 

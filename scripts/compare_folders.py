@@ -78,7 +78,12 @@ CHANGING = re.compile(
     r"seconds|per_step|per_period_ms|wall|created|history|date|versions|hours|_s$|cost|command|revision|checksum"
 )
 """Names of numbers and attributes that differ from run to run."""
-LEFT_OUT = {"sweep.json", "report.html", "tables.md", "error_over_cost.png", "ladder.json"}
+LEFT_OUT = {
+    "sweep.json",
+    "report.html",
+    "tables.md",
+    "error_over_cost.png",
+}
 """Files with times in them; pages hold the pictures and numbers of the other files."""
 
 

@@ -80,10 +80,10 @@ class Engine:
     def renew_acceleration(self) -> None:
         """Do nothing: the motion is written down."""
 
-    def whole(self, share: np.ndarray) -> np.ndarray:
+    def gather(self, share: np.ndarray) -> np.ndarray:
         return share
 
-    share = whole
+    scatter = gather
 
     def destroy(self) -> None:
         """Do nothing: there is nothing to free."""

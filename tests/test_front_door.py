@@ -78,13 +78,13 @@ def test_a_sweep_is_a_case_and_values(tmp_path: Path) -> None:
     assert data.tip_max.sel(frequency=3.4).values == pytest.approx(alone, rel=1e-9)
 
 
-def test_a_ladder_of_elements(tmp_path: Path) -> None:
+def test_a_refinement_of_elements(tmp_path: Path) -> None:
     case = df.preset("default", SHORT)
     law = "newton@moreau-jean"
     convergence = df.converge(
         case, tmp_path, laws=[law], elements=[2, 4], limit_steps=0, periods=2, workers=1
     )
-    assert {rung.mesh for rung in convergence.ladder.rungs()} == {2, 4}
+    assert {level.mesh for level in convergence.refinement.levels()} == {2, 4}
 
 
 def test_operators_run_until_a_time() -> None:

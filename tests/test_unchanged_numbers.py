@@ -19,9 +19,9 @@ def recorded(folder: Path, **changed: object) -> Path:
     values = changed.get("values", np.array([0.1, np.nan, 3.0]))
     data = xr.Dataset({"tip": (changed.get("dims", "time"), values)})
     store(folder / "case", data, {"steps": changed.get("steps", 7), "outcome": "completed"})
-    rung = {"statistics": {"y1": changed.get("y1", [0.5, 0.25])}}
-    (folder / "ladder").mkdir()
-    (folder / "ladder" / "convergence.json").write_text(json.dumps({"rungs": [rung]}))
+    level = {"statistics": {"y1": changed.get("y1", [0.5, 0.25])}}
+    (folder / "refinement").mkdir()
+    (folder / "refinement" / "convergence.json").write_text(json.dumps({"rungs": [level]}))
     return folder
 
 

@@ -44,8 +44,8 @@ for name in ("default", "embedded"):
     result = df.run(df.preset(name, keys))
     found[name] = [result.summary["tip_max"], result.summary["engine"]]
 found["modes"] = df.modes(df.preset("default", keys), 2).frequencies.tolist()
-found["ladder"] = len(df.converge(
-    df.preset("default", keys), "ladder", elements=[2, 4], limit_steps=0, periods=2, workers=1,
+found["refinement"] = len(df.converge(
+    df.preset("default", keys), "refinement", elements=[2, 4], limit_steps=0, periods=2, workers=1,
     laws=["newton@moreau-jean"]).results)
 sweep = df.Sweep(df.preset("default", keys), {{"excitation.frequency": [3.2, 3.3]}})
 found["sweep"] = df.run_sweep(sweep, "sweep", "serial").outcome.values.tolist()
@@ -96,7 +96,7 @@ def test_modes_are_those_of_the_weak_forms(found: dict[str, object]) -> None:
 
 def test_studies_and_commands_work(found: dict[str, object]) -> None:
     assert found["sweep"] == ["completed", "completed"]
-    assert found["ladder"] == 4
+    assert found["refinement"] == 4
     assert (found["run"][0], found["orbit"][0]) == (0, 0)  # type: ignore[index]
 
 

@@ -5,10 +5,10 @@
     .venv/bin/python tests/unchanged_numbers.py compare BEFORE AFTER [--tolerance 1e-12]
 
 `record` computes a set of short cases (all laws, both engines, both masses, a mesh file, a swept
-sine, a resumed run), a sweep and a ladder with the package that Python finds, and writes every
-result to a folder. `compare` reads two such folders: each variable of the first must be in the
-second, with the same dimensions and the same bits. `against` records a revision of the repository
-in a temporary work tree, then the working tree, and compares both.
+sine, a resumed run), a sweep and a refinement study with the package that Python finds, and writes
+every result to a folder. `compare` reads two such folders: each variable of the first must be
+in the second, with the same dimensions and the same bits. `against` records a revision of the
+repository in a temporary work tree, then the working tree, and compares both.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def record(folder: Path) -> None:
     data = df.run_sweep(sweep, folder / "sweep", "serial").load()
     data.close()
     store(folder / "sweep-serial", data, {})
-    record_ladder(folder)
+    record_refinement(folder)
 
 
 def interrupt(period: int, n_periods: int) -> None:
@@ -146,11 +146,11 @@ def sweep_of(data: dict[str, Any]) -> Any:
     raise AssertionError("no sweep_of")
 
 
-def record_ladder(folder: Path) -> None:
-    """Write the numbers of a short ladder over two laws."""
+def record_refinement(folder: Path) -> None:
+    """Write the numbers of a short refinement study over two laws."""
     command = ["converge", "paper", "--steps", "250,500", "--periods", "4", "--elements", "5,10"]
     command += ["--limit-steps", "1000", "-j", "1", "-q", "--set", "time.periods=4"]
-    delam_fem = [sys.executable, "-m", "delam_fem", *command, "-o", str(folder / "ladder")]
+    delam_fem = [sys.executable, "-m", "delam_fem", *command, "-o", str(folder / "refinement")]
     both = (["--laws", "newton@moreau-jean,newton"], ["--laws", "moreau,newton"])
     if subprocess.run([*delam_fem, *both[0]], capture_output=True, check=False).returncode:
         subprocess.run([*delam_fem, *both[1]], check=True)
@@ -178,7 +178,7 @@ def compare(before: Path, after: Path, tolerance: float = 0.0) -> list[str]:
     for stem in stems:
         differences += _compared(before / f"{stem}.nc", after / f"{stem}.nc", tolerance)
         differences += _summaries(before / f"{stem}.json", after / f"{stem}.json", tolerance)
-    return differences + _ladders(before / "ladder", after / "ladder", tolerance)
+    return differences + _refinements(before / "refinement", after / "refinement", tolerance)
 
 
 def _compared(before: Path, after: Path, tolerance: float) -> list[str]:
@@ -236,13 +236,13 @@ def _alike(a: Any, b: Any, tolerance: float) -> bool:
     return isinstance(a, str) or bool(a == b)
 
 
-def _ladders(before: Path, after: Path, tolerance: float) -> list[str]:
-    """Return the rungs whose statistics differ; rungs are matched by their order."""
+def _refinements(before: Path, after: Path, tolerance: float) -> list[str]:
+    """Return the levels whose statistics differ; levels are matched by their order."""
     a, b = (_statistics(folder) for folder in (before, after))
     if len(a) != len(b):
-        return [f"ladder: {len(a)} rungs became {len(b)}"]
+        return [f"refinement: {len(a)} levels became {len(b)}"]
     return [
-        f"ladder: rung {i}: {name}: {value!r} became {y.get(name)!r}"
+        f"refinement: level {i}: {name}: {value!r} became {y.get(name)!r}"
         for i, (x, y) in enumerate(zip(a, b, strict=True))
         for name, value in x.items()
         if not _alike(value, y.get(name), tolerance)
@@ -250,7 +250,7 @@ def _ladders(before: Path, after: Path, tolerance: float) -> list[str]:
 
 
 def _statistics(folder: Path) -> list[dict[str, Any]]:
-    """Return the statistics of the rungs of a ladder, in an order that no name changes."""
+    """Return the statistics of the levels of a refinement, in an order that no name changes."""
     data = json.loads(next(folder.glob("*.json")).read_text(encoding="utf-8"))
     return sorted(_tables(data), key=lambda table: json.dumps(table, sort_keys=True))
 

@@ -384,7 +384,7 @@ class Case(Section):
 
     def _check_sensors(self) -> None:
         """Check that sensors have different names, something to read, and possible rates."""
-        most = 1.0 / (self.time.step or self.time_step)
+        highest_rate = 1.0 / (self.time.step or self.time_step)
         names = [sensor.name for sensor in self.sensor]
         for sensor in self.sensor:
             key = f"sensor.{sensor.name}"
@@ -399,10 +399,12 @@ class Case(Section):
                     raise inconsistent(
                         f"{key}.{name}", f"expected at most {count} {name}s, given {number}"
                     )
-            if sensor.sampling_rate is not None and sensor.sampling_rate > most * (1.0 + ROUND_OFF):
+            if sensor.sampling_rate is not None and sensor.sampling_rate > highest_rate * (
+                1.0 + ROUND_OFF
+            ):
                 raise inconsistent(
                     f"{key}.sampling_rate",
-                    f"expected at most {most:g} Hz, one sample a step, given "
+                    f"expected at most {highest_rate:g} Hz, one sample a step, given "
                     f"{sensor.sampling_rate:g} Hz",
                 )
 

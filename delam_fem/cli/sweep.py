@@ -141,9 +141,11 @@ def print_script(
 
     command = [sys.executable, "-m", "delam_fem", "sweep", str(sweep_file.resolve())]
     command += ["-o", str(directory.resolve()), *(f"--set={text}" for text in overrides or [])]
-    most = DAY if hours is None else hours
+    most_hours = DAY if hours is None else hours
     cost = measured_cost(sweep)
-    text = array_script(sweep, command, n_shards, cost, most_hours=most, interrupted=INTERRUPTED)
+    text = array_script(
+        sweep, command, n_shards, cost, most_hours=most_hours, interrupted=INTERRUPTED
+    )
     typer.echo(text, nl=False)
 
 
@@ -387,8 +389,8 @@ def _points_in(directory: Path) -> str:
 
     sweep = load_sweep(directory / "sweep.toml")
     path = directory / "sweep.journal"
-    with Journal(path, sweep.identity, resume=True) as journal, journal.joined() as joined:
-        return f"it has {joined.numbers.size} of {sweep.n_points} points"
+    with Journal(path, sweep.identity, resume=True) as journal, journal.merged() as merged:
+        return f"it has {merged.numbers.size} of {sweep.n_points} points"
 
 
 def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:

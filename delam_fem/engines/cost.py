@@ -40,7 +40,7 @@ PERIOD: dict[EngineName, float] = {"petsc": 50.0, "compiled": 100.0}
 POINT_SECONDS = 0.0035
 """Time of a point of a sweep beside its periods [s]."""
 START_SECONDS, STUDY_SECONDS = 6.0, 3.0
-"""Time of start, figures, fields and page of a run; the same of a sweep or a ladder [s]."""
+"""Time of start, figures, fields and page of a run; the same of a sweep or a refinement [s]."""
 ENTRY_BYTES = 140.0
 """Memory of matrices and factors for each entry of the stiffness matrix [bytes]."""
 RUN_BYTES, WORKER_BYTES = 0.7e9, 0.3e9

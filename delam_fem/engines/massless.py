@@ -526,7 +526,7 @@ class Period:
         trace: what is kept of each step.
         lowest: smallest gap of each pair, shape (n_pairs,) [m].
         exchanged: work of the drive, losses in modal damping, in the creep of the omitted modes and
-            at the instants of closing (M2 of modal.py), shape (4,) [J].
+            at the instants of closing (M2 of model/component_modes.py), shape (4,) [J].
         effort: numbers of coarse and of fine steps, shape (2,).
         failure: why a step has no solution, with which the period ends early; None: it is whole.
     """

@@ -390,7 +390,7 @@ class Session:
                 raise CaseError(f"run: no step has a solution: {error}") from None
             return "failed", f"failed after t = {n_steps * recorder.time_step:.6g} s: {error}"
 
-    def run_kept(self, folder: Path | None, case: Case, **question: object) -> Outcome:
+    def run_with_checkpoints(self, folder: Path | None, case: Case, **question: object) -> Outcome:
         """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.
 
         Args:

@@ -588,7 +588,7 @@ def with_near_null(stiffness: PETSc.Mat, shapes: FloatArray) -> PETSc.Mat:
     return stiffness
 
 
-def whole(share: FloatArray, comm: MPI.Intracomm) -> FloatArray:
+def gather(share: FloatArray, comm: MPI.Intracomm) -> FloatArray:
     """Return an array over all dofs on every rank (collective).
 
     Args:

@@ -16,9 +16,9 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
+from delam_fem.model.component_modes import Basis, basis_of, projected
 from delam_fem.model.discretise import assemble, require_bending, require_mass
 from delam_fem.model.layout import Structure
-from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.reduction_file import require_coupled, write
 from delam_fem.model.stops_sensors import striking_rows, with_start
 from delam_fem.numerics.types import FloatArray
@@ -93,7 +93,7 @@ class Reduction:
 def reduced_case(
     case: Case, modes: int = 20, *, coordinates: int | None = None, full: Structure | None = None
 ) -> Reduction:
-    """Reduce a case to normal modes and residual flexibility; see `modal.py`.
+    """Reduce a case to normal modes and residual flexibility; see `component_modes.py`.
 
     Args:
         case: the case.
@@ -124,7 +124,11 @@ def reduced_case(
         loads = sp.vstack([loads, sp.csr_matrix(start @ o.stiffness)], format="csr")
     try:
         basis = basis_of(
-            o, modes, shift=slowest**2 if case.n_rigid else 0.0, most=coordinates, loads=loads
+            o,
+            modes,
+            shift=slowest**2 if case.n_rigid else 0.0,
+            max_coordinates=coordinates,
+            loads=loads,
         )
     except ValueError as error:
         raise CaseError(str(error)) from None

@@ -325,13 +325,13 @@ class RollingStudy:
         by_law: the thin strip, by the name of the law in `METHODS`.
         stiff: the strip of the second experiment with newton@moreau-jean.
         by_height: the thin strip by height of its tip [m], on a coarser mesh.
-        ladder: the thin strip on other meshes and with other time steps; see `rung`.
+        refinement: the thin strip on other meshes and with other time steps; see `level`.
     """
 
     by_law: Mapping[str, Rolling]
     stiff: Rolling
     by_height: Mapping[float, Rolling]
-    ladder: Sequence[Mapping[str, Any]]
+    refinement: Sequence[Mapping[str, Any]]
 
     def numbers(self) -> dict[str, Any]:
         """Return the numbers that the figure quotes."""
@@ -339,7 +339,7 @@ class RollingStudy:
             "by_law": {name: run.numbers() for name, run in self.by_law.items()},
             "stiff": self.stiff.numbers(),
             "by_height_mm": {f"{1e3 * h:g}": run.numbers() for h, run in self.by_height.items()},
-            "ladder": self.ladder,
+            "refinement": self.refinement,
         }
 
 
@@ -347,7 +347,7 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
     """Compute the fall on the ground with several strips, heights, laws, meshes and time steps.
 
     Args:
-        fast: whether to compute a shorter ladder.
+        fast: whether to compute fewer meshes and steps.
     """
     elements, steps = (
         ((20, 80), (5_000, 20_000)) if fast else ((20, 40, 80), (5_000, 20_000, 80_000))
@@ -359,8 +359,8 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
             height: rolling(height=height, n_elements=40, steps_per_period=10_000)
             for height in HEIGHTS
         },
-        ladder=[
-            rung(name, damping_ratio, n, n_steps)
+        refinement=[
+            level(name, damping_ratio, n, n_steps)
             for name in METHODS
             for damping_ratio in DAMPING_RATIOS
             for n in elements
@@ -369,7 +369,7 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
     )
 
 
-def rung(law: str, damping_ratio: float, elements: int, steps_per_period: int) -> dict[str, Any]:
+def level(law: str, damping_ratio: float, elements: int, steps_per_period: int) -> dict[str, Any]:
     """Compute the energy shares of the thin strip after half a period.
 
     Args:

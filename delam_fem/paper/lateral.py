@@ -43,7 +43,7 @@ NO_REBOUND = 0.05
 """A rebound below this share of the speed or height before the impact counts as none."""
 LAW_COLOURS = {"newton@moreau-jean": style.BLUE, "newton-penalty@newmark": style.ORANGE}
 MARKERS = {20: ("s", "□"), 40: ("^", "△"), 80: ("o", "○")}
-"""Markers of the meshes of a ladder, and how a title shows them, by number of elements."""
+"""Markers of the meshes of the refinement, and how a title shows them, by number of elements."""
 SHOWN_LANDING = (-0.02, 0.06)
 SHOWN_ENERGY = (-0.05, 0.25)
 """Parts of the period around the first hit that are drawn."""
@@ -58,10 +58,10 @@ def measure_rolling(lab: Laboratory) -> Numbers:
     Both experiments of the paper are computed at the same time.
 
     Returns:
-        by_law, stiff, by_height_mm, ladder: from `RollingStudy.numbers`; study: all results of the
-        first experiment; block: results of the second experiment, whose set-up is drawn.
+        by_law, stiff, by_height_mm, refinement: from `RollingStudy.numbers`; study: all results of
+        the first experiment; block: results of the second experiment, whose set-up is drawn.
     """
-    begun = lab.begin("rolling study", rolling_study, fast=not lab.plan.has_long_ladders)
+    begun = lab.begin("rolling study", rolling_study, fast=not lab.plan.has_long_refinements)
     block = struck_block(lab)
     return rolling_numbers(begun.result(), block)
 
@@ -112,7 +112,7 @@ def draw_rolling(numbers: Numbers) -> Figure:
         ylabel="height of the tip  [mm]", ylim=(-1.0, 1.02e3 * LIFT), legend="upper right",
     )  # fmt: skip
     left, right = rows[3].subplots(1, 2)
-    _draw_ladder(left, study)
+    _draw_refinement(left, study)
     _draw_heights(right, study)
     return figure
 
@@ -187,15 +187,15 @@ def _draw_contact_line(axes: Axes, run: Rolling) -> None:
     )  # fmt: skip
 
 
-def _draw_ladder(axes: Axes, study: RollingStudy) -> None:
+def _draw_refinement(axes: Axes, study: RollingStudy) -> None:
     """Draw the total loss and the loss at impacts over the time step, for the damped strip."""
     from matplotlib.ticker import NullLocator
 
-    damping_ratio = max(rung["damping_ratio"] for rung in study.ladder)
+    damping_ratio = max(level["damping_ratio"] for level in study.refinement)
     lines = []
     for (law, colour), (n, (marker, _)) in product(LAW_COLOURS.items(), MARKERS.items()):
-        rungs = completed(study, law, damping_ratio, n)
-        steps = [rung["steps_per_period"] for rung in rungs]
+        levels = completed(study, law, damping_ratio, n)
+        steps = [level["steps_per_period"] for level in levels]
         # a law's name stands once in the legend
         name = law if n == max(MARKERS) else "_nolegend_"
         look: dict[str, Any] = {
@@ -204,9 +204,9 @@ def _draw_ladder(axes: Axes, study: RollingStudy) -> None:
             "markersize": 4.5,
             "linewidth": 0.9,
         }
-        lines.append(line(steps, [rung["impacts"] for rung in rungs], label=name, **look))
-        lines.append(line(steps, [1.0 - rung["left"] for rung in rungs], "--", **look))
-    ticks = sorted({rung["steps_per_period"] for rung in study.ladder})
+        lines.append(line(steps, [level["impacts"] for level in levels], label=name, **look))
+        lines.append(line(steps, [1.0 - level["left"] for level in levels], "--", **look))
+    ticks = sorted({level["steps_per_period"] for level in study.refinement})
     meshes = ", ".join(f"{n} {sign}" for n, (_, sign) in MARKERS.items())
     show(
         axes, *lines, title=f"dashed: all, solid: at impacts\nelements: {meshes}",
@@ -222,12 +222,13 @@ def completed(
 ) -> Sequence[Mapping[str, Any]]:
     """Return the completed runs of a law, a damping and a mesh, by increasing steps."""
     entries = [
-        rung
-        for rung in study.ladder
-        if (rung["law"], rung["damping_ratio"], rung["elements"]) == (law, damping_ratio, elements)
-        and rung["outcome"] == "completed"
+        level
+        for level in study.refinement
+        if (level["law"], level["damping_ratio"], level["elements"])
+        == (law, damping_ratio, elements)
+        and level["outcome"] == "completed"
     ]
-    return sorted(entries, key=lambda rung: rung["steps_per_period"])
+    return sorted(entries, key=lambda level: level["steps_per_period"])
 
 
 def _draw_heights(axes: Axes, study: RollingStudy) -> None:
@@ -269,9 +270,9 @@ def _dissipation(numbers: Numbers) -> str:
     """Return in words where the energy goes at the landing."""
     shares = numbers.by_law[MAIN]["shares_after_landing"]
     taken = [
-        rung["impacts"]
-        for rung in numbers.ladder
-        if rung["law"] == MAIN and rung["outcome"] == "completed"
+        level["impacts"]
+        for level in numbers.refinement
+        if level["law"] == MAIN and level["outcome"] == "completed"
     ]
     return (
         f"{100 * shares['lost']:.0f} % are lost 2 % of the lowest period after landing: "
@@ -294,7 +295,7 @@ ROLLING_STRIP = Piece(
     "rigid ground, is lifted by a force at its tip and let go. Strip and height are not told, "
     "and the ratio of the height to the sag under its own weight decides how it lands: a thin "
     "strip rolls down from the clamp, a stiff one (that of the second experiment, lowest "
-    "period 50 ms) lands with its tip first. Energies and ladders are those of the thin strip. "
+    "period 50 ms) lands with its tip first. Energies and refinements are those of the thin strip. "
     "Nothing is printed of the strip: compared is what the text says.",
     measure_rolling,
     draw_rolling,

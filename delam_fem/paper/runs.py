@@ -198,7 +198,7 @@ class Plan:
             which a free vibration of the thin lamina decays to 1 %.
         thresholds: number of values of γ.
         gap_exponents: exponents p of the gap g0 ∝ (x/L)^p; the paper does not give the shape.
-        has_long_ladders: whether the strip on the ground is computed on all meshes and with all
+        has_long_refinements: whether the strip on the ground is computed on all meshes and with all
             time steps.
     """
 
@@ -209,7 +209,7 @@ class Plan:
     response_periods: int = 260
     thresholds: int = 13
     gap_exponents: tuple[float, ...] = (1.0, 1.5, 2.0, 2.5, 3.0)
-    has_long_ladders: bool = True
+    has_long_refinements: bool = True
 
 
 FULL = Plan()
@@ -219,7 +219,7 @@ FAST = Plan(
     response_periods=80,
     thresholds=5,
     gap_exponents=(1.0, 2.0, 3.0),
-    has_long_ladders=False,
+    has_long_refinements=False,
 )
 """The plan of a quick run. Its histories have full length: the paper's motions need that time."""
 

@@ -61,7 +61,7 @@ class RunContext:
 
     @property
     def sweeping(self) -> dict[str, Any]:
-        """Arguments `resume`, `workers` and `progress` of `run_sweep` and `run_ladder`."""
+        """Arguments `resume`, `workers` and `progress` of `run_sweep` and `run_refinement`."""
         return {"resume": self.resume, "workers": self.workers, "progress": self.progress}
 
 

@@ -21,7 +21,7 @@ from delam_fem.system.errors import CaseError
 from delam_fem.system.files import rewritten, write_arrays, write_json
 
 if TYPE_CHECKING:
-    from delam_fem.results.fields.derived import Frames
+    from delam_fem.results.fields.solids import Frames
     from delam_fem.results.figures.run import Plots
 
 
@@ -110,7 +110,7 @@ class Result:
                 remove_views(directory)
             written = self.save_numbers(directory)
             if self.solid is not None:
-                from delam_fem.results.fields.derived import write_solid
+                from delam_fem.results.fields.solids import write_solid
 
                 written.append(write_solid(self.solid, directory / "fields"))
             elif isinstance(self.case, Case) and not self.case.model.is_continuum:

@@ -247,7 +247,7 @@ def arrays_of(run: str, engine: Engine, recorder: Recorder, outcome: Progress) -
             "resting": record.resting,
             "damped": record.damped,
             "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
-            "frames": engine.whole(np.array(record.frames)),
+            "frames": engine.gather(np.array(record.frames)),
             **{f"jump_{k}": column for k, column in record.jumps.columns()._asdict().items()},
         }
         arrays |= {f"window_{j}_{name}": values for name, values in flat.items()}
@@ -430,7 +430,7 @@ def _restored(
             content["v"],
             content["frame_steps"],
             content["start"],
-            frames=[engine.share(frame) for frame in content["frames"]],
+            frames=[engine.scatter(frame) for frame in content["frames"]],
             contact=list(content["contact"]),
             jumps=Jumps(Columns(*(content[f"jump_{name}"] for name in Columns._fields))),
             released=released,

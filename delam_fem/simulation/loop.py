@@ -69,11 +69,11 @@ class Shared(Protocol):
         """Set the acceleration to that of the equation of motion, if the state has one."""
         return
 
-    def whole(self, share: FloatArray) -> FloatArray:
+    def gather(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of this rank, the last axis (collective)."""
         return share
 
-    def share(self, of_all: FloatArray) -> FloatArray:
+    def scatter(self, of_all: FloatArray) -> FloatArray:
         """Return the values of this rank's dofs among those of all dofs, the last axis."""
         return of_all
 
@@ -168,13 +168,13 @@ class StepByStep(Engine):
     def state(self) -> State:
         """Return the present state of all dofs (collective)."""
         s = self.stepper
-        return State(s.whole(s.state()), s.resting.copy(), (s.dissipated, s.contact_damped))
+        return State(s.gather(s.state()), s.resting.copy(), (s.dissipated, s.contact_damped))
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Set the state as given; see `Engine`."""
         stepper = self.stepper
         stepper.begin(base_state[None, :])
-        stepper.restore(stepper.share(state.motion))
+        stepper.restore(stepper.scatter(state.motion))
         stepper.rest(state.resting.copy())
         stepper.dissipated, stepper.contact_damped = state.losses
 
@@ -182,13 +182,13 @@ class StepByStep(Engine):
         """Set the acceleration to that of the equation of motion."""
         self.stepper.renew_acceleration()
 
-    def whole(self, share: FloatArray) -> FloatArray:
+    def gather(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of this rank (collective); see `Engine`."""
-        return self.stepper.whole(share)
+        return self.stepper.gather(share)
 
-    def share(self, of_all: FloatArray) -> FloatArray:
+    def scatter(self, of_all: FloatArray) -> FloatArray:
         """Return the values of this rank's dofs among those of all dofs; see `Engine`."""
-        return self.stepper.share(of_all)
+        return self.stepper.scatter(of_all)
 
     def destroy(self) -> None:
         """Free the PETSc objects of the stepper, if any."""

@@ -1,1 +1,1 @@
-"""Studies of cases: sweeps, ladders, orbits, branches, detection, identification, modes."""
+"""Studies of cases: sweeps, refinement, orbits, branches, detection, identification, modes."""

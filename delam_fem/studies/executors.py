@@ -1,4 +1,4 @@
-"""Provide executors for sweeps and ladders: a process pool, the ranks of MPI, or this process."""
+"""Provide executors for many runs: a process pool, the ranks of MPI, or this process."""
 
 from __future__ import annotations
 

@@ -269,7 +269,7 @@ OUTPUTS = frozenset({
     "convergence.json", "tables.md", "detection.json",
     "orbit.json", "orbit.npz", "branch.nc", "points", "checkpoints", "unfinished.txt",
 })  # fmt: skip
-"""Names that runs, sweeps, ladders, orbits and branches give to what they write."""
+"""Names that runs, sweeps, refinement studies, orbits and branches give to what they write."""
 
 IDENTITY = "identity.json"
 """Name of the file that says to which computation a folder of what is kept belongs."""

@@ -12,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ladders.document import fill
+from refinements.document import fill
 from trials.compare import (
     LIMIT_STEPS,
     STEPS,

@@ -14,8 +14,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from ladders.document import fill
 from reduced_study import ELEMENTS, RESONANT, Limit, limit_of
+from refinements.document import fill
 
 import delam_fem as df
 from delam_fem.api import Case, lowest

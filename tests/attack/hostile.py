@@ -239,7 +239,7 @@ def a_journal(rng: random.Random, folder: Path) -> None:
     """Go on from a damaged journal of a sweep; the points it gives are those that were kept."""
     from delam_fem.api import State
     from delam_fem.studies.sweeps.journal import Journal
-    from delam_fem.studies.sweeps.point import Chunk, Done, Point
+    from delam_fem.studies.sweeps.point import Chunk, ChunkResult, Point
 
     path = folder / "sweep.journal"
     if "journal" not in _WHOLE:
@@ -248,36 +248,36 @@ def a_journal(rng: random.Random, folder: Path) -> None:
                 numbers = tuple(range(first, first + 20))
                 points = tuple(Point(k, "completed", "", np.arange(5.0) + k) for k in numbers)
                 state = State(np.full((3, 8), first + 20.0), np.ones(4, dtype=np.bool_))
-                journal.add([Done(Chunk(0, numbers), points, state, 1.0, 0.0)])
+                journal.add([ChunkResult(Chunk(0, numbers), points, state, 1.0, 0.0)])
         (part,) = path.glob("*.points")
         _WHOLE["journal"] = part.read_bytes()
         part.unlink()
     path.mkdir(exist_ok=True)
     (path / "1-of-1.there.1.1.points").write_bytes(damaged(rng, _WHOLE["journal"]))
-    with Journal(path, "sweep", resume=True) as journal, journal.joined() as joined:
-        block = joined.block(0, 10**6, 5)
+    with Journal(path, "sweep", resume=True) as journal, journal.merged() as merged:
+        block = merged.block(0, 10**6, 5)
         assert np.array_equal(block.rows, block.numbers[:, None] + np.arange(5.0))
-        n_done, state_found = joined.reached(np.arange(200), 0)
+        n_done, state_found = merged.reached(np.arange(200), 0)
         assert set(range(n_done)) <= set(block.numbers.tolist())
         assert (state_found is None) == (n_done == 0)
         assert state_found is None or (state_found.motion == n_done).all()
 
 
-def a_ladder(rng: random.Random, folder: Path) -> None:
-    """Go on from the damaged file of a ladder; the rungs it gives are those that were kept."""
+def a_refinement(rng: random.Random, folder: Path) -> None:
+    """Go on from the damaged file of a refinement; its levels are those that were kept."""
     from delam_fem.studies.convergence.analysis import Convergence
-    from delam_fem.studies.convergence.ladder import Ladder, method
+    from delam_fem.studies.convergence.level import LevelResult
+    from delam_fem.studies.convergence.refinement import RefinementStudy, method
     from delam_fem.studies.convergence.run import RESULT, _write, load_results
-    from delam_fem.studies.convergence.rung import RungResult
 
     path = folder / RESULT
     if "ladder" not in _WHOLE:
-        ladder = Ladder(preset("default"), (method("newton"),), (2, 4), (100, 200))
+        refinement = RefinementStudy(preset("default"), (method("newton"),), (2, 4), (100, 200))
         results = {
-            f"r{k}": RungResult(f"r{k}", "completed", "", {"tip": (0.5 * k, 0.1)}, 1.5, 20)
+            f"r{k}": LevelResult(f"r{k}", "completed", "", {"tip": (0.5 * k, 0.1)}, 1.5, 20)
             for k in range(12)
         }
-        _write(path, Convergence(ladder, results))
+        _write(path, Convergence(refinement, results))
         _WHOLE["ladder"] = path.read_bytes()
     path.write_bytes(damaged(rng, _WHOLE["ladder"]))
     for key, result in load_results(folder / RESULT)[0].items():
@@ -369,7 +369,7 @@ KINDS: dict[str, tuple[Callable[[random.Random, Path], None], int]] = {
     "mesh": (a_mesh, 250),
     "solid-mesh": (a_solid_mesh, 250),
     "journal": (a_journal, 150),
-    "ladder": (a_ladder, 150),
+    "ladder": (a_refinement, 150),
     "sweep-result": (a_sweep_result, 100),
     "result": (a_result, 100),
     "run": (a_run, 60),

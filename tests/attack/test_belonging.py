@@ -26,7 +26,7 @@ from typer.testing import CliRunner
 import delam_fem as df
 from delam_fem.cli.app import app
 from delam_fem.simulation.checkpoint import Watch
-from delam_fem.studies.convergence import run as ladders
+from delam_fem.studies.convergence import run as refinements
 from delam_fem.studies.orbits import maps
 from delam_fem.studies.orbits.follow import PointJournal
 from delam_fem.studies.orbits.maps import KeptMap
@@ -218,7 +218,7 @@ def called(
 
 def stop_soon(patch: pytest.MonkeyPatch) -> None:
     """Let computations be interrupted as soon as something is kept."""
-    counts = {"map": 0, "rung": 0}
+    counts = {"map": 0, "level": 0}
 
     def after(owner: Any, name: str) -> None:
         original = getattr(owner, name)
@@ -241,15 +241,15 @@ def stop_soon(patch: pytest.MonkeyPatch) -> None:
         return known(self, *arguments)
 
     def computed(*arguments: Any) -> Any:
-        counts["rung"] += 1
-        if counts["rung"] == 2:
+        counts["level"] += 1
+        if counts["level"] == 2:
             signal.raise_signal(signal.SIGINT)
-        return rung(*arguments)
+        return level(*arguments)
 
-    watch, known, rung = Watch.__call__, KeptMap.after, ladders.compute
+    watch, known, level = Watch.__call__, KeptMap.after, refinements.compute
     patch.setattr(Watch, "__call__", before)
     patch.setattr(KeptMap, "after", mapped)
-    patch.setattr(ladders, "compute", computed)
+    patch.setattr(refinements, "compute", computed)
     patch.setattr(maps, "CHECKPOINT_SECONDS", 0.0)
     after(Journal, "add")
     after(PointJournal, "keep")
@@ -320,10 +320,10 @@ def test_another_rig_or_question_is_refused(
         options = command.other
     before = contents(folder / "out")
     status, said = called(command, folder / "rig", folder / "out", *options, *command.resume)
-    if (name, difference) == ("converge", "mesh"):  # its rungs are known by their mesh
+    if (name, difference) == ("converge", "mesh"):  # its levels are known by their mesh
         assert status == 0, said
-        rungs = json.loads((folder / "out" / "convergence.json").read_text())["rungs"]
-        meshes = [rung["key"].split()[1] for rung in rungs]
+        levels = json.loads((folder / "out" / "convergence.json").read_text())["rungs"]
+        meshes = [level["key"].split()[1] for level in levels]
         assert len(set(meshes)) == 2 and meshes.count(meshes[-1]) == 6
         return
     assert status == 2, said
@@ -367,9 +367,9 @@ def results(folder: Path) -> dict[str, object]:
             }
         elif path.suffix == ".json" and path.name not in ("summary.json", "sweep.json"):
             numbers = json.loads(path.read_text())
-            for rung in numbers.get("rungs", []):
-                for name in [n for n in rung if "second" in n or "cost" in n or n == "checksum"]:
-                    del rung[name]
+            for level in numbers.get("rungs", []):
+                for name in [n for n in level if "second" in n or "cost" in n or n == "checksum"]:
+                    del level[name]
             by_path[path.name] = {
                 name: value for name, value in numbers.items()
                 if "second" not in name and name not in OF_THE_OCCASION

@@ -44,7 +44,7 @@ KILLS = {
 }  # fmt: skip
 """Numbers of kills in the long form."""
 
-LADDER = (
+REFINEMENT = (
     "--laws",
     "newton@moreau-jean",
     "--steps",
@@ -54,7 +54,7 @@ LADDER = (
     "--limit-steps",
     "0",
 )
-LADDER_KEYS = {"mesh.elements": 4, "time.periods": 8, "output.window_periods": 4}
+REFINEMENT_KEYS = {"mesh.elements": 4, "time.periods": 8, "output.window_periods": 4}
 
 
 SPAN = 20
@@ -137,7 +137,8 @@ def victims() -> dict[str, Victim]:
             after=((*sweep, "--shard", "2/2", "-j", 1), (*sweep, "--merge")),
         ),
         "converge": Victim(
-            ("converge", "paper", "-j", 2, *LADDER), LADDER_KEYS, resumed, ladder_progress
+            ("converge", "paper", "-j", 2, *REFINEMENT),
+            REFINEMENT_KEYS, resumed, refinement_progress,
         ),
         "scan": Victim(("detect", "scan", "embedded"), BONDED),
         "modulate": Victim(
@@ -238,8 +239,8 @@ def sweep_progress(folder: Path) -> int:
     return int(any((folder / name).exists() for name in ("sweep.journal", "sweep.nc")))
 
 
-def ladder_progress(folder: Path) -> int:
-    """Return the number of rungs on the disk, and 1 for the file."""
+def refinement_progress(folder: Path) -> int:
+    """Return the number of levels on the disk, and 1 for the file."""
     path = folder / "convergence.json"
     return 1 + len(json.loads(path.read_text())["rungs"]) if path.exists() else 0
 
@@ -258,7 +259,7 @@ def results(folder: Path) -> dict[str, str]:
         elif path.suffix == ".json" and path.name not in ("summary.json", "sweep.json"):
             content = json.loads(path.read_text())
             if "rungs" in content:  # in the order in which they were finished
-                content["rungs"].sort(key=lambda rung: str(rung["key"]))
+                content["rungs"].sort(key=lambda level: str(level["key"]))
             contents[str(path.relative_to(folder))] = json.dumps(lasting(content), sort_keys=True)
     return contents
 

@@ -54,7 +54,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert status == 0
 
 
-def test_a_ladder_of_contact_points(tmp_path: Path) -> None:
+def test_a_refinement_of_contact_points(tmp_path: Path) -> None:
     sizes = ("--in", "points", "--points", "1,2,3", "--set", "mesh.elements=5")
     status, _, output = invoke(*SMALL, *sizes, "--steps", "500", "-o", tmp_path)
     assert status == 0, output
@@ -68,7 +68,7 @@ def test_a_ladder_of_contact_points(tmp_path: Path) -> None:
     assert (tmp_path / "figures" / "limit_over_points.png").is_file()
 
 
-def test_a_ladder_without_a_limit(tmp_path: Path) -> None:
+def test_a_refinement_without_a_limit(tmp_path: Path) -> None:
     sizes = ("--steps", "250,500", "--elements", "5,10", "--set", "time.periods=4")
     settings = ("--laws", "newton", "--periods", "4", "--limit-steps", "0", "-j", "1")
     status, out, output = invoke("paper", *sizes, *settings, "-o", tmp_path)

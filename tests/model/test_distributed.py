@@ -9,7 +9,7 @@ import pytest
 
 from delam_fem.api import MPI, preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import DistributedOperators, spread, whole
+from delam_fem.model.operators import DistributedOperators, gather, spread
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def test_a_single_rank_owns_everything(alone: DistributedOperators) -> None:
     alone.stiffness.mult(vector, image)
     assert image.array == pytest.approx(o.stiffness @ x)
     assert np.array_equal((alone.observed @ x), o.observed @ x)
-    assert np.array_equal(whole(x, alone.comm), x)
+    assert np.array_equal(gather(x, alone.comm), x)
 
 
 @pytest.mark.parametrize("name", ["gap_matrix", "probes", "lumped_mass"])

@@ -299,7 +299,7 @@ def test_what_does_not_go_together_is_told() -> None:
     }  # fmt: skip
 
 
-def test_a_ladder_names_the_impactor_before_its_law(tmp_path: Path) -> None:
+def test_a_refinement_names_the_impactor_before_its_law(tmp_path: Path) -> None:
     path = tmp_path / "tap.toml"
     path.write_text(case_of({"stiffness": 1e5}).to_toml())
     result = CliRunner().invoke(app, ["converge", str(path), "-o", str(tmp_path / "out")])

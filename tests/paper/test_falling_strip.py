@@ -240,8 +240,8 @@ def test_group_speeds_are_told_in_per_cent_and_kilohertz() -> None:
     )
 
 
-def rung(elements: int, steps: int) -> dict[str, object]:
-    """Return a rung of the ladder."""
+def level(elements: int, steps: int) -> dict[str, object]:
+    """Return a level of the study."""
     shares = {"impacts": 0.2, "damping": 0.7, "left": 0.1}
     grid = {"damping_ratio": 0.002, "elements": elements, "steps_per_period": steps}
     return {"law": lateral.MAIN, **grid, **shares, "outcome": "completed"}
@@ -251,7 +251,7 @@ def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip(block: TipB
     thin = rolling(n_elements=40, steps_per_period=5000)
 
     def rows(run: Rolling) -> list[str]:
-        study = RollingStudy({lateral.MAIN: run}, thin, {0.05: thin}, [rung(40, 5000)])
+        study = RollingStudy({lateral.MAIN: run}, thin, {0.05: thin}, [level(40, 5000)])
         claims = lateral.ROLLING_STRIP.judge(lateral.rolling_numbers(study, block))
         return [claim.verdict for claim in claims]
 
@@ -279,20 +279,20 @@ def landed(
 
 
 def test_figures_have_the_stored_words(block: TipBlock, stored: Callable[[str], None]) -> None:
-    ladder = [
-        rung(n, steps) | {"law": law, "impacts": 0.1 * k + 1e-3 * n, "left": 500.0 / steps}
+    refinement = [
+        level(n, steps) | {"law": law, "impacts": 0.1 * k + 1e-3 * n, "left": 500.0 / steps}
         for k, law in enumerate(strips.METHODS)
         for n in (20, 40, 80)
         for steps in (20_000, 5_000)
     ]
-    runs = lateral.completed(RollingStudy({}, None, {}, ladder), lateral.MAIN, 0.002, 40)
+    runs = lateral.completed(RollingStudy({}, None, {}, refinement), lateral.MAIN, 0.002, 40)
     assert [run["steps_per_period"] for run in runs] == [5_000, 20_000]
     thin, stiff = strips.thin_strip(), landed(rigid_ground.steel_strip(), speed=-300.0)
     study = RollingStudy(
         {method: landed(thin, method, speed=40.0 + k) for k, method in enumerate(strips.METHODS)},
         stiff,
         {h: landed(thin, height=h, speed=60.0 if h < 0.06 else -90.0) for h in (0.02, 0.05, 0.1)},
-        ladder,
+        refinement,
     )
     struck = Numbers(block.numbers(), block=block)
     rolling = lateral.rolling_numbers(study, block)

@@ -42,7 +42,7 @@ from delam_fem.studies.executors import Serial
 
 PLAN = Plan(
     plane_points=2, plane_periods=200, response_step=0.875, response_periods=40, thresholds=2,
-    has_long_ladders=False,
+    has_long_refinements=False,
 )  # fmt: skip
 SHORT = Plan(
     periods=45, plane_points=2, plane_periods=200, response_step=0.875, response_periods=12,

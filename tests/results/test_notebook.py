@@ -12,7 +12,7 @@ import delam_fem as df
 from delam_fem.api import diagnostics
 from delam_fem.reference.compare import compare
 from delam_fem.results.figures.run import FIGURES
-from delam_fem.studies.convergence import run as ladders
+from delam_fem.studies.convergence import run as refinements
 from delam_fem.studies.diagrams import diagram
 from delam_fem.studies.modes.frequencies import modes
 
@@ -80,7 +80,7 @@ def test_studies_are_functions_of_the_package(
 ) -> None:
     assert df.compare is compare and df.modes is modes and df.diagram is diagram
     asked = []
-    monkeypatch.setattr(ladders, "run_ladder", lambda *a, **keys: asked.append((a, keys)))
+    monkeypatch.setattr(refinements, "run_refinement", lambda *a, **keys: asked.append((a, keys)))
     case = df.preset("paper", {"mesh.elements": 5})
     df.converge(case, tmp_path, laws=["newton@moreau-jean"], steps=[100, 200], workers=1)
     df.converge(case, tmp_path, elements=[5, 10], limit_steps=0, resume=True)

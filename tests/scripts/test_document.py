@@ -7,46 +7,46 @@ import re
 from pathlib import Path
 
 import pytest
-from ladders import document as document_module
-from ladders.document import document, fill
-from ladders.study import ladders
 from matplotlib.figure import Figure
 from project import ROOT, script
+from refinements import document as document_module
+from refinements.document import document, fill
+from refinements.study import refinements
 
 from delam_fem.studies.convergence.analysis import Convergence, Table, exact_free_motion
-from delam_fem.studies.convergence.ladder import FREE, Ladder, Rung
-from delam_fem.studies.convergence.rung import RungResult, extrema
+from delam_fem.studies.convergence.level import LevelResult, extrema
+from delam_fem.studies.convergence.refinement import FREE, Level, RefinementStudy
 
 LIMITS = dict(zip((q.name for q in extrema(2)), (-0.020, 0.015, 0.002, 0.032), strict=True))
 
 
-def made_up(rung: Rung) -> RungResult:
+def made_up(level: Level) -> LevelResult:
     """Return extremes that approach a limit as the square root of the time step."""
-    if rung.method == FREE.name:
-        error = 4.0 / rung.steps**2 + 3.0 / rung.elements**4
+    if level.method == FREE.name:
+        error = 4.0 / level.steps**2 + 3.0 / level.elements**4
         names = ("frequency", "amplitude")
         free = {
             f"{name}_{i + 1}": (exact * (1.0 + error), 0.0)
-            for name, both in zip(names, exact_free_motion(rung.case), strict=True)
+            for name, both in zip(names, exact_free_motion(level.case), strict=True)
             for i, exact in enumerate(both)
         }
-        return RungResult(rung.key, "completed", "", free, 0.3, 100)
-    excess = 1.0 + 1.0 / math.sqrt(rung.steps)
+        return LevelResult(level.key, "completed", "", free, 0.3, 100)
+    excess = 1.0 + 1.0 / math.sqrt(level.steps)
     values = {name: (excess * value, 1e-9) for name, value in LIMITS.items()}
     values |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0), "impact_gain": (1e-5, 0.0)}
     values |= {"contact_work": (9.9e-4, 1e-9), "steps": (1234.0, 0.0)}
-    if rung.method == "newton@newmark/lumped" and rung.elements == 160:
-        return RungResult(rung.key, "diverged", "diverged in period 77", {}, 0.3, 77)
-    return RungResult(rung.key, "completed", "", values, 0.3, 60)
+    if level.method == "newton@newmark/lumped" and level.elements == 160:
+        return LevelResult(level.key, "diverged", "diverged in period 77", {}, 0.3, 77)
+    return LevelResult(level.key, "completed", "", values, 0.3, 60)
 
 
-def whole(ladder: Ladder) -> Convergence:
-    return Convergence(ladder, {rung.key: made_up(rung) for rung in ladder.rungs()})
+def whole(refinement: RefinementStudy) -> Convergence:
+    return Convergence(refinement, {level.key: made_up(level) for level in refinement.levels()})
 
 
 @pytest.fixture(scope="module")
 def tables() -> dict[str, Table]:
-    return document({name: whole(ladder) for name, ladder in ladders().items()}).tables
+    return document({name: whole(refinement) for name, refinement in refinements().items()}).tables
 
 
 def test_tables_of_the_document(tables: dict[str, Table]) -> None:
@@ -93,18 +93,20 @@ def test_the_script_writes_tables_and_figures(
     study = script("convergence_study")
     page, figures, folders = tmp_path / "page.md", tmp_path / "figures", []
 
-    def run_ladder(ladder: Ladder, folder: Path, **settings: object) -> Convergence:
+    def run_refinement(
+        refinement: RefinementStudy, folder: Path, **settings: object
+    ) -> Convergence:
         assert (settings["workers"], settings["resume"]) == (2, True)
         folders.append(folder)
-        return whole(ladder)
+        return whole(refinement)
 
-    monkeypatch.setattr(study, "run_ladder", run_ladder)
+    monkeypatch.setattr(study, "run_refinement", run_refinement)
     monkeypatch.setattr(study, "DOCUMENT", page)
     monkeypatch.setattr(study, "FIGURES", figures)
     monkeypatch.setattr(document_module, "literal_figure", Figure)  # it computes for minutes
     page.write_text("".join(f"<!-- table {name} -->\nold\n<!-- end -->\n" for name in tables))
     assert study.main(["--folder", str(tmp_path / "runs"), "--workers", "2"]) == 0
-    assert folders == [tmp_path / "runs" / name for name in ladders()]
+    assert folders == [tmp_path / "runs" / name for name in refinements()]
     text = page.read_text("utf-8")
     assert "old" not in text
     assert "| newton@moreau-jean | -20.63 | -20.32 |" in text

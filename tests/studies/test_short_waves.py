@@ -1,4 +1,4 @@
-"""Overdamped waves of the paper's laminae, and the warnings of a ladder that refines below them."""
+"""Overdamped waves of the paper's laminae, and the warnings of a refinement below them."""
 
 import logging
 import math
@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from delam_fem import preset
-from delam_fem.studies.convergence.ladder import Ladder, method, refinement_warnings, short_waves
-from delam_fem.studies.convergence.run import run_ladder
+from delam_fem.studies.convergence.refinement import (
+    RefinementStudy,
+    method,
+    refinement_warnings,
+    short_waves,
+)
+from delam_fem.studies.convergence.run import run_refinement
 
 
 @pytest.mark.parametrize(
@@ -58,7 +63,7 @@ def test_points_nearer_than_the_thickness_are_told() -> None:
     assert text.startswith("meshes from 343 points") and "thickness 2 mm of thick" in text
 
 
-def test_a_ladder_warns_before_it_computes(
+def test_a_refinement_warns_before_it_computes(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     case = preset("paper", {"damping.rayleigh": "two-mode", "contact.impulse": "consistent"})
@@ -66,9 +71,11 @@ def test_a_ladder_warns_before_it_computes(
         update={"contact": case.contact.model_copy(update={"points_per_element": 10})}
     )
     with caplog.at_level(logging.WARNING):
-        run_ladder(Ladder(case, (), (2,), (40,), 1, 0), tmp_path / "a", "serial", workers=1)
+        run_refinement(
+            RefinementStudy(case, (), (2,), (40,), 1, 0), tmp_path / "a", "serial", workers=1
+        )
     assert "overdamped" not in caplog.text
     with caplog.at_level(logging.WARNING):
-        chosen = Ladder(few, (method("newton@newmark"),), (2,), (40,), 1, 0)
-        run_ladder(chosen, tmp_path / "b", "serial", workers=1)
+        chosen = RefinementStudy(few, (method("newton@newmark"),), (2,), (40,), 1, 0)
+        run_refinement(chosen, tmp_path / "b", "serial", workers=1)
     assert "meshes from 20 points along the laminae on (34.2 mm apart)" in caplog.text

@@ -19,7 +19,7 @@ UNIT_BAR = Bar(young_modulus=900.0, area=1.0, density=1.0, length=10.0, gap=5.0,
 STEEL_BAR = Bar(210e9, area=3.14e-4, density=7800.0, length=1.0, gap=5e-5, speed=0.1)
 COURANT = 0.1
 """Time step in crossings of an element, so that its error is below that of the mesh."""
-LADDER = (20, 40, 80, 160, 320)
+REFINEMENT = (20, 40, 80, 160, 320)
 """Elements."""
 PLATEAU = 1e-6
 """Relative error of the force between the fronts, in the middle half of the contact, n = 320.
@@ -111,7 +111,7 @@ def test_exact_values() -> None:
 def test_unit_bar(name: str) -> None:
     bar = UNIT_BAR
     speeds, strains = [], []
-    for n in LADDER:
+    for n in REFINEMENT:
         result = check_pulse(name, bar, n)
         speeds.append(result.speed[-1])
         strains.append(result.motions.ledger[0, 1])
@@ -153,7 +153,7 @@ def test_rigid_wall_takes_the_energy_of_the_end_node(n: int) -> None:
 def test_penetration_of_penalty_is_of_order_one() -> None:
     """At rest on the spring it is ρ c S v / k = v h/c."""
     deepest = []
-    for n in LADDER[:3]:
+    for n in REFINEMENT[:3]:
         depth = impact("penalty", UNIT_BAR, n).motions.u[:, 0].min() + UNIT_BAR.gap
         deepest.append(-depth * n / UNIT_BAR.length * UNIT_BAR.wave_speed / UNIT_BAR.speed)
     assert np.array(deepest) == pytest.approx(1.0, rel=0.01)

@@ -19,11 +19,11 @@ G = 8.0
 ROUND_OFF = 1e-12
 SPRING = 4.0e6
 """Contact stiffness [N/m]; the ball of 1 kg sinks in by 2e-6 m at rest."""
-LADDER = (181, 293, 467, 761, 1217, 1949)
+REFINEMENT = (181, 293, 467, 761, 1217, 1949)
 """Steps per t_1, primes."""
 ORDER = 0.25
 """Window around order 1. Each impact is late by its own fraction of a step, which scatters the
-error by as much as itself; the order is the slope of a line through all Δt of the ladder."""
+error by as much as itself; the order is the slope of a line through all Δt of the refinement."""
 RESOLVED = 20.0
 """Flights of so many steps are compared one by one."""
 END = 50.0
@@ -76,7 +76,7 @@ def test_impacts_on_the_grid_are_exact() -> None:
 def test_bouncing_ends_at_the_zeno_time(name: str, e: float) -> None:
     t1 = 0.5
     errors = []
-    for n in LADDER:
+    for n in REFINEMENT:
         dt = t1 / n * (1.0 - 0.3 / n)  # off the grid of the exact times
         motions = drop(Law(name, e), t1, dt=dt, duration=1.3 * zeno_time(t1, e))
         count = np.count_nonzero(2.0 * t1 * e ** np.arange(40) > RESOLVED * dt)
@@ -85,7 +85,7 @@ def test_bouncing_ends_at_the_zeno_time(name: str, e: float) -> None:
         bounces = np.flatnonzero(np.abs(motions.v[:, 0]) > 2.0 * G * dt)
         errors.append(abs(motions.time[bounces[-1]] - zeno_time(t1, e)))
         assert errors[-1] < END * dt
-    order = np.polyfit(np.log(1.0 / np.array(LADDER)), np.log(errors), 1)[0]
+    order = np.polyfit(np.log(1.0 / np.array(REFINEMENT)), np.log(errors), 1)[0]
     assert order == pytest.approx(1.0, abs=ORDER)
 
 

@@ -27,7 +27,7 @@ ROWS = [
     (2.0, 0.1, 0.3, 1.8170270503, 1),
     (1.8, 0.2, 0.5, 2.9210441088, 1),
 ]
-LADDER = (50, 100, 200, 400, 800)
+REFINEMENT = (50, 100, 200, 400, 800)
 """Steps per period."""
 PERIODS = 60
 """After these, impact speeds of successive periods differ by less than `STEADY`."""
@@ -35,9 +35,9 @@ STEADY = 1e-3
 """Relative; the row ω = 2.2 swings by 0.98 of it from one period to the next, with changing sign,
 and the mean of two impacts that is compared is better by two digits."""
 EXTRAPOLATED = 1e-7
-"""Relative; four extrapolations from the ladder leave 7e-9, and V is given to 1e-10."""
+"""Relative; four extrapolations from the refinement study leave 7e-9, and V is given to 1e-10."""
 ORDER = 0.08
-"""Window around the order at the fine end of the ladder."""
+"""Window around the order at the fine end of the refinement study."""
 SLOPE = 1e-6
 """Phase difference for a numerical derivative [rad]."""
 
@@ -97,18 +97,18 @@ def test_orbit_fulfils_the_published_equation(
 def test_impact_speed(name: str, omega: float, s: float, e: float, V: float, order: int) -> None:
     law = Law(name, e)
     impact_speeds = []
-    for n in LADDER:
+    for n in REFINEMENT:
         motions = steady_motion(law, (omega, s), n)
         v = speeds(motions)
         steps = np.rint(motions.impact_time / motions.time[1]).astype(int)
         assert np.array_equal(steps, n * np.arange(1, PERIODS + 1)), "one impact per period"
-        if n == LADDER[-1]:
+        if n == REFINEMENT[-1]:
             assert abs(v[-1] - v[-2]) < STEADY * V
         impact_speeds.append(v[-2:].mean())
     errors = np.abs(np.array(impact_speeds) - V)
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(order, abs=ORDER)
     table = np.array(impact_speeds)
-    for p in range(1, len(LADDER)):
+    for p in range(1, len(REFINEMENT)):
         table = (2**p * table[1:] - table[:-1]) / (2**p - 1)
     assert table[0] == pytest.approx(V, rel=EXTRAPOLATED)
 

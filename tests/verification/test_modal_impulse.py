@@ -7,7 +7,7 @@ import pytest
 
 from delam_fem.api import openings, preset, session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.studies.convergence.rung import row_of
+from delam_fem.studies.convergence.level import row_of
 
 
 def test_the_work_of_impulses_on_the_first_mode_has_a_limit_and_their_sum_has_none() -> None:

@@ -20,8 +20,8 @@ from delam_fem.results import quality
 from delam_fem.results.diagnostics import gain_warning
 from delam_fem.results.pages.report import sentence
 from delam_fem.results.quality import quality_warnings
-from delam_fem.studies.convergence.ladder import Ladder, method
-from delam_fem.studies.convergence.rung import compute as compute_rung
+from delam_fem.studies.convergence.level import compute as compute_level
+from delam_fem.studies.convergence.refinement import RefinementStudy, method
 from delam_fem.studies.detection.detect import Measurement, detect
 from delam_fem.studies.detection.study import Modulate
 from delam_fem.studies.orbits.newton import is_zero
@@ -196,16 +196,18 @@ def test_tips_without_a_gap_are_not_said_to_be_apart() -> None:
 
 
 @pytest.mark.parametrize("residual", [np.nan, 0.5])
-def test_points_and_rungs_with_an_open_ledger_are_not_completed(
+def test_points_and_levels_with_an_open_ledger_are_not_completed(
     residual: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     axis = {"key": "excitation.frequency", "values": [3.0]}
     sweep = sweep_of({"name": "s", "base": "default", "set": SMALL, "axis": [axis]})
     rigid = method("newton@moreau-jean")
-    ladder = Ladder(df.preset("default", SMALL), (rigid,), meshes=(4,), steps=(100,), periods=2)
-    rung = next(rung for rung in ladder.rungs() if rung.method == rigid.name)
+    refinement = RefinementStudy(
+        df.preset("default", SMALL), (rigid,), meshes=(4,), steps=(100,), periods=2
+    )
+    level = next(level for level in refinement.levels() if level.method == rigid.name)
     monkeypatch.setattr(Recorder, "energy_residual", lambda _: residual)
     point, _ = PointRunner(sweep).point(0, None)
-    rung_result = compute_rung(rung, "compiled")
-    assert point.outcome == rung_result.outcome == "diverged"
-    assert "does not close" in point.error and "does not close" in rung_result.error
+    level_result = compute_level(level, "compiled")
+    assert point.outcome == level_result.outcome == "diverged"
+    assert "does not close" in point.error and "does not close" in level_result.error

@@ -20,7 +20,7 @@ import delam_fem as df
 from delam_fem.api import Span
 from delam_fem.studies.orbits import continuation
 from delam_fem.studies.orbits.continuation import events_of
-from delam_fem.studies.orbits.maps import Problem, StrobeMap, modal
+from delam_fem.studies.orbits.maps import Problem, StrobeMap, slow_modes
 from delam_fem.studies.orbits.newton import Ensemble, Guess, Perturbations, solved
 from delam_fem.studies.orbits.search import multipliers
 
@@ -42,7 +42,7 @@ def stepped(s: float, e: float) -> StrobeMap:
         law = Law("newton", restitution=e)
         return Problem(operators, law.contact, law.scheme, Prescribed(forcing(omega, 0.0)), span)
 
-    return StrobeMap(problem, modal(operators))
+    return StrobeMap(problem, slow_modes(operators))
 
 
 @pytest.mark.parametrize(("omega", "s", "e"), [(2.0, 0.0, 0.5), (2.2, 0.0, 0.5), (2.6, 0.0, 0.8)])

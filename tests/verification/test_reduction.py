@@ -10,7 +10,7 @@ import pytest
 from delam_fem.api import Case, EngineName, FloatArray, IntArray, Structure, preset, session_of
 from delam_fem.engines.compiled import inner_points
 from delam_fem.model.beams import closed_form
-from delam_fem.model.modal import basis_of, projected
+from delam_fem.model.component_modes import basis_of, projected
 
 ALL, SOME = 20, 6
 """Modes of a lamina of ten elements: all there are; some, and the rest's flexibility."""

@@ -366,8 +366,8 @@ def in_modes(o: Operators) -> tuple[Operators, Modes] | None:
     """
     if is_reduced(o):
         shapes = np.eye(o.n_dofs, ROW * -(-o.n_dofs // ROW))
-        return filled_up(o), Modes(shapes, shapes)
-    return _transformed(o) if _pays(o) else None
+        return padded(o), Modes(shapes, shapes)
+    return _transformed(o) if _is_faster_in_modes(o) else None
 
 
 def is_reduced(o: Operators) -> bool:
@@ -380,7 +380,7 @@ def is_reduced(o: Operators) -> bool:
     return bool(is_diagonal and o.gap_matrix.nnz > MANY * max(o.n_pairs, 1))
 
 
-def filled_up(o: Operators) -> Operators:
+def padded(o: Operators) -> Operators:
     """Return diagonal operators, filled up to a multiple of `ROW` by unknowns without effect."""
     n = o.n_dofs
     size = ROW * -(-o.n_dofs // ROW)
@@ -408,7 +408,7 @@ def filled_up(o: Operators) -> Operators:
     )
 
 
-def _pays(o: Operators) -> bool:
+def _is_faster_in_modes(o: Operators) -> bool:
     """Return whether the rows of H in modes cost less than what a step in bands costs.
 
     A product with a dense row takes about a quarter of the time of one with a sparse row by entry.

@@ -39,9 +39,9 @@ from delam_fem.engines.compiled.inner_points import (
     Modes,
     Places,
     Points,
-    filled_up,
     in_modes,
     is_reduced,
+    padded,
     points_of,
 )
 from delam_fem.engines.compiled.simd_chains import aligned_zeros
@@ -233,7 +233,7 @@ def build(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
         if chained is not None:
             same = StepNumbers.moreau_jean(scheme.time_step, scheme.p / scheme.time_step)
             return _with_scheme(chained, same._replace(gap_ahead=scheme.gap_ahead)), chained.places
-    full = filled_up(o) if is_reduced(o) else None
+    full = padded(o) if is_reduced(o) else None
     takes_modes = o.base.shift is None
     if full is not None and (scheme.has_acceleration or not takes_modes):
         system = _system(full, scheme, Places(np.arange(full.n_dofs), full.n_dofs))

@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from delam_fem.contact.rules import OF_PLACE, OF_SPEED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.linear_algebra import new_vector
-from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread, whole
+from delam_fem.model.operators import DistributedOperators, Operators, gather, matrix, spread
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, Energies
 from delam_fem.simulation.refinement import nearness
@@ -351,11 +351,11 @@ class Dynamics:
         """Number of ranks that the order of the dofs depends on; 1: it depends on none."""
         return 1 if self.operators.is_shared_order else self.comm.size
 
-    def whole(self, share: FloatArray) -> FloatArray:
+    def gather(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of the own dofs, the last axis (collective)."""
-        return whole(share, self.comm)
+        return gather(share, self.comm)
 
-    def share(self, of_all: FloatArray) -> FloatArray:
+    def scatter(self, of_all: FloatArray) -> FloatArray:
         """Return the values of the own dofs among those of all dofs, the last axis."""
         return of_all[..., self.operators.own]
 

@@ -197,7 +197,7 @@ class Factor:
         self._sign = -1.0 if scale < 0.0 and not is_banded else 1.0
         self._factor: PETSc.Mat | None = None
         if self._options:
-            self._heed(PETSc.Options(prefix), is_symmetric, like)
+            self._apply_options(PETSc.Options(prefix), is_symmetric, like)
             self._whole_solve = self._iterate
         else:
             self._solver.setUp()
@@ -206,7 +206,9 @@ class Factor:
             self._forget()  # a factor is enough
         self.solve = self._whole_solve if is_banded else self._solve
 
-    def _heed(self, given: PETSc.Options, is_symmetric: bool, like: PETSc.Mat | None) -> None:
+    def _apply_options(
+        self, given: PETSc.Options, is_symmetric: bool, like: PETSc.Mat | None
+    ) -> None:
         """Set the solver up as options say, and try it on one load (collective)."""
         solver = self._solver
         kinds = PETSc.KSP.Type

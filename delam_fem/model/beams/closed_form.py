@@ -1,7 +1,7 @@
 """Assemble laminae from closed-form beam element matrices, without dolfinx.
 
-The module needs only NumPy and SciPy, so sweeps and ladders start fast. The matrices equal those of
-the weak forms in `forms.py` to round-off. `reference/matrices.py` checks both.
+The module needs only NumPy and SciPy, so sweeps and refinement studies start fast. The matrices
+equal those of the weak forms in `forms.py` to round-off. `reference/matrices.py` checks both.
 
 Bars and points do not bend (`axial`). A bar stretches, E A u'' = ρ A ü, in linear elements. A point
 is a mass on a spring and a damper,

@@ -22,7 +22,7 @@ from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.fields import pictures
-from delam_fem.results.fields.derived import contact_lights, held_ends
+from delam_fem.results.fields.laminae import contact_lights, held_ends
 from delam_fem.results.fields.pictures import RIGHT, TO_CAMERA, drawable_frames, magnification
 from delam_fem.results.fields.vtkhdf import CELL_TYPES, Series
 from delam_fem.results.figures.style import lamina_colours

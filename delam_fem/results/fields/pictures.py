@@ -32,7 +32,8 @@ from matplotlib.figure import Figure
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics
-from delam_fem.results.fields import derived, vtkhdf
+from delam_fem.results.fields import vtkhdf
+from delam_fem.results.fields.laminae import scalars_of
 from delam_fem.results.fields.vtkhdf import Grid
 from delam_fem.results.figures.style import DPI, save_figure
 from delam_fem.results.schema import by_interface
@@ -189,7 +190,7 @@ class Ribbons:
             rest_positions,
             half[:, None] * UPWARDS,
             {name: history[name].to_numpy() for name in ("displacement", "velocity")},
-            derived.scalars_of(history, case),
+            scalars_of(history, case),
             all_marks,
             blocks,
         )

@@ -21,7 +21,7 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
-from delam_fem.results.fields import derived
+from delam_fem.results.fields import laminae
 from delam_fem.results.fields.pictures import drawable_frames, marks, middle_lines
 from delam_fem.results.figures.run import FLOWS
 from delam_fem.results.figures.style import lamina_colours
@@ -254,7 +254,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         for mark in marks(history, case, factor)
     ]  # fmt: skip
     nearest = np.concatenate([[0], (nodes[:-1] + nodes[1:]) // 2 + 1])  # first of each shown node
-    lit = np.maximum.reduceat(derived.contact_lights(history)[last], nearest, axis=-1)
+    lit = np.maximum.reduceat(laminae.contact_lights(history)[last], nearest, axis=-1)
     data = {
         "names": [str(name) for name in history["lamina"].to_numpy()],
         "colours": list(lamina_colours(history.sizes["lamina"])),
@@ -266,7 +266,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "factor": factor,
         "y": _text(np.rint(y / unit).astype("<i2")),
         "lit": _text(lit),
-        "held": derived.held_ends(case),
+        "held": laminae.held_ends(case),
         "stops": stops,
     }
     caption = (

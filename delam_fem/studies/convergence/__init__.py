@@ -1,1 +1,1 @@
-"""Ladders: refine a case in elements and steps by several methods, and measure convergence."""
+"""Refinement studies: refine elements and steps by several methods, and measure convergence."""

@@ -1,14 +1,14 @@
-"""Compute a ladder: an executor computes the rungs, and a file keeps each finished one.
+"""Compute a refinement study: an executor computes the levels, and a file keeps each finished one.
 
 In Python:
 
     import delam_fem as df
-    from delam_fem.studies.convergence.ladder import Ladder, method
-    from delam_fem.studies.convergence.run import run_ladder
+    from delam_fem.studies.convergence.refinement import RefinementStudy, method
+    from delam_fem.studies.convergence.run import run_refinement
     methods = (method("newton@moreau-jean:64"),)
-    ladder = Ladder(df.preset("default"), methods, (10, 20, 40), (1000, 2000, 4000))
-    found = run_ladder(ladder, "runs/ladder", workers=2)
-    found.error(ladder.rungs()[-1])
+    study = RefinementStudy(df.preset("default"), methods, (10, 20, 40), (1000, 2000, 4000))
+    found = run_refinement(study, "runs/refinement", workers=2)
+    found.error(study.levels()[-1])
 """
 
 from __future__ import annotations
@@ -45,32 +45,32 @@ from delam_fem.api import (
 )
 from delam_fem.studies import executors
 from delam_fem.studies.convergence.analysis import Convergence, page, verdict
-from delam_fem.studies.convergence.ladder import (
+from delam_fem.studies.convergence.level import LevelResult, compute, level_hours
+from delam_fem.studies.convergence.refinement import (
     ELEMENTS,
     LIMIT_STEPS,
     PERIODS,
     POINTS,
     STEPS,
-    Ladder,
     MeshChoice,
     PointMesh,
+    RefinementStudy,
     method,
     refinement_warnings,
     usual_methods,
 )
-from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
 from delam_fem.studies.convergence.study import Converge
 
 _log = logging.getLogger(__name__)
 
 RESULT = "convergence.json"
-"""Name of the file with the results in the folder of a ladder."""
-RUNG_BYTES = 3000
-"""Bytes of a rung in `convergence.json`."""
+"""Name of the file with the results in the folder of a study."""
+LEVEL_BYTES = 3000
+"""Bytes of a level in `convergence.json`."""
 
 
-def run_ladder(
-    ladder: Ladder,
+def run_refinement(
+    refinement: RefinementStudy,
     directory: str | Path,
     executor: executors.ExecutorName = "process",
     *,
@@ -78,50 +78,52 @@ def run_ladder(
     resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Convergence:
-    """Compute all rungs of a ladder.
+    """Compute all levels of a study.
 
-    Each finished rung is written to `convergence.json` in the folder before the progress is
-    reported. A rung that fails or diverges also counts as finished.
+    Each finished level is written to `convergence.json` in the folder before the progress is
+    reported. A level that fails or diverges also counts as finished.
 
     Args:
-        ladder: the ladder to compute.
+        refinement: the study to compute.
         directory: folder of the results; it is made if it does not exist.
         executor: "process" or "serial"; a single worker always computes in this process.
         workers: number of processes; default: one per core.
-        resume: whether to continue with the rungs in the folder; the ladder may have more rungs
+        resume: whether to continue with the levels in the folder; the study may have more levels
             than before.
-        progress: called with the number of finished rungs and of all rungs.
+        progress: called with the number of finished levels and of all levels.
 
     Returns:
-        The ladder with its results; incomplete if Ctrl-C or SIGTERM stopped it.
+        The study with its results; incomplete if Ctrl-C or SIGTERM stopped it.
 
     Raises:
-        CaseError: the folder contains another ladder, or rungs of this one and `resume` is False.
+        CaseError: the folder contains another study, or levels of this one and `resume` is False.
         OSError: the folder cannot be written.
     """
     path = Path(directory) / RESULT
-    convergence = Convergence(ladder, _held(path, ladder, resume))
+    convergence = Convergence(refinement, _held(path, refinement, resume))
     path.parent.mkdir(parents=True, exist_ok=True)
-    rungs = ladder.rungs()
-    missing = [rung for rung in rungs if rung.key not in convergence.results]
+    levels = refinement.levels()
+    missing = [level for level in levels if level.key not in convergence.results]
 
-    def take_in(futures: set[Future[RungResult]]) -> None:
+    def take_in(futures: set[Future[LevelResult]]) -> None:
         convergence.results.update({result.key: result for result in (f.result() for f in futures)})
         _write(path, convergence)
         if progress is not None:
-            progress(len(rungs) - sum(r.key not in convergence.results for r in rungs), len(rungs))
+            progress(
+                len(levels) - sum(r.key not in convergence.results for r in levels), len(levels)
+            )
 
     name: executors.ExecutorName = "serial" if workers == 1 else executor
-    if ladder.case.is_apart:
-        for text in refinement_warnings(ladder.case, (rung.points for rung in rungs)):
+    if refinement.case.is_apart:
+        for text in refinement_warnings(refinement.case, (level.points for level in levels)):
             _log.warning(text)
     take_in(set())
     if missing:
         with stop_signals() as is_stopped, executors.pool(name, workers) as pool:
-            running: set[Future[RungResult]] = set()
+            running: set[Future[LevelResult]] = set()
             while (missing or running) and not is_stopped():
                 while missing and len(running) < pool.n_workers:
-                    running.add(pool.executor.submit(compute, missing.pop(0), ladder.engine))
+                    running.add(pool.executor.submit(compute, missing.pop(0), refinement.engine))
                 done, running = wait(running, return_when=FIRST_COMPLETED)
                 take_in(done)
             take_in(wait(running).done)
@@ -145,7 +147,7 @@ def converge(
     resume: bool = False,
     progress: Callable[[int, int], None] | bool | None = None,
 ) -> Convergence:
-    """Refine a case: compute a ladder of runs with all methods side by side.
+    """Refine a case: compute a study of runs with all methods side by side.
 
     Args:
         case: the case to refine; also the name of a preset, or the path of a case file.
@@ -167,12 +169,12 @@ def converge(
         progress: called with the number of finished runs and of all runs; True: a bar.
 
     Raises:
-        CaseError: the ladder is not valid, or the folder holds another one.
+        CaseError: the study is not valid, or the folder holds another one.
     """
     case = find_case(case)
     directory = directory or Path("runs") / f"{case.name}-converge"
     case_mesh = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
-    ladder = Ladder(
+    refinement = RefinementStudy(
         case,
         usual_methods(case) if laws is None else tuple(method(text) for text in laws),
         (*elements, *(Path(m) if isinstance(m, str) else m for m in meshes)) or (case_mesh,),
@@ -184,38 +186,40 @@ def converge(
         tuple(of),
     )
     with html.reporting(progress, "run") as report:
-        return run_ladder(ladder, directory, workers=workers, resume=resume, progress=report)
+        return run_refinement(
+            refinement, directory, workers=workers, resume=resume, progress=report
+        )
 
 
-def ladder_cost(ladder: Ladder, workers: int | None = None) -> Cost:
-    """Return the cost of a ladder whose workers share its rungs evenly."""
-    rungs = ladder.rungs()
-    n_workers = min(workers or executors.n_cores(), len(rungs))
-    hours = sum(rung_hours(rung, ladder.engine) for rung in rungs) / n_workers
+def refinement_cost(refinement: RefinementStudy, workers: int | None = None) -> Cost:
+    """Return the cost of a study whose workers share its levels evenly."""
+    levels = refinement.levels()
+    n_workers = min(workers or executors.n_cores(), len(levels))
+    hours = sum(level_hours(level, refinement.engine) for level in levels) / n_workers
     hours += STUDY_SECONDS / 3600.0
-    memory = max(run_cost(rung.case, ladder.engine).memory for rung in rungs)
-    files = FILE_BYTES + RUNG_BYTES * len(rungs)
+    memory = max(run_cost(level.case, refinement.engine).memory for level in levels)
+    files = FILE_BYTES + LEVEL_BYTES * len(levels)
     return Cost(hours, n_workers * memory, files, (1 + n_workers) * WORKER_BYTES)
 
 
-def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
-    """Return the results in a file by key, after a check that they belong to this ladder."""
+def _held(path: Path, refinement: RefinementStudy, resume: bool) -> dict[str, LevelResult]:
+    """Return the results in a file by key, after a check that they belong to this study."""
     if not path.is_file():
         return {}
     results, identity = load_results(path)
     if not resume:
         raise CaseError(
-            f"{path.parent}: holds {len(results)} rungs of a ladder; go on with --resume, choose "
-            "another folder with -o DIR, or delete it"
+            f"{path.parent}: holds {len(results)} levels of a refinement study; go on with "
+            "--resume, choose another folder with -o DIR, or delete it"
         )
-    require_same(identity, ladder.identity, path)
+    require_same(identity, refinement.identity, path)
     return results
 
 
-def load_results(path: Path) -> tuple[dict[str, RungResult], str]:
-    """Return the results in a file by key, and the identity of their ladder.
+def load_results(path: Path) -> tuple[dict[str, LevelResult], str]:
+    """Return the results in a file by key, and the identity of their study.
 
-    Rungs whose checksum does not fit are left out, to be computed anew.
+    Levels whose checksum does not fit are left out, to be computed anew.
 
     Raises:
         CaseError: the file is damaged as a whole, or holds something else.
@@ -229,20 +233,20 @@ def load_results(path: Path) -> tuple[dict[str, RungResult], str]:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         _log.debug("%s cannot be read", path, exc_info=True)
         raise CaseError(
-            f"{path}: expected the results of a ladder; this file is damaged or another one. "
-            "Delete it, or choose another folder with -o DIR"
+            f"{path}: expected the results of a refinement study; this file is damaged or another "
+            "one. Delete it, or choose another folder with -o DIR"
         ) from None
     if len(intact) < len(entries):
-        _log.warning("%s: %d damaged rungs are left out", path, len(entries) - len(intact))
+        _log.warning("%s: %d damaged levels are left out", path, len(entries) - len(intact))
     return results, identity
 
 
 def _checksum(entry: dict[str, object]) -> int:
-    """Return a checksum of the values of a rung."""
+    """Return a checksum of the values of a level."""
     return zlib.crc32(json.dumps(entry, sort_keys=True).encode())
 
 
-def _result(entry: dict[str, object]) -> RungResult:
+def _result(entry: dict[str, object]) -> LevelResult:
     """Return the result in an entry of the file."""
     fields: dict[str, Any] = {
         name: math.nan if value is None else value for name, value in entry.items()
@@ -251,7 +255,7 @@ def _result(entry: dict[str, object]) -> RungResult:
         name: tuple(math.nan if x is None else float(x) for x in pair)
         for name, pair in fields["statistics"].items()
     }
-    return RungResult(**fields)
+    return LevelResult(**fields)
 
 
 def _write(path: Path, found: Convergence) -> None:
@@ -260,18 +264,18 @@ def _write(path: Path, found: Convergence) -> None:
     write_json(
         path,
         {
-            "title": f"convergence of case {found.ladder.case.name}",
+            "title": f"convergence of case {found.refinement.case.name}",
             **provenance(),
-            "engine": found.ladder.engine,
-            "limit_steps": found.ladder.limit_steps,
-            "identity": found.ladder.identity,
+            "engine": found.refinement.engine,
+            "limit_steps": found.refinement.limit_steps,
+            "identity": found.refinement.identity,
             "rungs": [entry | {"checksum": _checksum(entry)} for entry in ready],
         },
     )
 
 
-def _ladder(case: Case, given: Converge) -> Ladder:
-    """Return the ladder by options of a user; sizes that are not given follow the direction."""
+def _refinement(case: Case, given: Converge) -> RefinementStudy:
+    """Return the study by options of a user; sizes that are not given follow the direction."""
     if given.elements is not None and given.meshes is not None:
         raise CaseError("converge: expected --elements or --meshes, given both")
     case_mesh = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
@@ -288,21 +292,22 @@ def _ladder(case: Case, given: Converge) -> Ladder:
         points = POINTS
     refined = [PointMesh(mesh, n) for mesh in meshes for n in points or ()]
     methods = tuple(method(text) for text in given.laws or ()) or usual_methods(case)
-    return Ladder(
+    return RefinementStudy(
         case, methods, tuple(refined or meshes), steps, given.periods, given.limit_steps,
         given.engine, given.judged or (), given.of or (),
     )  # fmt: skip
 
 
 def cost(case: Case, given: Converge, workers: int | None) -> tuple[str, Cost]:
-    """Return the name and the cost of a ladder."""
-    ladder = _ladder(case, given)
-    return f"ladder of {len(ladder.rungs())} runs", ladder_cost(ladder, workers)
+    """Return the name and the cost of a study."""
+    refinement = _refinement(case, given)
+    name = f"refinement study of {len(refinement.levels())} runs"
+    return name, refinement_cost(refinement, workers)
 
 
 def refine(case: Case, options: Converge, context: RunContext) -> Convergence:
-    """Compute a ladder with options of a user, and write all its tables."""
-    convergence = run_ladder(_ladder(case, options), context.folder, **context.sweeping)
+    """Compute a study with options of a user, and write all its tables."""
+    convergence = run_refinement(_refinement(case, options), context.folder, **context.sweeping)
     write_text(context.folder / "tables.md", page(convergence, verdict(convergence)))
     return convergence
 

@@ -185,7 +185,7 @@ def simulated(
         modes=modes_of(case),
     ) as opened:  # fmt: skip
         beside = None if pump is None else identity(pump)
-        outcome = opened.run_kept(kept, case, span=span, pump=beside)
+        outcome = opened.run_with_checkpoints(kept, case, span=span, pump=beside)
         if outcome != "completed":
             raise CaseError(f"detect: the motion of case {case.name} has {outcome}")
         times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), x)

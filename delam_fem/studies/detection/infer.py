@@ -44,7 +44,7 @@ from delam_fem.studies.detection.population import (
     population,
 )
 from delam_fem.studies.detection.study import Infer, Scan
-from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn
+from delam_fem.studies.identification.identify import Unknown, drawn, uncertain_keys
 from delam_fem.studies.signals.scan import ComplexArray, Shapes, shapes_of, surface_of
 
 COMPONENTS = 3
@@ -102,7 +102,7 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class SimulationTable:
     """A table of simulations, and how a scan becomes the statistics of the table.
 
     Attributes:
@@ -143,10 +143,10 @@ class Knowledge:
         )
 
 
-def knowledge(
+def simulation_table(
     found: Population, parameters: FloatArray, prior: FloatArray, sensors: tuple[Sensor, ...],
     seed: int = 3,
-) -> Knowledge:  # fmt: skip
+) -> SimulationTable:  # fmt: skip
     """Return the table of a population, without structures of which a run failed.
 
     Args:
@@ -174,7 +174,7 @@ def knowledge(
         columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
     table = statistics.Table(parameters[is_complete], np.concatenate(columns, axis=1), prior)
-    return Knowledge(table, tuple(bases), frequencies, sensors)
+    return SimulationTable(table, tuple(bases), frequencies, sensors)
 
 
 def edges(parameters: FloatArray) -> FloatArray:
@@ -326,10 +326,10 @@ def compute(case: Case, options: Infer, context: RunContext) -> Inferred:
     """
     number, frequencies, noise_db = options.number, options.frequency, options.noise_db
     measured = _scans(case, options)
-    doubts = doubts_of(case, options.uncertain)
+    uncertain = uncertain_keys(case, options.uncertain)
     prior = prior_of(case)
     parameters = statistics.uniform(prior, number, 7)
-    drawn_keys = drawn(doubts, case, number, 8)
+    drawn_keys = drawn(uncertain, case, number, 8)
     also = {key: np.tile(values, len(frequencies)) for key, values in drawn_keys.items()}
     specimens = specimens_of(parameters, case.support.end, frequencies)
     spacing, first, n_points = _grid(measured)
@@ -352,10 +352,10 @@ def compute(case: Case, options: Infer, context: RunContext) -> Inferred:
         scans = tuple(shapes_of(m.field, m.times, m.frequency, m.x) for m in measured)
         every = zip(scans, measured, drives, strict=True)
         sensors = tuple(Sensor.of(scan, m.rms, drive) for scan, m, drive in every)
-    known = knowledge(runs, parameters, prior, sensors)
+    known = simulation_table(runs, parameters, prior, sensors)
     posterior = edge_posterior(known.posterior(scans))
     return Inferred(
-        case, posterior, number, doubts, measured is not None, known.mismatch(scans)
+        case, posterior, number, uncertain, measured is not None, known.mismatch(scans)
     )  # fmt: skip
 
 

@@ -136,7 +136,7 @@ def drawn(unknowns: Sequence[Unknown], case: Case, n: int, seed: int) -> dict[st
     return samples
 
 
-def doubts_of(case: Case, given: Sequence[str] | None) -> tuple[Unknown, ...]:
+def uncertain_keys(case: Case, given: Sequence[str] | None) -> tuple[Unknown, ...]:
     """Return the keys in which a rig may differ from its case: the given ones, or `of_rig`."""
     return of_rig(case) if given is None else tuple(map(Unknown.parse, given))
 
@@ -285,8 +285,8 @@ def of_history(
             f"{frequency:g} Hz"
         )
     below_nyquist = math.ceil(0.5 / (frequency * float(np.median(np.diff(time))))) - 1
-    most = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
-    frequencies = frequency * np.arange(1, max(HARMONICS, most) + 1)
+    n_resolved = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
+    frequencies = frequency * np.arange(1, max(HARMONICS, n_resolved) + 1)
     coefficients = amplitudes(tips.T, time, frequencies.tolist())
     residual = tips - (coefficients.T @ np.exp(2j * math.pi * np.outer(frequencies, time))).real
     freedom = 1.0 - (2 * frequencies.size + 1) / time.size
@@ -333,7 +333,7 @@ BEYOND = 1.5
 """Largest multiple of that change: infinitely many steps change more than four times as many."""
 
 
-def finer_than(case: Case, number: int) -> dict[str, FloatArray]:
+def refined_overrides(case: Case, number: int) -> dict[str, FloatArray]:
     """Return keys of simulations that are repeated: four times the steps, twice the elements."""
     keys = {"time.steps_per_period": 4 * case.steps_per_period}
     if case.mesh.elements is not None:
@@ -465,7 +465,8 @@ class Experiment:
             harmonics: harmonics of the simulations, see `simulate`.
             parameters: values of the unknowns, shape (n, n_unknowns).
             seed: seed of the noise.
-            finer: harmonics of the first simulations with `finer_than`; None: none are repeated.
+            finer: harmonics of the first simulations with `refined_overrides`; None: none is
+                repeated.
 
         Raises:
             CaseError: too few simulations were completed.
@@ -645,7 +646,9 @@ def identify(
     if finer:
         some = {key: values[:finer] for key, values in also.items()}
         repeated = simulate(
-            parameters[:finer], directory / "finer", also=some | finer_than(experiment.case, finer)
+            parameters[:finer],
+            directory / "finer",
+            also=some | refined_overrides(experiment.case, finer),
         )
     if observed is None:
         truth = np.array([experiment.truth])
@@ -700,8 +703,8 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
 def _experiment(case: Case, options: Identify) -> Experiment:
     """Return the experiment that options of a user describe."""
     unknowns = tuple(map(Unknown.parse, options.unknown))
-    doubts = doubts_of(case, options.uncertain)
-    return Experiment(case, options.frequency, unknowns, options.noise, uncertain=doubts)
+    uncertain = uncertain_keys(case, options.uncertain)
+    return Experiment(case, options.frequency, unknowns, options.noise, uncertain=uncertain)
 
 
 def compute(case: Case, options: Identify, context: RunContext) -> Identification:

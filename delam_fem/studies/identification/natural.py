@@ -26,7 +26,7 @@ from delam_fem.api import (
     elastic,
     style,
 )
-from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn, require_values
+from delam_fem.studies.identification.identify import Unknown, drawn, require_values, uncertain_keys
 from delam_fem.studies.identification.study import Natural
 from delam_fem.studies.signals.reading import read_measured
 
@@ -118,8 +118,8 @@ def compute(case: Case, options: Natural, context: RunContext) -> Followed:
         )
     unknowns = tuple(map(Unknown.parse, options.unknown))
     require_values(unknowns)
-    doubts = doubts_of(case, options.uncertain)
-    columns, places = _prior(case, unknowns, doubts, n, options.seed)
+    uncertain = uncertain_keys(case, options.uncertain)
+    columns, places = _prior(case, unknowns, uncertain, n, options.seed)
     simulated = np.empty(n)
     for j in range(n):
         changed = case.with_overrides({key: float(column[j]) for key, column in columns.items()})
@@ -127,7 +127,7 @@ def compute(case: Case, options: Natural, context: RunContext) -> Followed:
         simulated[j] = elastic(o.stiffness, o.mass, options.mode, changed.n_rigid)[0][-1]
         if context.progress is not None:
             context.progress(j + 1, n)
-    columns, many = _prior(case, unknowns, doubts, DRAWS, options.seed + 1)
+    columns, many = _prior(case, unknowns, uncertain, DRAWS, options.seed + 1)
     many, places = (points / np.ptp(places, axis=0) for points in (many, places))
     interpolated = RBFInterpolator(places, simulated, kernel="cubic")(many)
     # error of the interpolation: every other simulation is interpolated from the rest
@@ -147,16 +147,16 @@ def compute(case: Case, options: Natural, context: RunContext) -> Followed:
         quantiles.append(
             np.clip(limits, [key.low for key in unknowns], [key.high for key in unknowns])
         )
-    return Followed(case, unknowns, doubts, time, frequency, error, np.array(quantiles))
+    return Followed(case, unknowns, uncertain, time, frequency, error, np.array(quantiles))
 
 
 def _prior(
-    case: Case, unknowns: tuple[Unknown, ...], doubts: tuple[Unknown, ...], n: int, seed: int
+    case: Case, unknowns: tuple[Unknown, ...], uncertain: tuple[Unknown, ...], n: int, seed: int
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Return n values of each key, and what varies (doubts in logarithms), shape (n, n_varied)."""
     rng = np.random.default_rng(seed)
-    columns = drawn(doubts, case, n, seed + 3)
-    logs = [np.log(columns[unknown.keys(case)[0]]) for unknown in doubts]
+    columns = drawn(uncertain, case, n, seed + 3)
+    logs = [np.log(columns[unknown.keys(case)[0]]) for unknown in uncertain]
     for unknown in unknowns:
         columns |= dict.fromkeys(unknown.keys(case), rng.uniform(unknown.low, unknown.high, n))
     return columns, np.array([*(columns[unknown.keys(case)[0]] for unknown in unknowns), *logs]).T

@@ -547,7 +547,7 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
     )
     structure = assemble(free, needs_dolfinx=False)
     with session_of(free, structure.operators, engine="compiled") as opened:
-        opened.run_kept(kept, free)
+        opened.run_with_checkpoints(kept, free)
         tips = probe_motion(opened.recorder, structure).displacement
     modes = (first_mode(structure, i) for i in range(len(case.lamina)))
     o = structure.operators

@@ -194,8 +194,8 @@ def structure_modes(
     require(kind in get_args(Kind), "delaminations", "free or closed", kind)
     o, layout = structure.operators, structure.layout
     S = {"free": sp.identity(o.n_dofs, format="csr"), "closed": keeping_closed(structure)}
-    most = S["closed"].shape[1]
-    require(1 <= n <= most, "number of modes", f"1 to {most}", n)
+    n_open = S["closed"].shape[1]
+    require(1 <= n <= n_open, "number of modes", f"1 to {n_open}", n)
     solutions = {}
     is_floating = case.n_rigid > 0
     is_tied = S["closed"].shape[1] < o.n_dofs
@@ -209,8 +209,8 @@ def structure_modes(
         has_mass = np.isfinite(frequencies)
         solutions[name] = frequencies[has_mass], matrix @ vectors[:, has_mass]
     frequencies, vectors = solutions[kind]
-    most = frequencies.size
-    require(n == most, "number of modes", f"1 to {most}, as no more motions have mass", n)
+    n_open = frequencies.size
+    require(n == n_open, "number of modes", f"1 to {n_open}, as no more motions have mass", n)
     other_kind = "closed" if kind == "free" else "free"
     other_frequencies, other = solutions.get(other_kind, solutions[kind])
     partners = _partners(vectors, other, o.mass)
@@ -430,8 +430,8 @@ def modes_of(structure: Structure, case: Case, n: int, factor: Factor | None = N
         CaseError: n is below 1 or above the number of dofs of a lamina.
     """
     layout, o = structure.layout, structure.operators
-    most = min(layout.own_dofs(i).size for i in range(len(layout.parts)))
-    require(1 <= n <= most, "number of modes", f"1 to {most} (dofs of a lamina)", n)
+    n_shared = min(layout.own_dofs(i).size for i in range(len(layout.parts)))
+    require(1 <= n <= n_shared, "number of modes", f"1 to {n_shared} (dofs of a lamina)", n)
     shapes = np.zeros((len(layout.parts), n, layout.x.size))
     frequencies = np.zeros((len(layout.parts), n))
     for i in range(len(layout.parts)):

@@ -37,7 +37,7 @@ from delam_fem.studies.orbits.search import (
     interval,
     multipliers,
     run_on,
-    within,
+    with_harmless_kicks,
 )
 
 Kind = Literal["period doubling", "Neimark-Sacker", "fold", "grazing"]
@@ -340,8 +340,8 @@ def measured(
         multiple = run_on(ensemble, at)[1]
     except ArithmeticError:
         multiple = None
-    kicked = within(ensemble, at, multiple)
-    trajectory = map_.watched(at.state, at.parameter, ensemble.periods)
+    kicked = with_harmless_kicks(ensemble, at, multiple)
+    trajectory = map_.trajectory(at.state, at.parameter, ensemble.periods)
     units = np.append(np.full(y.size, scale), span)
     gaps = (
         trajectory.gaps
@@ -542,7 +542,7 @@ def _opening_side(
     """
     move = ensemble.map.slow.lifted(ONSETS[0] * near.scale * direction / np.linalg.norm(direction))
     openings = [
-        ensemble.map.watched(near.state + sign * move, parameter, 2).openings
+        ensemble.map.trajectory(near.state + sign * move, parameter, 2).openings
         for sign in (1.0, -1.0)
     ]
     return 1.0 if not openings[0].size or openings[0][-1] >= openings[1][-1] else -1.0

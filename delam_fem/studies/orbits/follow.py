@@ -53,7 +53,7 @@ from delam_fem.api import (
 )
 from delam_fem.studies.orbits.continuation import (
     Event,
-    Path as Way,
+    Path as BranchPath,
     Point,
     doubled_point,
     events_of,
@@ -66,12 +66,12 @@ from delam_fem.studies.orbits.maps import PeriodMap
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations, is_zero
 from delam_fem.studies.orbits.search import (
     SETTLE,
+    default_perturbations,
     kicks,
     map_of,
     mean_of_motion,
     settled_map,
     start_of,
-    usual,
 )
 from delam_fem.studies.orbits.study import Follow
 from delam_fem.studies.sweeps.dataset import open_result
@@ -463,7 +463,7 @@ class Plan:
     """
 
     key: str
-    way: Way
+    way: BranchPath
     periods: int
     doublings: int
     settle: int
@@ -481,7 +481,7 @@ def follow(
     doublings: int = 1,
     settle: int = SETTLE,
     perturbations: Perturbations | None = None,
-    step: float = Way.step,
+    step: float = BranchPath.step,
     resume: bool = False,
     report: Progress = lambda branch, count, parameter: None,
 ) -> xr.Dataset:
@@ -514,21 +514,21 @@ def follow(
     case = find_case(case)
     if not start != stop:
         raise CaseError(f"{key}: expected a range to follow, given {start:g} to {stop:g}")
-    perturbations = perturbations or usual(case)
-    plan = Plan(key, Way(start, stop, step), periods, doublings, settle, perturbations)
+    perturbations = perturbations or default_perturbations(case)
+    plan = Plan(key, BranchPath(start, stop, step), periods, doublings, settle, perturbations)
     for value in (stop, start):
         case = case.with_overrides({key: value})
     family = map_of(case, key)
     directory = Path(directory)
     begin = time.process_time()
-    about = {"plan": asdict(plan), "model": family.nature.name}
+    about = {"plan": asdict(plan), "model": family.info.name}
     journal = PointJournal(directory, about, case, resume=resume)
     map_, state = settled_map(family, start, settle, start_of(case))
     with stop_signals() as is_stopped:
         branches = _branches(map_, state, plan, journal, is_stopped, report)
     attributes = {
-        "title": f"orbits of {case.name}, {family.nature.name}",
-        "key": key, "model": family.nature.name, "processor_seconds": time.process_time() - begin,
+        "title": f"orbits of {case.name}, {family.info.name}",
+        "key": key, "model": family.info.name, "processor_seconds": time.process_time() - begin,
         "seed": perturbations.seed,
     }  # fmt: skip
     data = of(branches, case, plan.way.span, attributes)

@@ -2,7 +2,7 @@
 
 `PeriodMap` is what a map must offer, so that orbits of it can be found and followed. A state z at
 the beginning of a period of the drive is (u, v), shape (2 n,), or what else a map says of its
-`Nature`. The map Φ(z, λ) leads to the state one period later; λ is any number that the map depends
+`MapInfo`. The map Φ(z, λ) leads to the state one period later; λ is any number that the map depends
 on, such as a frequency. The search knows nothing of what computes the map: an engine, modes or a
 formula.
 
@@ -71,7 +71,7 @@ from delam_fem.studies.sweeps.point import assembly_key
 
 
 @dataclass(frozen=True)
-class Nature:
+class MapInfo:
     """Model behind a map, and the parts of its states, for files, pictures and words.
 
     Attributes:
@@ -98,7 +98,7 @@ class Nature:
 
 
 @dataclass(frozen=True)
-class Slow:
+class SlowCoordinates:
     """The few coordinates in which an orbit is solved by Newton's method, and the scale of kicks.
 
         y = dual z,   z = basis y + rest,   dual basis = 1
@@ -126,7 +126,7 @@ class Slow:
 
 
 @dataclass(frozen=True)
-class Passage:
+class Trajectory:
     """What is seen on the way through some periods.
 
     Attributes:
@@ -157,11 +157,11 @@ class PeriodMap(Protocol):
 
     Attributes:
         slow: coordinates for Newton's method. They are fixed: they do not depend on the parameter.
-        nature: what the map is of.
+        info: what the map is of.
     """
 
-    slow: Slow
-    nature: Nature
+    slow: SlowCoordinates
+    info: MapInfo
 
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
@@ -178,10 +178,12 @@ class PeriodMap(Protocol):
             Shape (k, 2 n); NaN in the rows of motions that diverge.
         """
 
-    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+    def trajectory(self, state: FloatArray, parameter: float, periods: int) -> Trajectory:
         """Return what is seen in some periods from a state."""
 
-    def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
+    def started_at_widest_gap(
+        self, state: FloatArray, parameter: float
+    ) -> tuple[PeriodMap, FloatArray]:
         """Return the map whose periods begin where the tips are farthest apart, and a state there.
 
         A kick there violates no gap. A map without tips is returned as it is.
@@ -199,7 +201,7 @@ BEGINNINGS = 20
 
 
 @dataclass(frozen=True)
-class Seen:
+class PeriodSamples:
     """A period of a problem whose steps are kept.
 
     Attributes:
@@ -218,7 +220,7 @@ class ProblemMap:
 
     Attributes:
         slow: coordinates for Newton's method.
-        nature: what the map is of.
+        info: what the map is of.
         phase: where in a period of the drive a period of the map begins, 0 to 1.
         evaluations: periods computed so far.
         at: function that returns the problem for a value of the parameter.
@@ -227,8 +229,8 @@ class ProblemMap:
     def __init__(
         self,
         problem_of: Callable[[float, float], Problem | ModalProblem],
-        slow: Slow,
-        nature: Nature,
+        slow: SlowCoordinates,
+        info: MapInfo,
         phase: float = 0.0,
     ) -> None:
         """Store the family; problems are made when they are needed.
@@ -237,11 +239,11 @@ class ProblemMap:
             problem_of: problem for a value of the parameter and a phase; all have the same number
                 of coordinates.
             slow: coordinates for Newton's method.
-            nature: what the map is of.
+            info: what the map is of.
             phase: where in a period of the drive a period of the map begins, 0 to 1.
         """
         self.slow = slow
-        self.nature = nature
+        self.info = info
         self.phase = phase
         self.evaluations = 0
         self._problem_of = problem_of
@@ -257,13 +259,13 @@ class ProblemMap:
         every = zip(states, offsets.tolist(), strict=True)
         return np.array([problem.end(state, shift) for state, shift in every])
 
-    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+    def trajectory(self, state: FloatArray, parameter: float, periods: int) -> Trajectory:
         """Return what is seen in some periods from a state."""
         problem = self.at(parameter)
         tip = problem.tip
-        samples: list[Seen] = []
+        samples: list[PeriodSamples] = []
         for _ in range(periods):
-            samples.append(problem.seen(state))
+            samples.append(problem.period_samples(state))
             state = samples[-1].end
         self.evaluations += periods
         u = np.concatenate([sample.u for sample in samples])
@@ -277,17 +279,19 @@ class ProblemMap:
         ends = np.array([sample.end for sample in samples])
         low = u.min(axis=0)
         high = u.max(axis=0)
-        return Passage(ends, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
+        return Trajectory(ends, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
 
-    def opened(self, state: FloatArray, parameter: float) -> tuple[ProblemMap, FloatArray]:
-        """Return the map that begins with the tips apart; see `PeriodMap.opened`."""
+    def started_at_widest_gap(
+        self, state: FloatArray, parameter: float
+    ) -> tuple[ProblemMap, FloatArray]:
+        """Return the map that begins with the tips apart; see `PeriodMap.started_at_widest_gap`."""
         problem = self.at(parameter)
         if problem.tip is None or (beginnings := problem.beginnings(state)) is None:
             return self, state
         (u, states), (lower, upper, _) = beginnings, problem.tip
         best = int(np.argmax(u[:, upper] - u[:, lower]))
         phase = ((best + 1) / len(u) + self.phase) % 1.0
-        return ProblemMap(self._problem_of, self.slow, self.nature, phase), states[best]
+        return ProblemMap(self._problem_of, self.slow, self.info, phase), states[best]
 
 
 @dataclass(frozen=True)
@@ -369,10 +373,10 @@ class Problem:
         """Return the state one period later; the grid of steps is shifted by a share of a step."""
         return self.period(state, shift)[0]
 
-    def seen(self, state: FloatArray) -> Seen:
+    def period_samples(self, state: FloatArray) -> PeriodSamples:
         """Return a period from a state, with every step."""
         end, record = self.period(state, 0.0)
-        return Seen(end, record.u[1:, N_BASE:])
+        return PeriodSamples(end, record.u[1:, N_BASE:])
 
     def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Return what is seen at `BEGINNINGS` instants: displacements (k, n_seen), states (k, 2 n).
@@ -390,7 +394,7 @@ class StrobeMap(ProblemMap):
     """The map of a family of problems that an engine steps; see `PeriodMap`."""
 
     def __init__(
-        self, problem_of: Callable[[float], Problem], slow: Slow, *, phase: float = 0.0
+        self, problem_of: Callable[[float], Problem], slow: SlowCoordinates, *, phase: float = 0.0
     ) -> None:
         """Store the family.
 
@@ -400,10 +404,8 @@ class StrobeMap(ProblemMap):
             phase: where in a period of the drive a period of the map begins, 0 to 1.
         """
         n = slow.basis.shape[0] // 2
-        nature = Nature("finite elements", {"displacement": n, "velocity": n}, is_stepped=True)
-        super().__init__(
-            lambda at, phase: replace(problem_of(at), phase=phase), slow, nature, phase
-        )
+        info = MapInfo("finite elements", {"displacement": n, "velocity": n}, is_stepped=True)
+        super().__init__(lambda at, phase: replace(problem_of(at), phase=phase), slow, info, phase)
 
 
 MODES = 4
@@ -471,7 +473,7 @@ class CaseFamily:
 
     def map(self) -> StrobeMap:
         """Return the map of the family, with the modes of the case as its slow coordinates."""
-        return StrobeMap(self.problem, modal(self.structure(self.case).operators))
+        return StrobeMap(self.problem, slow_modes(self.structure(self.case).operators))
 
 
 def tip_of(structure: Structure) -> tuple[int, int, float] | None:
@@ -491,7 +493,7 @@ def tip_of(structure: Structure) -> tuple[int, int, float] | None:
     return None
 
 
-def modal(operators: Operators, n_modes: int = MODES) -> Slow:
+def slow_modes(operators: Operators, n_modes: int = MODES) -> SlowCoordinates:
     """Return the displacements and velocities of the lowest modes as slow coordinates.
 
     The coordinates are ω_j a_j and b_j of u = Σ a_j φ_j, v = Σ b_j φ_j with φᵀ M φ = 1, so that
@@ -510,7 +512,7 @@ def modal(operators: Operators, n_modes: int = MODES) -> Slow:
     basis[n:, count:] = phi
     dual[:count, :n] = omega[:, None] * reads
     dual[count:, n:] = reads
-    return Slow(basis, dual)
+    return SlowCoordinates(basis, dual)
 
 
 _log = logging.getLogger(__name__)
@@ -564,9 +566,11 @@ class KeptMap:
                 self._new, self._last = {}, time.monotonic()
         return self._known[key].copy()
 
-    def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
+    def started_at_widest_gap(
+        self, state: FloatArray, parameter: float
+    ) -> tuple[PeriodMap, FloatArray]:
         """Return the map whose periods begin elsewhere, kept too; see `PeriodMap`."""
-        map_, first = self._map.opened(state, parameter)
+        map_, first = self._map.started_at_widest_gap(state, parameter)
         return KeptMap(map_, self._folder / "opened", self._case), first
 
 
@@ -590,11 +594,11 @@ class ModalProblem:
         """Return the state one period later; contact is seen at any time, shifts have no effect."""
         return self.periods.advance(state, self.drive)
 
-    def seen(self, state: FloatArray) -> Seen:
+    def period_samples(self, state: FloatArray) -> PeriodSamples:
         """Return a period from a state, with every step."""
         period = self.periods.record(state, self.drive)
         lowest = np.nan if self.tip is None else float(period.lowest[-1])
-        return Seen(period.end, self.displacements(period), lowest)
+        return PeriodSamples(period.end, self.displacements(period), lowest)
 
     def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what is seen after each step: displacements (N, n_seen), states (N, n)."""
@@ -635,13 +639,13 @@ class ModalMap(ProblemMap):
         parts = {
             "modal_displacement": m, "modal_velocity": m, "late_force": first.n_state - 2 * m,
         }  # fmt: skip
-        nature = Nature(f"{m // first.n_parts} modes of each part, r = {case.time.refine}", parts)
+        info = MapInfo(f"{m // first.n_parts} modes of each part, r = {case.time.refine}", parts)
         super().__init__(
-            lambda at, phase: family.modal_problem(family.at(at), phase), slow_of(first), nature
+            lambda at, phase: family.modal_problem(family.at(at), phase), slow_modes_of(first), info
         )
 
 
-def slow_of(model: Reduced) -> Slow:
+def slow_modes_of(model: Reduced) -> SlowCoordinates:
     """Return ω q and q' of the lowest modes as slow coordinates."""
     chosen = np.sort(np.argsort(model.squares, kind="stable")[:MODES])
     omega = np.sqrt(model.squares[chosen])
@@ -653,4 +657,4 @@ def slow_of(model: Reduced) -> Slow:
     basis[chosen, columns] = 1.0 / omega
     dual[columns, chosen] = omega
     basis[m + chosen, count + columns] = dual[count + columns, m + chosen] = 1.0
-    return Slow(basis, dual)
+    return SlowCoordinates(basis, dual)

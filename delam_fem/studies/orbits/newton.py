@@ -227,7 +227,7 @@ class Root:
         shift: shift of the grid of time steps, as a share of a step.
         residual: rms change of the coordinates in P periods, relative to the largest of its part
             of the state (displacements, velocities).
-        derivative: of the map of P periods in units of `Nature.scales`, shape (2 n, 2 n).
+        derivative: of the map of P periods in units of `MapInfo.scales`, shape (2 n, 2 n).
         iterations: number of Newton steps.
     """
 
@@ -263,7 +263,7 @@ def newton(
     failures = 0
     for number in range(ITERATIONS):
         change = powered.after(state[None])[0] - state  # (1 - D) step = change, scaled by sizes
-        sizes = map_.nature.scales(state)
+        sizes = map_.info.scales(state)
         residual = float(np.sqrt(np.mean((change / sizes) ** 2)))
         if not np.isfinite(residual):
             break
@@ -301,7 +301,7 @@ class Powered:
 
 
 def derivative(powered: Powered, state: FloatArray, size: float = DIFFERENCE) -> FloatArray:
-    """Return the derivative of the map by two-sided differences, in units of `Nature.scales`.
+    """Return the derivative of the map by two-sided differences, in units of `MapInfo.scales`.
 
     Args:
         powered: the map.
@@ -311,7 +311,7 @@ def derivative(powered: Powered, state: FloatArray, size: float = DIFFERENCE) ->
     Returns:
         Shape (2 n, 2 n); its eigenvalues are those of the derivative in any units.
     """
-    sizes = powered.map.nature.scales(state)
+    sizes = powered.map.info.scales(state)
     n = state.size
     columns = np.empty((n, n))
     for first in range(0, n, BATCH):

@@ -33,7 +33,7 @@ from delam_fem.api import (
     versions,
     write_arrays,
 )
-from delam_fem.studies.orbits.maps import FREQUENCY, KeptMap, Nature, Passage, PeriodMap
+from delam_fem.studies.orbits.maps import FREQUENCY, KeptMap, MapInfo, PeriodMap, Trajectory
 from delam_fem.studies.orbits.newton import EXACT, Perturbations
 from delam_fem.studies.orbits.search import (
     RESETTLE,
@@ -42,6 +42,7 @@ from delam_fem.studies.orbits.search import (
     Exact,
     Stability,
     coarse_orbit,
+    default_perturbations,
     exact_orbit,
     kicks,
     map_of,
@@ -50,7 +51,6 @@ from delam_fem.studies.orbits.search import (
     settled_map,
     stability_of,
     start_of,
-    usual,
 )
 from delam_fem.studies.orbits.study import Orbit as Options
 
@@ -64,7 +64,7 @@ def orbit_figure(found: Orbit) -> Figure:
     """Return a figure with the tips over the orbit's periods, and the multipliers."""
     figure = Figure(figsize=(style.WIDTH, 4.3), layout="constrained")
     motion, plane = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    u = found.passage.history
+    u = found.trajectory.history
     names = [lamina.name for lamina in found.case.lamina]
     t = found.periods * np.arange(1, len(u) + 1) / len(u)
     for i, (name, colour) in enumerate(zip(names, style.lamina_colours(len(names)), strict=True)):
@@ -99,7 +99,7 @@ def orbit_figure(found: Orbit) -> Figure:
     numbers = found.numbers
     is_closed = found.exact is not None or found.coarse.solved.is_solved
     figure.suptitle(
-        f"{found.case.title}\n{found.nature.name}: {found.kind if is_closed else 'no'} orbit of "
+        f"{found.case.title}\n{found.info.name}: {found.kind if is_closed else 'no'} orbit of "
         f"{found.periods} period{'s' * (found.periods > 1)}, residual {numbers['residual']:.1e} ± "
         f"{numbers['residual_error']:.1e}: {found.stability}"
     )
@@ -123,8 +123,8 @@ class Orbit(Finding):
         exact: the orbit of the map itself; None: there is none.
         best_residual: smallest residual of the exact search.
         scatter: rms distance of the settled motion from its mean state, relative to it.
-        nature: nature of the map.
-        passage: the motion from the state of the orbit through its periods.
+        info: what the map is of.
+        trajectory: the motion from the state of the orbit through its periods.
         seconds: processor time of the search [s].
         evaluations: periods that were computed.
     """
@@ -135,8 +135,8 @@ class Orbit(Finding):
     exact: Exact | None
     best_residual: float
     scatter: float
-    nature: Nature
-    passage: Passage
+    info: MapInfo
+    trajectory: Trajectory
     seconds: float
     evaluations: int
 
@@ -147,7 +147,7 @@ class Orbit(Finding):
 
     @property
     def state(self) -> FloatArray:
-        """The state at the beginning of a period, see `nature.parts`."""
+        """The state at the beginning of a period, see `info.parts`."""
         return self.coarse.solved.state if self.exact is None else self.exact.root.state
 
     @property
@@ -163,7 +163,7 @@ class Orbit(Finding):
         if not coarse.solved.is_solved:
             return "undecided"
         votes = {coarse.stability}
-        if self.exact is not None and not self.nature.is_stepped:
+        if self.exact is not None and not self.info.is_stepped:
             largest = float(abs(self.exact.values[0]))
             votes.add(stability_of(largest, largest))
         if coarse.away > LEFT:
@@ -178,13 +178,13 @@ class Orbit(Finding):
         solution = self.coarse.solved
         m = self.coarse.multipliers
         values, errors = m.values, m.errors
-        if self.exact is not None and not self.nature.is_stepped:
+        if self.exact is not None and not self.info.is_stepped:
             is_listed = np.abs(self.exact.values) > LISTED
             values = self.exact.values[is_listed]
             errors = self.exact.errors[is_listed]
         return {
             "kind": self.kind,
-            "model": self.nature.name,
+            "model": self.info.name,
             "residual": solution.residual if self.exact is None else self.exact.root.residual,
             "residual_error": solution.residual_error if self.exact is None else 0.0,
             "period": self.periods * self.case.period,
@@ -209,10 +209,10 @@ class Orbit(Finding):
             "settled_scatter": self.scatter,
             "runs_on_away": self.coarse.away,
             "runs_on_to": None if self.coarse.multiple is None else asdict(self.coarse.multiple),
-            "smallest_tip_gap": self.passage.smallest_gap,
-            "tip_strobe": self.passage.strobes.tolist(),
-            "tip_min": self.passage.low.tolist(),
-            "tip_max": self.passage.high.tolist(),
+            "smallest_tip_gap": self.trajectory.smallest_gap,
+            "tip_strobe": self.trajectory.strobes.tolist(),
+            "tip_min": self.trajectory.low.tolist(),
+            "tip_max": self.trajectory.high.tolist(),
             "says": self.words,
             "evaluations": self.evaluations,
             "processor_seconds": self.seconds,
@@ -228,7 +228,7 @@ class Orbit(Finding):
             grid = f" on a grid of time steps shifted by {self.exact.root.shift:g} of a step"
             first = (
                 f"An exact orbit: it closes to {self.exact.root.residual:.1e}"
-                f"{grid * self.nature.is_stepped}."
+                f"{grid * self.info.is_stepped}."
             )
         elif solution.is_solved:
             first = (
@@ -245,14 +245,14 @@ class Orbit(Finding):
         lines = [
             first,
             f"Decay of kicks of {100.0 * self.coarse.kick:.3g} % of the state: largest multiplier "
-            f"{low:.3f} to {high:.3f} (95 %{', with these steps' * self.nature.is_stepped}), "
+            f"{low:.3f} to {high:.3f} (95 %{', with these steps' * self.info.is_stepped}), "
             f"{m.stability}.",
         ]
         if self.exact is not None:
             blind = " It sees no shift of an impact to another time step, and has no say."
             lines.append(
                 f"Its derivative: largest multiplier {abs(self.exact.values[0]):.4f}."
-                f"{blind * self.nature.is_stepped}"
+                f"{blind * self.info.is_stepped}"
             )
         lines.append(
             f"A motion from beside the orbit runs on to {100.0 * self.coarse.away:.2g} % of the "
@@ -298,7 +298,7 @@ class Orbit(Finding):
         """
         written = super().save(directory)
         path = Path(directory) / "orbit.npz"
-        arrays = {"tip_displacement": self.passage.history, **self.nature.split(self.state)}
+        arrays = {"tip_displacement": self.trajectory.history, **self.info.split(self.state)}
         return [*written, write_arrays(path, arrays)]
 
 
@@ -336,7 +336,7 @@ def orbit(
             case.
         map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
             None: that of the model, whose periods begin where the tips are far apart.
-        start: state to start from, see `maps.Nature`; None: that of the case.
+        start: state to start from, see `maps.MapInfo`; None: that of the case.
         kept: folder for results of the map, with which the same search goes on; None: none are
             kept.
 
@@ -358,7 +358,7 @@ def orbit(
         at_end = settled(map_, parameter, start, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
         coarse = coarse_orbit(
-            map_, parameter, guess, periods, perturbations or usual(case), multiple
+            map_, parameter, guess, periods, perturbations or default_perturbations(case), multiple
         )
         exact, best = exact_orbit(map_, parameter, at_end, periods)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -371,8 +371,8 @@ def orbit(
         exact,
         best.residual,
         scatter,
-        map_.nature,
-        map_.watched(state, parameter, periods),
+        map_.info,
+        map_.trajectory(state, parameter, periods),
         time.process_time() - began,
         getattr(map_, "evaluations", 0),
     )

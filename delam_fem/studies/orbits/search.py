@@ -221,14 +221,14 @@ def start_of(case: Case) -> FloatArray | None:
     return None if start is None else start.motion[:2].ravel()
 
 
-def usual(case: Case) -> Perturbations:
+def default_perturbations(case: Case) -> Perturbations:
     """Return the perturbations that suit the map of a case."""
     return SMOOTH if case.is_massless else USUAL
 
 
 def kicks(given: OfOrbits, case: Case) -> Perturbations:
     """Return the usual perturbations of a case with kick size and seed that a user gives."""
-    perturbations = replace(usual(case), seed=given.seed)
+    perturbations = replace(default_perturbations(case), seed=given.seed)
     return perturbations if given.kick is None else replace(perturbations, kick=given.kick)
 
 
@@ -349,7 +349,7 @@ def settled_map(
     Raises:
         ArithmeticError: the motion diverges.
     """
-    return map_.opened(settled(map_, parameter, start, periods), parameter)
+    return map_.started_at_widest_gap(settled(map_, parameter, start, periods), parameter)
 
 
 def mean_of_motion(
@@ -415,7 +415,7 @@ def coarse_orbit(
     """
     scale = float(np.linalg.norm(map_.slow.of(guess)))
     first = Guess(guess, parameter, scale)
-    ensemble = within(Ensemble(map_, periods, perturbations), first, settled_to)
+    ensemble = with_harmless_kicks(Ensemble(map_, periods, perturbations), first, settled_to)
     for _ in range(DERIVATIVES):  # the mean of a doubled motion may lie far from the orbit
         J = ensemble.derivatives(first.state, parameter, scale).mean(axis=0)
         at = solved(ensemble, first, J)
@@ -424,7 +424,7 @@ def coarse_orbit(
         first = at
     away, multiple = run_on(ensemble, at)
     multiple = max(multiple, settled_to, key=lambda found: found.distance if found else 0.0)
-    ensemble = within(ensemble, at, multiple)
+    ensemble = with_harmless_kicks(ensemble, at, multiple)
     return Coarse(
         at,
         ensemble.perturbations.kick,
@@ -442,7 +442,7 @@ def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
     """
     map_ = ensemble.map
     slow = ensemble.map.slow
-    states, multiple = sampled(map_, at.parameter, _beside(ensemble, at), ensemble.periods)
+    states, multiple = sampled(map_, at.parameter, _settled_beside(ensemble, at), ensemble.periods)
     return rms_distance(slow.of(states), slow.of(at.state)) / at.scale, multiple
 
 
@@ -457,7 +457,7 @@ def alternating(ensemble: Ensemble, at: Guess) -> float:
         ArithmeticError: the motion diverges.
     """
     map_ = ensemble.map
-    state = _beside(ensemble, at)
+    state = _settled_beside(ensemble, at)
     places = []
     for _ in range(LONG):
         state = settled(map_, at.parameter, state, ensemble.periods)
@@ -467,14 +467,14 @@ def alternating(ensemble: Ensemble, at: Guess) -> float:
     return float(np.linalg.norm(signs @ away / LONG) / np.sqrt((away**2).sum(axis=1).mean()))
 
 
-def _beside(ensemble: Ensemble, at: Guess) -> FloatArray:
+def _settled_beside(ensemble: Ensemble, at: Guess) -> FloatArray:
     """Return the state to which a motion runs on that begins beside an orbit."""
     slow = ensemble.map.slow
     aside = np.full(slow.size, BESIDE * ensemble.perturbations.kick * at.scale)
     return settled(ensemble.map, at.parameter, at.state + slow.lifted(aside), SETTLE)
 
 
-def within(ensemble: Ensemble, at: Guess, multiple: Multiple | None) -> Ensemble:
+def with_harmless_kicks(ensemble: Ensemble, at: Guess, multiple: Multiple | None) -> Ensemble:
     """Return an ensemble whose kicks at an orbit do not reach over to other states.
 
     The other states are those of a motion of a multiple of P, and of the orbit itself.
@@ -484,7 +484,7 @@ def within(ensemble: Ensemble, at: Guess, multiple: Multiple | None) -> Ensemble
     kick = ensemble.perturbations.kick
     distances = [] if multiple is None else [multiple.distance]
     if P > 1:
-        others = of(ensemble.map.watched(at.state, at.parameter, P - 1).states)
+        others = of(ensemble.map.trajectory(at.state, at.parameter, P - 1).states)
         distances += (np.linalg.norm(others - of(at.state), axis=1) / at.scale).tolist()
     kick = min([kick, *(REACH * distance for distance in distances)])
     return replace(ensemble, perturbations=replace(ensemble.perturbations, kick=kick))
@@ -528,7 +528,7 @@ def _roots(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) -
 
     A state settles anew on a shifted grid.
     """
-    for shift in GRIDS if map_.nature.is_stepped else GRIDS[:1]:
+    for shift in GRIDS if map_.info.is_stepped else GRIDS[:1]:
         powered = Powered(map_, parameter, periods, shift)
         states = start[None]
         for _ in range(RESETTLE if shift else 0):

@@ -95,17 +95,17 @@ class Course:
         if self.period is None or self.cycles is None:
             return self
         n = self.cycles.shape[2]
-        most = int(highest * self.period)
-        if 2 * most >= n:
+        top_order = int(highest * self.period)
+        if 2 * top_order >= n:
             return self
         # of the steps, so that the last is left out: it is the first of the next period
-        terms = np.fft.rfft(self.spline(self.period * np.arange(n) / n), axis=1)[:, : most + 1]
-        fine = max(n, POINTS_PER_ORDER * most)
+        terms = np.fft.rfft(self.spline(self.period * np.arange(n) / n), axis=1)[:, : top_order + 1]
+        fine = max(n, POINTS_PER_ORDER * top_order)
         form = np.fft.irfft(terms, fine, axis=1) * (fine / n)
         closed = np.concatenate([form, form[:, :1]], axis=1)
         at = np.linspace(0.0, self.period, fine + 1)
         spline = CubicSpline(at, closed, axis=1, bc_type="periodic")
-        of_cycles = np.fft.rfft(self.cycles, axis=2)[:, :, : most + 1]
+        of_cycles = np.fft.rfft(self.cycles, axis=2)[:, :, : top_order + 1]
         return replace(self, spline=spline, cycles=np.fft.irfft(of_cycles, n, axis=2))
 
     def starts(self, since: FloatArray, number: int) -> FloatArray:

@@ -126,8 +126,8 @@ def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int
     lowest = frequency / multiple
     n = time.size
     duration = float(time[-1] - time[0])
-    most = 0.5 * (n - 1) / duration - 1.0 / duration  # where k and -k are still two lines
-    n_orders = max(min(int(most / lowest), (n // SAMPLES_PER_UNKNOWN - 1) // 2), 1)
+    top_frequency = 0.5 * (n - 1) / duration - 1.0 / duration  # where k and -k are still two lines
+    n_orders = max(min(int(top_frequency / lowest), (n // SAMPLES_PER_UNKNOWN - 1) // 2), 1)
     terms = _harmonic_terms(time, values - values.mean(), lowest, n_orders)
     mean = float(values.mean() + terms[0].real)
     fit = HarmonicFit(mean, 2.0 * terms[1:], lowest, multiple, 0.0, n)

@@ -700,9 +700,9 @@ def _fitted(
             slopes += [_stacked(direct + mirrored), _stacked(1j * (direct - mirrored))]
         jacobian = np.array([(slope - (slope @ q) @ q.T).ravel() for slope in slopes]).T
         step = np.linalg.lstsq(jacobian, remaining.ravel(), rcond=None)[0]
-        most = LARGEST_STEP * np.abs(roots)
+        largest = LARGEST_STEP * np.abs(roots)
         step *= min(
-            1.0, float(np.min(most / np.maximum(np.abs(step[::2] + 1j * step[1::2]), 1e-300)))
+            1.0, float(np.min(largest / np.maximum(np.abs(step[::2] + 1j * step[1::2]), 1e-300)))
         )
         if is_done:
             break

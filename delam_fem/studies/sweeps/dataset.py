@@ -38,7 +38,7 @@ from delam_fem.api import (
 )
 from delam_fem.studies.signals.scan import ORDERS, scan_positions
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
-from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
+from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Journal, MergedParts, remove_journal
 from delam_fem.studies.sweeps.point import (
     VARIABLES,
     PointRunner,
@@ -250,36 +250,36 @@ def merge_sweep(sweep: Sweep, directory: str | Path, *, is_partial: bool = False
             f"-o {directory} computes a shard"
         )
     layout = PointRunner(sweep).structure(sweep.case(0)).layout
-    with Journal(path, sweep.identity, resume=True) as journal, journal.joined() as joined:
-        n_missing = sweep.n_points - joined.numbers.size
+    with Journal(path, sweep.identity, resume=True) as journal, journal.merged() as merged:
+        n_missing = sweep.n_points - merged.numbers.size
         if n_missing and not is_partial:
             raise CaseError(
-                f"merge: {n_missing} points are missing{_by_shard(sweep, joined)}; --shard K/N "
+                f"merge: {n_missing} points are missing{_by_shard(sweep, merged)}; --shard K/N "
                 "--resume goes on with a shard, --resume alone computes all that is missing, and "
                 "--partial writes what is there"
             )
-        if joined.n_disagreeing:
+        if merged.n_disagreeing:
             _log.warning(
                 "%d points were computed twice with different results, on different machines or "
                 "versions; the first is kept",
-                joined.n_disagreeing,
+                merged.n_disagreeing,
             )
         save_sweep(sweep, directory)
-        about = {"n_shards": len(joined.shards), "busy_seconds": joined.seconds}
-        write_result(sweep, directory, joined, layout, about)
+        about = {"n_shards": len(merged.shards), "busy_seconds": merged.seconds}
+        write_result(sweep, directory, merged, layout, about)
     if not n_missing:
         remove_journal(path)
     return open_result(directory / RESULT)
 
 
-def _by_shard(sweep: Sweep, joined: Joined) -> str:
+def _by_shard(sweep: Sweep, merged: MergedParts) -> str:
     """Return in words how many points of which shards are missing; "" if nobody knows."""
-    numbers_of_shards = {shard.of for shard in joined.shards} - {1}
+    numbers_of_shards = {shard.of for shard in merged.shards} - {1}
     if len(numbers_of_shards) != 1:
         return ""
     (of,) = numbers_of_shards
     is_left = np.ones(sweep.n_points, dtype=np.bool_)
-    is_left[joined.numbers] = False
+    is_left[merged.numbers] = False
     items: IntArray = np.flatnonzero(is_left)
     if sweep.tracks:
         track: IntArray = np.empty(sweep.n_points, dtype=np.int64)
@@ -287,10 +287,10 @@ def _by_shard(sweep: Sweep, joined: Joined) -> str:
             track[points] = number
         items = track[items]
     counts = np.bincount(owners(items, of))
-    most = sorted(np.flatnonzero(counts).tolist(), key=lambda k: -counts[k])
-    named = [f"{counts[k]} of shard {k}/{of}" for k in most[:_SHOWN]]
-    if len(most) > _SHOWN:
-        named.append(f"the others of {len(most) - _SHOWN} more shards")
+    shards = sorted(np.flatnonzero(counts).tolist(), key=lambda k: -counts[k])
+    named = [f"{counts[k]} of shard {k}/{of}" for k in shards[:_SHOWN]]
+    if len(shards) > _SHOWN:
+        named.append(f"the others of {len(shards) - _SHOWN} more shards")
     return f": {', '.join(named)}"
 
 
@@ -303,7 +303,7 @@ def save_sweep(sweep: Sweep, directory: Path) -> None:
 def write_result(
     sweep: Sweep,
     directory: Path,
-    joined: Joined,
+    merged: MergedParts,
     layout: Layout,
     about: Mapping[str, str | int | float],
 ) -> None:
@@ -314,14 +314,14 @@ def write_result(
     Args:
         sweep: the sweep.
         directory: its folder.
-        joined: the finished points; those that are missing are NaN.
+        merged: the finished points; those that are missing are NaN.
         layout: layout of the first point.
         about: how the points were computed; it does not go into the dataset.
 
     Raises:
         OSError: a file cannot be written.
     """
-    hosts, processors = zip(*sorted(joined.machines), strict=True) if joined.machines else ((), ())
+    hosts, processors = zip(*sorted(merged.machines), strict=True) if merged.machines else ((), ())
     machines = {"hosts": ", ".join(hosts), "processors": ", ".join(sorted(set(processors)))}
     write_json(directory / OCCASION, {**occasion(), **machines, **about})
     grid = tuple(sweep.sizes)
@@ -330,7 +330,7 @@ def write_result(
     per_index = math.prod(inner)
     size = sum(quantity.size for quantity in wanted)
     step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
-    n_missing = sweep.n_points - joined.numbers.size
+    n_missing = sweep.n_points - merged.numbers.size
     with atomic_file(directory / RESULT) as temporary, h5netcdf.File(temporary, "w") as file:
         _coordinates(file, sweep, wanted, layout.x)
         # NetCDF needs a list of the coordinates without a dimension of the same name
@@ -339,17 +339,17 @@ def write_result(
             _variable(file, row.name, (*grid, *row.dims), row.units, {"long_name": row.long_name})
         for start in range(0, outer, step):
             stop = min(start + step, outer)
-            block = joined.block(start * per_index, stop * per_index, size)
+            block = merged.block(start * per_index, stop * per_index, size)
             _fill(file, slice(start, stop), block, wanted, (stop - start, *inner))
         file.attrs.update(
             title=f"sweep {sweep.file.name}",
             coordinates=" ".join(off_dimension),
             sweep=sweep.to_toml("case.toml"),
             case=sweep.base.to_toml(),
-            identity=joined.identity,
+            identity=merged.identity,
             **origin(),
             n_points=sweep.n_points,
-            **{f"n_{outcome}": count for outcome, count in joined.counts().items()},
+            **{f"n_{outcome}": count for outcome, count in merged.counts().items()},
             n_missing=n_missing,
             engine=sweep.file.engine,
             outcome="interrupted" if n_missing else "completed",

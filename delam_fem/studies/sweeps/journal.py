@@ -46,7 +46,7 @@ from delam_fem.api import (
     require_same,
     versions,
 )
-from delam_fem.studies.sweeps.point import Done
+from delam_fem.studies.sweeps.point import ChunkResult
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, named
 
 MARK = b"\x89points\n"
@@ -57,7 +57,7 @@ _ALIGNED = 8
 
 
 @dataclass(frozen=True)
-class Kept:
+class StoredChunk:
     """A chunk of points as a part file has it.
 
     Attributes:
@@ -84,7 +84,7 @@ def framed(payload: bytes) -> bytes:
     return head + struct.pack("<I", zlib.crc32(head)) + payload
 
 
-def packed(done: Done) -> bytes:
+def packed(done: ChunkResult) -> bytes:
     """Return a finished chunk as a record.
 
     Its payload is the length of a JSON text (8 bytes), this text with spaces up to a multiple of 8
@@ -133,7 +133,7 @@ def _unmap(data: mmap.mmap) -> None:
         data.close()
 
 
-def unpacked(data: mmap.mmap | bytes, start: int) -> Kept:
+def unpacked(data: mmap.mmap | bytes, start: int) -> StoredChunk:
     """Return the chunk in the payload at `start` of a part file; see `packed`."""
     (length,) = struct.unpack_from("<Q", data, start)
     place = start + 8 + length
@@ -149,7 +149,7 @@ def unpacked(data: mmap.mmap | bytes, start: int) -> Kept:
         motion, losses, *internal, resting = (part.copy() for part in more)
         state = State(motion, resting, tuple(losses.tolist()), *internal)
     others = {int(k): (str(outcome), str(error)) for k, outcome, error in about["others"]}
-    return Kept(about["track"], indices.copy(), others, rows, state, about["seconds"])
+    return StoredChunk(about["track"], indices.copy(), others, rows, state, about["seconds"])
 
 
 OUTCOMES = ("completed", "diverged", "failed")
@@ -174,7 +174,7 @@ class Block:
     rows: FloatArray
 
 
-class Joined(ExitStack):
+class MergedParts(ExitStack):
     """The finished points in part files, which stay mapped until this object is closed.
 
     Attributes:
@@ -201,8 +201,8 @@ class Joined(ExitStack):
         """
         super().__init__()
         self.identity = identity
-        self._chunks: list[Kept] = []
-        self._by_track: defaultdict[int, list[Kept]] = defaultdict(list)
+        self._chunks: list[StoredChunk] = []
+        self._by_track: defaultdict[int, list[StoredChunk]] = defaultdict(list)
         self.shards: set[Shard] = set()
         self.machines: set[tuple[str, str]] = set()
         try:
@@ -273,7 +273,7 @@ class Joined(ExitStack):
             not self._is_same(int(numbers[k]), self._chunks[owner[k]], int(place[k])) for k in again
         )
 
-    def _is_same(self, number: int, chunk: Kept, place: int) -> bool:
+    def _is_same(self, number: int, chunk: StoredChunk, place: int) -> bool:
         """Return whether a second result of a point equals the one that is kept, bit by bit."""
         k = int(np.searchsorted(self.numbers, number))
         earlier = self._chunks[self._owner[k]]
@@ -403,7 +403,7 @@ class Journal(ExitStack):
         if shard.is_whole:
             self._lock(patience)
         try:
-            with self.joined() as parts:
+            with self.merged() as parts:
                 if parts.numbers.size and not resume:
                     raise CaseError(
                         f"{path.parent}: holds {parts.numbers.size} points of an unfinished sweep; "
@@ -413,7 +413,7 @@ class Journal(ExitStack):
             self.close()
             raise
 
-    def joined(self) -> Joined:
+    def merged(self) -> MergedParts:
         """Return the finished points of the shard that are on the disk now; the caller closes them.
 
         Raises:
@@ -422,9 +422,9 @@ class Journal(ExitStack):
         """
         self._require_part()
         pattern = f"*{_SUFFIX}" if self.shard.is_whole else f"{self.shard.name}.*{_SUFFIX}"
-        return Joined(self.path.glob(pattern), self._identity, _versions())
+        return MergedParts(self.path.glob(pattern), self._identity, _versions())
 
-    def add(self, done: Iterable[Done]) -> None:
+    def add(self, done: Iterable[ChunkResult]) -> None:
         """Append finished chunks to the part file and wait until they are on disk.
 
         The file is made at the first call and begins with a record of what it belongs to.

@@ -377,8 +377,8 @@ def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
         samples = value[value.size % N :]
         amplitudes = harmonics.harmonic_amplitudes(samples, samples.size // N)
     else:
-        most = max(int(0.4 * value.size / max(n, 1)), 1)  # below the filter's stop band
-        frequencies = (np.arange(1, most + 1) / case.period).tolist()
+        n_orders = max(int(0.4 * value.size / max(n, 1)), 1)  # below the filter's stop band
+        frequencies = (np.arange(1, n_orders + 1) / case.period).tolist()
         amplitudes = np.abs(complex_amplitudes(value[:, None], signal.time, frequencies)[:, 0])
     return {
         **{f"{name}_{key}": CHANNEL_MEASURES[key].of(value) for key in OF_CHANNEL},
@@ -651,7 +651,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Done:
+class ChunkResult:
     """The result of a chunk.
 
     Attributes:
@@ -811,7 +811,7 @@ def assembly_key(case: Case) -> str:
     return f"{case.model_dump_json(exclude=NOT_ASSEMBLED)} {drive} {dofs} {weights}"
 
 
-def compute(packed: bytes, chunk: Chunk) -> Done:
+def compute(packed: bytes, chunk: Chunk) -> ChunkResult:
     """Compute a chunk of points in a worker.
 
     Args:
@@ -830,7 +830,7 @@ def compute(packed: bytes, chunk: Chunk) -> Done:
         if chunk.track >= 0 and after is not None:
             state = after  # after a point that failed, the last good state is used again
     _thread.end = time.perf_counter()
-    return Done(chunk, tuple(points), state, _thread.end - begin, idle)
+    return ChunkResult(chunk, tuple(points), state, _thread.end - begin, idle)
 
 
 @lru_cache(maxsize=_KEPT_SWEEPS)

@@ -56,8 +56,8 @@ from delam_fem.studies.sweeps.dataset import (
     write_result,
 )
 from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.journal import Joined, Journal, remove_journal
-from delam_fem.studies.sweeps.point import Done, PointRunner, channel_units, quantities
+from delam_fem.studies.sweeps.journal import Journal, MergedParts, remove_journal
+from delam_fem.studies.sweeps.point import ChunkResult, PointRunner, channel_units, quantities
 from delam_fem.studies.sweeps.schedule import (
     INDEPENDENT,
     MOST_SHARDS,
@@ -197,11 +197,13 @@ def array_script(
     Raises:
         CaseError: there are more shards than points or tracks, or a point needs longer than a job.
     """
-    most = len(sweep.tracks) or sweep.n_points
-    if not 1 <= n_shards <= min(most, MOST_SHARDS):
+    n_units = len(sweep.tracks) or sweep.n_points
+    if not 1 <= n_shards <= min(n_units, MOST_SHARDS):
         what = "tracks" if sweep.tracks else "points"
-        raise CaseError(f"slurm: expected 1 to {min(most, MOST_SHARDS)} shards, as the sweep has "
-                        f"{most} {what}, given {n_shards}")  # fmt: skip
+        raise CaseError(
+            f"slurm: expected 1 to {min(n_units, MOST_SHARDS)} shards, as the sweep has {n_units} "
+            f"{what}, given {n_shards}"
+        )
     share = max(share_size(sweep, Shard(k, n_shards)) for k in range(1, n_shards + 1))
     work = share * cost.mean
     limit = 3600.0 * most_hours
@@ -305,9 +307,9 @@ def run_sweep(
     if not (resume and is_complete(directory, sweep)):
         options = (executor, workers, resume, is_confirmed, progress)
         Thread(target=_load_xarray).start()
-        with _computing(sweep, directory, WHOLE, *options) as (joined, layout, about):
-            write_result(sweep, directory, joined, layout, about)
-            has_all = joined.numbers.size == sweep.n_points
+        with _computing(sweep, directory, WHOLE, *options) as (merged, layout, about):
+            write_result(sweep, directory, merged, layout, about)
+            has_all = merged.numbers.size == sweep.n_points
         if has_all:
             remove_journal(directory / JOURNAL)
     return open_result(directory / RESULT)
@@ -370,8 +372,8 @@ def run_shard(
     if resume and is_complete(directory, sweep):
         return ShardProgress(n_points, n_points, {})
     options = (executor, workers, resume, is_confirmed, progress)
-    with _computing(sweep, directory, shard, *options) as (joined, _, about):
-        return ShardProgress(joined.numbers.size, n_points, joined.counts() | about)
+    with _computing(sweep, directory, shard, *options) as (merged, _, about):
+        return ShardProgress(merged.numbers.size, n_points, merged.counts() | about)
 
 
 @contextmanager
@@ -384,7 +386,7 @@ def _computing(
     resume: bool,
     is_confirmed: bool,
     progress: Callable[[int, int], None] | bool | None,
-) -> Iterator[tuple[Joined, Layout, dict[str, str | int | float]]]:
+) -> Iterator[tuple[MergedParts, Layout, dict[str, str | int | float]]]:
     """Compute the missing points of a shard; see `run_shard`.
 
     Yields:
@@ -399,8 +401,8 @@ def _computing(
     with Journal(path, sweep.identity, resume=resume, shard=shard) as journal:
         if shard.is_whole:
             save_sweep(sweep, directory)
-        with journal.joined() as joined:
-            left = _left(sweep, joined, shard)
+        with journal.merged() as merged:
+            left = _left(sweep, merged, shard)
         n_done = n_points - sum(track.waiting.size for track in left)
         begin = time.perf_counter()
         packed = pickle.dumps(Sweep(sweep.base, sweep.file))  # without what it has cached
@@ -411,7 +413,7 @@ def _computing(
             ready = deque(left)
             schedule = Schedule(packed, opened.n_workers, ready, opened.executor, opened.renew)
 
-            def take_in(results: list[Done]) -> None:
+            def take_in(results: list[ChunkResult]) -> None:
                 nonlocal n_done
                 journal.add(results)
                 n_done += sum(len(done.points) for done in results)
@@ -428,8 +430,8 @@ def _computing(
                 "busy_seconds": schedule.busy,
                 "scheduling_overhead": schedule.overhead,
             }
-        with journal.joined() as joined:
-            yield joined, layout, about
+        with journal.merged() as merged:
+            yield merged, layout, about
 
 
 def require_computable(
@@ -507,16 +509,16 @@ def share_size(sweep: Sweep, shard: Shard) -> int:
     return sum(sweep.tracks[number].size for number in shard.items(len(sweep.tracks)))
 
 
-def _left(sweep: Sweep, joined: Joined, shard: Shard) -> list[Track]:
+def _left(sweep: Sweep, merged: MergedParts, shard: Shard) -> list[Track]:
     """Return the points of a shard that are not finished, as tracks."""
     if not sweep.tracks:
         points = shard.items(sweep.n_points)
-        waiting = np.setdiff1d(points, joined.numbers, assume_unique=True)
+        waiting = np.setdiff1d(points, merged.numbers, assume_unique=True)
         return [Track(INDEPENDENT, waiting)] if waiting.size else []
     tracks = []
     for number in shard.items(len(sweep.tracks)).tolist():
         points = sweep.tracks[number]
-        n_done, state = joined.reached(points, number)
+        n_done, state = merged.reached(points, number)
         if n_done < points.size:
             tracks.append(Track(number, points[n_done:], state))
     return tracks

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.api import CaseError, IntArray, State
-from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
+from delam_fem.studies.sweeps.point import Chunk, ChunkResult, Point, compute
 
 MOST_SHARDS = 100_000
 _NAME = re.compile(r"(\d{1,6})-of-(\d{1,6})")
@@ -167,7 +167,7 @@ class Schedule:
     busy: float = 0.0
     idle: float = 0.0
     cost: float = 0.0
-    _flying: dict[Future[Done], tuple[Track, Chunk]] = field(default_factory=dict)
+    _flying: dict[Future[ChunkResult], tuple[Track, Chunk]] = field(default_factory=dict)
     _suspects: int = 0  # points that may have killed a worker, each now submitted alone
     _deaths: int = 0
 
@@ -177,7 +177,9 @@ class Schedule:
         total = self.busy + self.idle
         return self.idle / total if total > 0.0 else 0.0
 
-    def run(self, take_in: Callable[[list[Done]], None], is_stopped: Callable[[], bool]) -> bool:
+    def run(
+        self, take_in: Callable[[list[ChunkResult]], None], is_stopped: Callable[[], bool]
+    ) -> bool:
         """Compute all waiting points.
 
         Args:
@@ -223,12 +225,12 @@ class Schedule:
                 self.ready.append(track)
             self._flying[self._submitted(chunk)] = (track, chunk)
 
-    def _submitted(self, chunk: Chunk) -> Future[Done]:
+    def _submitted(self, chunk: Chunk) -> Future[ChunkResult]:
         """Submit a chunk; on a broken executor return a future with the error."""
         try:
             return self.executor.submit(compute, self.packed, chunk)
         except BrokenExecutor as error:
-            broken: Future[Done] = Future()
+            broken: Future[ChunkResult] = Future()
             broken.set_exception(error)
             return broken
 
@@ -242,7 +244,7 @@ class Schedule:
             n = min(n, math.ceil(left / (SHARE * self.n_workers)))
         return max(1, n)
 
-    def _land(self, futures: Iterable[Future[Done]]) -> list[Done]:
+    def _land(self, futures: Iterable[Future[ChunkResult]]) -> list[ChunkResult]:
         """Return the results of finished futures; recover the points of a dead worker."""
         results = []
         lost = []
@@ -272,7 +274,7 @@ class Schedule:
             results += self._recover(lost)
         return results
 
-    def _recover(self, lost: list[tuple[Track, Chunk]]) -> list[Done]:
+    def _recover(self, lost: list[tuple[Track, Chunk]]) -> list[ChunkResult]:
         """Replace the executor and resubmit the lost points.
 
         A lost point that was submitted alone is the one that killed the worker, and has failed.
@@ -301,7 +303,7 @@ class Schedule:
             if was_alone:
                 self._suspects -= 1
                 dead = Point(chunk.indices[0], "failed", "the worker process died", None)
-                results.append(Done(chunk, (dead,), chunk.state, 0.0, 0.0))
+                results.append(ChunkResult(chunk, (dead,), chunk.state, 0.0, 0.0))
             else:
                 track.put_back(chunk)
                 self._suspects += len(chunk.indices)

@@ -28,7 +28,7 @@ from scipy.optimize import brentq
 from delam_fem.api import FloatArray
 from delam_fem.studies.orbits import continuation
 from delam_fem.studies.orbits.continuation import Event, events_of, first_point, followed
-from delam_fem.studies.orbits.maps import Nature, Passage, Slow
+from delam_fem.studies.orbits.maps import MapInfo, SlowCoordinates, Trajectory
 from delam_fem.studies.orbits.newton import Ensemble
 
 DOUBLING, FOLD, TORUS = "period doubling", "fold", "Neimark-Sacker"
@@ -45,8 +45,8 @@ class Plane:
         image: states of shape (k, 2) and λ to the states one period later.
     """
 
-    slow = Slow(np.eye(2), np.eye(2))
-    nature = Nature("map of the plane", {"x": 1, "v": 1})
+    slow = SlowCoordinates(np.eye(2), np.eye(2))
+    info = MapInfo("map of the plane", {"x": 1, "v": 1})
 
     def __init__(self, image: Callable[[FloatArray, float], FloatArray]) -> None:
         """Keep the map."""
@@ -59,13 +59,13 @@ class Plane:
         with np.errstate(over="ignore", invalid="ignore"):  # a motion may leave all numbers
             return self._image(states, parameter)
 
-    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+    def trajectory(self, state: FloatArray, parameter: float, periods: int) -> Trajectory:
         """Return the states at the ends of periods; nothing touches."""
         states = [state]
         for _ in range(periods):
             states.append(self.after(states[-1][None], parameter)[0])
         visited = np.array(states[1:])
-        return Passage(visited, visited, visited.min(axis=0), visited.max(axis=0), np.inf)
+        return Trajectory(visited, visited, visited.min(axis=0), visited.max(axis=0), np.inf)
 
 
 def jumps(x: FloatArray, y: FloatArray) -> FloatArray:

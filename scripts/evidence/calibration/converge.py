@@ -1,11 +1,11 @@
 """`converge`: intervals about the limit, beside finer runs.
 
 Two strips under a harmonic base, of a length, stiffness, damping, restitution and frequency
-that are drawn for each truth. A ladder of 250 … 2000 steps per period (10 elements) or of 4 … 16
+that are drawn for each truth. A study of 250 … 2000 steps per period (10 elements) or of 4 … 16
 elements (1000 steps) gives each of its runs an interval for the distance of its tip extremes, or of
 the numbers named with `--judge`, from the limit. The truth is the distance from a run that the
-ladder does not have: with eight times as many steps, or four times as many elements, as its finest.
-"Undecided": errors do not shrink within the ladder, so that no interval is given. What is left
+study does not have: with eight times as many steps, or four times as many elements, as its finest.
+"Undecided": errors do not shrink within the study, so that no interval is given. What is left
 beyond the finest run is a bound, so that 95 % are promised at least. Contact work and distortion
 factors had intervals that contained 28 of 67 and 165 of 189 truths in steps: none is given.
 """
@@ -22,8 +22,8 @@ from calibration.row import OWN, Row
 import delam_fem as df
 from delam_fem.api import Case
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import Ladder, method
-from delam_fem.studies.convergence.rung import compute
+from delam_fem.studies.convergence.level import compute
+from delam_fem.studies.convergence.refinement import RefinementStudy, method
 
 TRUTHS = 100
 PROMISE = 0.95
@@ -33,7 +33,7 @@ KINDS = {
     "steps": ((10,), (250, 500, 1000, 2000), 16000),
     "elements": ((4, 6, 8, 12, 16), (1000,), 64),
 }
-"""Meshes and steps of a ladder, and the size of the run that it does not have."""
+"""Meshes and steps of a study, and the size of the run that it does not have."""
 JUDGED = {
     "": (), " of amplitude": ("amplitude",), " of modal_impulse": ("modal_impulse",),
 }  # fmt: skip
@@ -76,23 +76,25 @@ def drawn(rng: np.random.Generator) -> Case:
 
 
 def _trial(by: str, rng: np.random.Generator) -> dict[str, list[tuple[float, float, float]]]:
-    """Return distance, uncertainty and true distance of the judged runs of a ladder by what is."""
+    """Return distance, uncertainty and true distance of the judged runs of a study by what is."""
     meshes, steps, finer = KINDS[by]
-    ladder = Ladder(drawn(rng), (method(LAW),), meshes, steps, 30, 0)
-    law = ladder.methods[0]
+    refinement = RefinementStudy(drawn(rng), (method(LAW),), meshes, steps, 30, 0)
+    law = refinement.methods[0]
     mesh = meshes[0]
     if by == "steps":
-        line = ladder.along_steps(law, mesh)
-        truth = ladder.rung(law, mesh, finer)
+        line = refinement.along_steps(law, mesh)
+        truth = refinement.level(law, mesh, finer)
     else:
-        line = ladder.along_meshes(law, steps[0])
-        truth = ladder.rung(law, finer, steps[0])
-    results = {rung.key: compute(rung, "compiled") for rung in (*line, truth)}
+        line = refinement.along_meshes(law, steps[0])
+        truth = refinement.level(law, finer, steps[0])
+    results = {level.key: compute(level, "compiled") for level in (*line, truth)}
     judges = {
-        words: Convergence(replace(ladder, judged=names), results)
+        words: Convergence(replace(refinement, judged=names), results)
         for words, names in JUDGED.items()
     }
     return {
-        words: [(*judge.interval(rung, line, by), judge.error(rung, truth)) for rung in line[:-2]]
+        words: [
+            (*judge.interval(level, line, by), judge.error(level, truth)) for level in line[:-2]
+        ]
         for words, judge in judges.items()
     }

@@ -75,7 +75,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     also = drawn(experiment.uncertain, experiment.case, size, 2)
     exact = experiment.simulate(parameters, folder / "table", also=also, executor="serial")
     more = {key: values[:repeated] for key, values in also.items()}
-    more |= identify.finer_than(experiment.case, repeated)
+    more |= identify.refined_overrides(experiment.case, repeated)
     finer = experiment.simulate(
         parameters[:repeated], folder / "finer", also=more, executor="serial"
     )

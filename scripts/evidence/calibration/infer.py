@@ -62,7 +62,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
                 infer.Sensor.of(runs.shapes(i, noise, rng, lines), float(runs.rms[i]), sensor.drive)
                 for i, sensor in zip((0, n), known.sensors, strict=True)
             )
-            judge = infer.knowledge(table, parameters, prior, sensors)
+            judge = infer.simulation_table(table, parameters, prior, sensors)
         judged = []
         for k in complete:
             scans = tuple(runs.shapes(i, noise, rng, lines) for i in (k, n + k))
@@ -117,7 +117,7 @@ def computed(
 
 def known_of(
     case: Case, table: Population, parameters: FloatArray, prior: FloatArray
-) -> infer.Knowledge:
+) -> infer.SimulationTable:
     """Return what a table says with the usual noise."""
     intact_case = intact(case)
     surface = surface_of(case, None)
@@ -125,7 +125,7 @@ def known_of(
         infer.Sensor(NOISE_DB, drive=drive_responses(intact_case, surface, table.x, f, (2.0,)))
         for f in Infer().frequency
     )
-    return infer.knowledge(table, parameters, prior, sensors)
+    return infer.simulation_table(table, parameters, prior, sensors)
 
 
 def shaken(scan: infer.Shapes, drive: dict, rng: np.random.Generator) -> infer.Shapes:

@@ -29,7 +29,7 @@ from calibration.oscillator import (
 from calibration.row import OWN, Row
 
 from delam_fem.api import SCHEMES, FloatArray, Law, Span
-from delam_fem.studies.orbits.maps import PeriodMap, Problem, StrobeMap, modal
+from delam_fem.studies.orbits.maps import PeriodMap, Problem, StrobeMap, slow_modes
 from delam_fem.studies.orbits.newton import USUAL
 from delam_fem.studies.orbits.search import coarse_orbit, matched
 
@@ -119,7 +119,7 @@ def stepped(s: float, e: float, steps: int) -> StrobeMap:
         law = Law("newton", restitution=e)
         return Problem(operators, law, SCHEMES["newmark"], Harmonic(omega), span)
 
-    return StrobeMap(problem, modal(operators))
+    return StrobeMap(problem, slow_modes(operators))
 
 
 def of_henon(rng: np.random.Generator) -> tuple[PeriodMap, FloatArray, float, FloatArray]:

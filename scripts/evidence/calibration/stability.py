@@ -139,9 +139,9 @@ def verdict_and_truth(case: Case, periods: int) -> tuple[str, bool]:
     guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
     coarse = coarse_orbit(map_, parameter, guess, periods, USUAL, multiple)
     state = coarse.solved.state
-    trajectory = map_.watched(state, parameter, periods)
+    trajectory = map_.trajectory(state, parameter, periods)
     closed_orbit = Orbit(
-        case, periods, coarse, None, np.inf, scatter, map_.nature, trajectory, 0.0, 0
+        case, periods, coarse, None, np.inf, scatter, map_.info, trajectory, 0.0, 0
     )
     steps = FINER * case.steps_per_period
     fine = CaseFamily(case.with_overrides({"time.steps_per_period": steps}), FREQUENCY)

@@ -7,7 +7,7 @@ import pytest
 
 from delam_fem.api import Operators, preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.modal import basis_of
+from delam_fem.model.component_modes import basis_of
 
 ROUND_OFF = 1e-9
 """Of static shapes, relative to stiffnesses that differ by the fourth power of the elements."""
@@ -87,13 +87,13 @@ def test_a_point_force_has_its_static_shape() -> None:
 
 def test_the_stiffest_shapes_are_left_out_first() -> None:
     o = operators()
-    full_basis, cut = basis_of(o, 4), basis_of(o, 4, most=30)
+    full_basis, cut = basis_of(o, 4), basis_of(o, 4, max_coordinates=30)
     assert cut.squares.size == 30 and cut.dropped == full_basis.squares.size - 30
     assert 1e-4 < cut.compliance_error < 1.0
     assert cut.squares.max() < full_basis.squares.max()
-    assert basis_of(o, 4, most=8).squares.size == 8
+    assert basis_of(o, 4, max_coordinates=8).squares.size == 8
     with pytest.raises(ValueError, match="coordinates: expected at least 8, the number of"):
-        basis_of(o, 4, most=7)
+        basis_of(o, 4, max_coordinates=7)
 
 
 def test_all_modes_leave_nothing_to_residual_shapes() -> None:

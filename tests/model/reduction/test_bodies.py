@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from delam_fem.api import BaseCoupling, Operators, preset
 from delam_fem.model import factors
 from delam_fem.model.beams import closed_form
-from delam_fem.model.modal import bodies
+from delam_fem.model.component_modes import bodies
 
 
 def chain(n: int, *, is_held: bool) -> Operators:

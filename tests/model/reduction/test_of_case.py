@@ -7,7 +7,7 @@ import pytest
 
 from delam_fem.api import preset, reduced_case
 from delam_fem.model import layout, reduction
-from delam_fem.model.modal import Basis, basis_of
+from delam_fem.model.component_modes import Basis, basis_of
 
 FREE = {"mesh.elements": 16, "support.start": "free", "support.end": "free", "excitation": {
     "kind": "force", "lamina": "upper", "position": 0.1, "frequency": 9.0, "amplitude": 1.0,

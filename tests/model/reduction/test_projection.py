@@ -6,7 +6,7 @@ import pytest
 from delam_fem.api import preset
 from delam_fem.model import layout
 from delam_fem.model.beams import closed_form
-from delam_fem.model.modal import basis_of, projected
+from delam_fem.model.component_modes import basis_of, projected
 
 
 @pytest.mark.parametrize("name", ["default", "embedded"])

@@ -14,7 +14,8 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 import delam_fem as df
 from delam_fem.api import FloatArray, Result
-from delam_fem.results.fields.derived import Frames, contact_force_of_laminae, write_solid
+from delam_fem.results.fields.laminae import contact_force_of_laminae
+from delam_fem.results.fields.solids import Frames, write_solid
 
 KEYS = {
     "excitation.frequency": 3.25,
@@ -176,17 +177,17 @@ import delam_fem as df
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
 from delam_fem.system.mpi import MPI
-from delam_fem.results.fields import derived
+from delam_fem.results.fields import solids
 
 case = df.preset("paper", eval(arguments[1]))
 for own in (MPI.COMM_SELF, comm):
     structure = discretise.assemble(case, comm=own)
     with session_of(case, structure.operators, engine="petsc", comm=own) as opened:
         opened.run(lambda period: False)
-        frames = derived.collected(structure, opened.recorder, case)
+        frames = solids.collected(structure, opened.recorder, case)
     assert (frames is None) == (own.rank > 0)
     if comm.rank == 0:
-        derived.write_solid(frames, Path(arguments[0]) / str(own.size))
+        solids.write_solid(frames, Path(arguments[0]) / str(own.size))
 """
 
 

@@ -16,7 +16,7 @@ from synthetic import small_case, synthetic_history
 import delam_fem as df
 from delam_fem.model import _dolfinx
 from delam_fem.results.fields import vtx
-from delam_fem.results.fields.derived import write_solid
+from delam_fem.results.fields.solids import write_solid
 from delam_fem.results.fields.vtkhdf import Series
 
 

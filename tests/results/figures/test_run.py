@@ -15,7 +15,7 @@ from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, syn
 
 from delam_fem import Case
 from delam_fem.api import style
-from delam_fem.results.fields.derived import scalars_of
+from delam_fem.results.fields.laminae import scalars_of
 from delam_fem.results.figures import run as contact_figures, run as figures
 from delam_fem.results.figures.style import (
     DPI,

@@ -9,7 +9,7 @@ from stack import NODE, three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
 
 from delam_fem.case.sections import Support
-from delam_fem.results.fields.derived import contact_lights
+from delam_fem.results.fields.laminae import contact_lights
 from delam_fem.results.fields.pictures import middle_lines
 from delam_fem.results.pages import report as films
 from delam_fem.results.pages.report import film

@@ -1,4 +1,4 @@
-"""Ladders judge any channel: a linear oscillator with known numbers, an acceleration without."""
+"""Refinements judge channels: a linear oscillator with known numbers, an acceleration without."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ def test_measures_of_a_linear_oscillator(channel: str, exact: float, tmp_path: P
     assert [q.name for q in study.judged] == [
         f"{channel}:{measure}" for measure in ("min", "max", "rms", "amplitude")
     ]
-    rungs = study.ladder.along_steps(study.ladder.methods[0], 1)
+    levels = study.refinement.along_steps(study.refinement.methods[0], 1)
     errors = []
-    for rung in rungs:
-        rms = study.value(rung, f"{channel}:rms") * math.sqrt(2.0)
+    for level in levels:
+        rms = study.value(level, f"{channel}:rms") * math.sqrt(2.0)
         errors.append(abs(rms / exact - 1.0))
     assert errors[-1] < 1e-3
     if channel != "drive":  # sampled exactly
         assert math.log2(errors[-2] / errors[-1]) == pytest.approx(2.0, abs=0.1)
     said = verdict(study)
     assert said.startswith("Within 1 %")
-    (chosen,) = [k for k, rung in enumerate(rungs) if f" {rung.steps} steps per period" in said]
+    (chosen,) = [k for k, level in enumerate(levels) if f" {level.steps} steps per period" in said]
     assert errors[chosen] <= 0.01
 
 
@@ -74,14 +74,14 @@ def test_an_acceleration_at_a_place_that_is_hit_has_no_limit(tmp_path: Path) -> 
         "limit_steps": 16000, "workers": 1,
     }  # fmt: skip
     study = df.converge(case, tmp_path, of=["a1"], **settings)
-    rung = study.ladder.rung(study.ladder.methods[0], 20, 1000)
-    assert study.error(rung) > 0.5
+    level = study.refinement.level(study.refinement.methods[0], 20, 1000)
+    assert study.error(level) > 0.5
     said = verdict(study)
     assert said.startswith("No run is known to be within 1 %")
     assert "a1 rms" in said
 
 
-def test_channels_that_no_rung_has_are_refused(tmp_path: Path) -> None:
+def test_channels_that_no_level_has_are_refused(tmp_path: Path) -> None:
     for name in ("tip_two", "a1:median", "contact_stop 2"):
         said = refusal(partial(refined, tmp_path, name))
         assert all(word in said for word in (name, "tip_one_velocity", "contact_stop 1"))
@@ -97,7 +97,7 @@ def test_a_channel_of_two_units_is_refused(tmp_path: Path) -> None:
     assert all(word in said for word in ("contact_thick-thin", "N s", "sensor"))
 
 
-def test_a_ladder_goes_on_with_its_channels_alone(tmp_path: Path) -> None:
+def test_a_refinement_goes_on_with_its_channels_alone(tmp_path: Path) -> None:
     refined(tmp_path, "a1")
     case = oscillator()
     settings: dict[str, Any] = {"steps": STEPS, "periods": 30, "workers": 1, "resume": True}

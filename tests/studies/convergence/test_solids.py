@@ -12,8 +12,8 @@ import delam_fem as df
 from delam_fem.api import Case, CaseError
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.studies.convergence.analysis import Convergence, verdict
-from delam_fem.studies.convergence.ladder import FREE, Ladder, method
-from delam_fem.studies.convergence.rung import compute
+from delam_fem.studies.convergence.level import compute
+from delam_fem.studies.convergence.refinement import FREE, RefinementStudy, method
 
 FILE_ORDER = {2: [0, 1], 4: [0, 1, 3, 2], 8: [0, 1, 3, 2, 4, 5, 7, 6]}
 """Vertices of facets and cells in the order of gmsh."""
@@ -46,7 +46,7 @@ SIZES, LAW = (2, 4, 8), method("newton@moreau-jean")
 
 
 def files(case: Case, folder: Path) -> tuple[Path, ...]:
-    """Write the built-in meshes of a case with the numbers of elements of the ladder."""
+    """Write the built-in meshes of a case with the numbers of elements of the study."""
     return tuple(
         written(case.with_overrides({"mesh.elements": n}), folder / f"{n}.msh") for n in SIZES
     )
@@ -57,10 +57,10 @@ def test_size_of_a_mesh_of_ones_own_is_its_cells_along_the_laminae(
     kind: str, tmp_path: Path
 ) -> None:
     case = df.preset("default", {"model.kind": kind, "mesh.elements": 2})
-    ladder = Ladder(case, (LAW,), files(case, tmp_path), (100,), 2, 0)
-    assert [rung.elements for rung in ladder.along_meshes(LAW, 100)] == list(SIZES)
+    refinement = RefinementStudy(case, (LAW,), files(case, tmp_path), (100,), 2, 0)
+    assert [level.elements for level in refinement.along_meshes(LAW, 100)] == list(SIZES)
     with pytest.raises(CaseError, match="elements: expected increasing numbers, coarse first"):
-        Ladder(case, (LAW,), ladder.meshes[::-1], (100,), 2, 0)
+        RefinementStudy(case, (LAW,), refinement.meshes[::-1], (100,), 2, 0)
 
 
 @pytest.mark.slow
@@ -68,14 +68,14 @@ def test_meshes_of_ones_own_are_judged_as_those_that_are_built_in(tmp_path: Path
     case = df.preset("default", {"model.kind": "plane-stress", "mesh.elements": 2})
     errors = []
     for meshes in (SIZES, files(case, tmp_path)):
-        ladder = Ladder(case, (LAW,), meshes, (100,), 2, 0)
-        free, line = (ladder.along_meshes(law, 100) for law in (FREE, LAW))
+        refinement = RefinementStudy(case, (LAW,), meshes, (100,), 2, 0)
+        free, line = (refinement.along_meshes(law, 100) for law in (FREE, LAW))
         convergence = Convergence(
-            ladder, {rung.key: compute(rung, "compiled") for rung in (*free, *line)}
+            refinement, {level.key: compute(level, "compiled") for level in (*free, *line)}
         )
         assert all(math.isfinite(part) for part in convergence.interval(line[0], line, "elements"))
         assert re.search("[248] elements, 100 steps per period", verdict(convergence))
-        errors.append([convergence.free_errors(rung) for rung in free])
+        errors.append([convergence.free_errors(level) for level in free])
     np.testing.assert_allclose(*errors, rtol=1e-6, atol=1e-9)
     # cells that are too long are too stiff by as much in both laminae, each beside its own
     # frequency; the finest is compared with itself, in space

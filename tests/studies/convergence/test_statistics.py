@@ -10,7 +10,7 @@ import pytest
 from delam_fem.api import LEDGER, N_BASE
 from delam_fem.contact.decisions import Decision
 from delam_fem.simulation.recorder import Jumps
-from delam_fem.studies.convergence.rung import PeriodRow, row_of, statistics
+from delam_fem.studies.convergence.level import PeriodRow, row_of, statistics
 
 
 def row(low: float, phase: float) -> PeriodRow:

@@ -8,13 +8,13 @@ from delam_fem.numerics.statistics import Posterior, uniform
 from delam_fem.studies.detection.indices import curvature
 from delam_fem.studies.detection.infer import (
     COMPONENTS,
-    Knowledge,
     Sensor,
+    SimulationTable,
     _statistics,
     edge_posterior,
     edges,
-    knowledge,
     prior_of,
+    simulation_table,
     specimens_of,
 )
 from delam_fem.studies.detection.population import Population
@@ -26,7 +26,7 @@ PRIOR = prior_of(preset("embedded"))
 
 
 @pytest.fixture(scope="module")
-def made_up() -> tuple[Population, np.ndarray, Knowledge]:
+def made_up() -> tuple[Population, np.ndarray, SimulationTable]:
     """Second harmonics that are arches over the delamination, larger for thinner laminae."""
     parameters = uniform(PRIOR, N, 5)
     specimens = specimens_of(parameters, "clamped", (92.0,))
@@ -37,7 +37,7 @@ def made_up() -> tuple[Population, np.ndarray, Knowledge]:
         s = np.clip((X - middle + 0.5 * length) / length, 0.0, 1.0)
         V[1] = 3e-5 / depth * np.sin(np.pi * s) ** 2
     population = Population(tuple(specimens), X, (1.0, 2.0), values, np.full(N, 0.7))
-    return population, parameters, knowledge(population, parameters, PRIOR, (Sensor(40.0),))
+    return population, parameters, simulation_table(population, parameters, PRIOR, (Sensor(40.0),))
 
 
 def test_edges_follow_from_middle_and_length() -> None:
@@ -48,7 +48,7 @@ def test_edges_follow_from_middle_and_length() -> None:
 
 
 def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
-    made_up: tuple[Population, np.ndarray, Knowledge],
+    made_up: tuple[Population, np.ndarray, SimulationTable],
 ) -> None:
     population, parameters, known = made_up
     scan = population.shapes(7, 40.0, np.random.default_rng(8))
@@ -61,7 +61,7 @@ def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
 
 
 def test_90_percent_intervals_cover_the_truth(
-    made_up: tuple[Population, np.ndarray, Knowledge],
+    made_up: tuple[Population, np.ndarray, SimulationTable],
 ) -> None:
     *_, known = made_up
     share = known.table.coverage(np.arange(100))

@@ -18,7 +18,7 @@ from delam_fem.studies.orbits.newton import Perturbations
 class Counted:
     """A map that doubles its states, and counts."""
 
-    nature = "doubling"
+    info = "doubling"
 
     def __init__(self) -> None:
         self.calls = 0
@@ -27,7 +27,7 @@ class Counted:
         self.calls += 1
         return 2.0 * states + parameter + (0.0 if shifts is None else shifts[:, None])
 
-    def opened(self, state, parameter):  # type: ignore[no-untyped-def]
+    def started_at_widest_gap(self, state, parameter):  # type: ignore[no-untyped-def]
         return self, state
 
 
@@ -35,11 +35,11 @@ def results(folder: Path, case: df.Case | None = None) -> tuple[list[np.ndarray]
     """Return what a kept map gives for four different questions, and how many were computed."""
     counted_map = Counted()
     map_ = KeptMap(counted_map, folder, identity(case or df.preset("paper")))  # type: ignore[arg-type]
-    assert map_.nature == "doubling"
+    assert map_.info == "doubling"
     states = np.array([[1.0, 2.0]])
     ends = [map_.after(states, 0.5), map_.after(states, 0.6)]
     ends.append(map_.after(states, 0.5, np.array([0.25])))
-    inner, first = map_.opened(states[0], 0.5)
+    inner, first = map_.started_at_widest_gap(states[0], 0.5)
     ends.append(inner.after(first[None], 0.5))
     return ends, counted_map.calls
 

@@ -29,7 +29,7 @@ def test_the_map_is_the_run(name: str) -> None:
         strobe = opened.recorder.strobe[:, 0]
     map_ = CaseFamily(case, FREQUENCY).map()
     state = np.zeros(map_.slow.basis.shape[0])
-    trajectory = map_.watched(state, 3.25, 3)
+    trajectory = map_.trajectory(state, 3.25, 3)
     assert trajectory.states[-1] == pytest.approx(motion.ravel(), rel=BEFORE_CHAOS, abs=1e-9)
     assert trajectory.strobes == pytest.approx(strobe, rel=BEFORE_CHAOS, abs=1e-9)
     assert map_.after(trajectory.states[:1], 3.25)[0] == pytest.approx(
@@ -41,8 +41,8 @@ def test_periods_may_begin_where_the_tips_are_far_apart() -> None:
     case = df.preset("paper", {**SMALL, "contact.law": "none"})
     map_ = CaseFamily(case, FREQUENCY).map()
     state = settled(map_, 3.25, np.zeros(map_.slow.basis.shape[0]), 20)
-    other, begun = map_.opened(state, 3.25)
-    trajectory, shifted = map_.watched(state, 3.25, 2), other.watched(begun, 3.25, 2)
+    other, begun = map_.started_at_widest_gap(state, 3.25)
+    trajectory, shifted = map_.trajectory(state, 3.25, 2), other.trajectory(begun, 3.25, 2)
     # the same motion: strobes are taken where the drive begins anew
     assert shifted.strobes[0] == pytest.approx(trajectory.strobes[0], rel=1e-9)
     assert shifted.openings[0] >= trajectory.openings[0]

@@ -41,7 +41,7 @@ def test_the_parameter_changes_the_map_and_the_passage_sees_it(strobe: ModalMap)
     after = strobe.after(np.stack([start, start]), 3.25)
     np.testing.assert_array_equal(after[0], after[1])
     assert np.abs(strobe.after(start[None], 3.3)[0] - after[0]).max() > 1e-6
-    trajectory = strobe.watched(start, 3.25, 2)
+    trajectory = strobe.trajectory(start, 3.25, 2)
     np.testing.assert_array_equal(trajectory.states[0], after[0])
     np.testing.assert_array_equal(trajectory.states[1], strobe.after(after[:1], 3.25)[0])
     assert trajectory.strobes.shape == (2, 2)
@@ -75,8 +75,8 @@ def test_a_drive_that_does_not_repeat_has_no_map() -> None:
 def test_periods_may_begin_where_the_tips_are_far_apart(strobe: ModalMap) -> None:
     """The later map goes through the same motion: it meets the states of the first one."""
     start = moving(strobe, 3)
-    later, state = strobe.opened(start, 3.25)
-    trajectory, same = strobe.watched(start, 3.25, 2), later.watched(state, 3.25, 1)
+    later, state = strobe.started_at_widest_gap(start, 3.25)
+    trajectory, same = strobe.trajectory(start, 3.25, 2), later.trajectory(state, 3.25, 1)
     first = int(np.argmax(trajectory.history[:250, 1] - trajectory.history[:250, 0])) + 1
     assert 0 < first < 250
     np.testing.assert_allclose(same.history, trajectory.history[first : first + 250], atol=1e-12)

@@ -12,7 +12,7 @@ from massless import massless
 import delam_fem as df
 from delam_fem.api import CaseError
 from delam_fem.studies.orbits.newton import Perturbations
-from delam_fem.studies.orbits.search import map_of, usual
+from delam_fem.studies.orbits.search import default_perturbations, map_of
 
 SMALL = {"mesh__elements": 8, "time__steps_per_period": 200, "excitation__frequency": 3.45}
 FEW = Perturbations(copies=4, size=1e-3, kick=0.03)
@@ -25,7 +25,7 @@ def test_an_orbit_of_a_case_in_modes(tmp_path: Path) -> None:
     assert orbit.numbers["model"] == "3 modes of each part, r = 8"
     assert "grid" not in " ".join(orbit.words)
     # the motion that is drawn closes, and a settled motion of the model ends on it
-    end = orbit.passage.states[-1]
+    end = orbit.trajectory.states[-1]
     np.testing.assert_allclose(end, orbit.state, atol=1e-8 * np.abs(orbit.state).max())
     orbit.save(tmp_path)
     with np.load(tmp_path / "orbit.npz") as file:
@@ -48,7 +48,7 @@ def test_a_branch_of_a_case_in_modes(tmp_path: Path) -> None:
 
 
 def test_models_have_their_own_perturbations() -> None:
-    assert usual(massless()).size < usual(df.preset("default")).size
+    assert default_perturbations(massless()).size < default_perturbations(df.preset("default")).size
 
 
 def test_modes_without_contact_have_no_map_and_too_many_are_refused() -> None:

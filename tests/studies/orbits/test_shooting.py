@@ -5,15 +5,15 @@ import pytest
 from massless import massless
 
 from delam_fem.api import FloatArray
-from delam_fem.studies.orbits.maps import ModalMap, Nature, Passage, PeriodMap, Slow
+from delam_fem.studies.orbits.maps import MapInfo, ModalMap, PeriodMap, SlowCoordinates, Trajectory
 from delam_fem.studies.orbits.newton import Powered, derivative_at, shoot
 
 
 class Known:
     """A map with the fixed point (λ, 2, 3), the multipliers -1.5, 0.9 and a fast rest of 0.2."""
 
-    slow = Slow(np.eye(3)[:, :2], np.eye(3)[:2])
-    nature = Nature("known", {"x": 3})
+    slow = SlowCoordinates(np.eye(3)[:, :2], np.eye(3)[:2])
+    info = MapInfo("known", {"x": 3})
 
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
@@ -22,7 +22,7 @@ class Known:
         bent = np.stack([0.1 * off[:, 1] ** 2, 0.0 * off[:, 0], 0.3 * off[:, 0]], axis=1)
         return np.asarray(off * [-1.5, 0.9, 0.2] + bent + [parameter, 2.0, 3.0])
 
-    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+    def trajectory(self, state: FloatArray, parameter: float, periods: int) -> Trajectory:
         raise NotImplementedError
 
 

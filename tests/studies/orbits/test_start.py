@@ -22,7 +22,7 @@ def test_the_start_is_that_of_a_run() -> None:
     map_, start = map_of(case, KEY), start_of(case)
     assert start is not None
     tips = df.run(case, engine="compiled").history["tip_displacement"][0].to_numpy()
-    trajectory = map_.watched(start, case.excitation.top_frequency, 1)
+    trajectory = map_.trajectory(start, case.excitation.top_frequency, 1)
     assert trajectory.strobes[-1, 0] == pytest.approx(tips[-1], abs=1e-12)
     assert abs(tips[-1]) > 1e-5
     assert start_of(case.without_strikes) is None
@@ -36,6 +36,6 @@ def test_the_start_chooses_one_of_two_motions() -> None:
     tips = []
     for case in (low, high):
         map_, state = settled_map(map_of(case, KEY), 10600.0, 200, start_of(case))
-        trajectory = map_.watched(state, 10600.0, 1)
+        trajectory = map_.trajectory(state, 10600.0, 1)
         tips.append(max(-float(trajectory.low[0]), float(trajectory.high[0])))
     np.testing.assert_allclose(tips, [6.04e-5, 3.21e-4], rtol=0.02)

@@ -12,7 +12,7 @@ import xarray as xr
 from delam_fem.api import CaseError, State
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.journal import Journal
-from delam_fem.studies.sweeps.point import Chunk, Done, Point
+from delam_fem.studies.sweeps.point import Chunk, ChunkResult, Point
 from delam_fem.studies.sweeps.run import run_sweep
 
 ROW = np.arange(3.0)
@@ -25,7 +25,7 @@ def journal_with(path: Path, n_chunks: int, identity: str = "sweep") -> Path:
         for k in range(n_chunks):
             points = tuple(Point(i, "completed", "", ROW + i) for i in (2 * k, 2 * k + 1))
             state = State(STATE.motion * (2 * k + 2), STATE.resting, (0.5, 0.25), STATE.motion[0])
-            journal.add([Done(Chunk(0, (2 * k, 2 * k + 1)), points, state, 1.0, 0.0)])
+            journal.add([ChunkResult(Chunk(0, (2 * k, 2 * k + 1)), points, state, 1.0, 0.0)])
     (part,) = path.glob("*.points")
     return part
 
@@ -41,12 +41,12 @@ def test_a_damaged_chunk_is_computed_anew(tmp_path: Path, caplog: pytest.LogCapt
     part = journal_with(tmp_path / "sweep.journal", 4)
     flipped(part, 5.0)  # in the rows of the points 3, 4 and 5; the first is that of 3
     with Journal(tmp_path / "sweep.journal", "sweep", resume=True) as journal:
-        with journal.joined() as joined:
-            assert joined.numbers.tolist() == [0, 1, 4, 5, 6, 7]
-            block = joined.block(1, 6, 3)
+        with journal.merged() as merged:
+            assert merged.numbers.tolist() == [0, 1, 4, 5, 6, 7]
+            block = merged.block(1, 6, 3)
             assert block.numbers.tolist() == [1, 4, 5]
             assert block.rows.tolist() == [[1, 2, 3], [4, 5, 6], [5, 6, 7]]
-            n_done, state = joined.reached(np.arange(9), 0)
+            n_done, state = merged.reached(np.arange(9), 0)
     assert n_done == 2 and state is not None
     assert (state.motion == 2.0).all() and state.losses == (0.5, 0.25)
     assert state.internal is not None and (state.internal == 1.0).all()
@@ -61,9 +61,9 @@ def test_a_torn_end_is_ignored(
     content = part.read_bytes()
     part.write_bytes(content[: int(cut * len(content))])
     with Journal(tmp_path / "sweep.journal", "sweep", resume=True) as journal:
-        with journal.joined() as joined:
-            n = joined.numbers.size
-            assert abs(n - cut * 400) < 6 and joined.numbers.tolist() == list(range(n))
+        with journal.merged() as merged:
+            n = merged.numbers.size
+            assert abs(n - cut * 400) < 6 and merged.numbers.tolist() == list(range(n))
     assert not caplog.text
 
 
@@ -74,8 +74,8 @@ def test_chunks_without_their_first_record_belong_to_no_sweep(
     content = part.read_bytes()
     part.write_bytes(content.replace(b'"identity"', b'"idemtity"'))
     with Journal(tmp_path / "sweep.journal", "sweep", resume=True) as journal:
-        with journal.joined() as joined:
-            assert joined.numbers.size == 0
+        with journal.merged() as merged:
+            assert merged.numbers.size == 0
     assert "damaged bytes" in caplog.text
 
 
@@ -86,8 +86,8 @@ def test_other_versions_are_told(
     with monkeypatch.context() as old:
         old.setattr("delam_fem.studies.sweeps.journal.versions", lambda: {"delam_fem": "0.0.1"})
         journal_with(path, 1)
-    with Journal(path, "sweep", resume=True) as journal, journal.joined() as joined:
-        assert joined.numbers.size == 2
+    with Journal(path, "sweep", resume=True) as journal, journal.merged() as merged:
+        assert merged.numbers.size == 2
     assert "was begun with delam_fem 0.0.1; its points are kept" in caplog.text
 
 

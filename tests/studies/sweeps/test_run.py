@@ -274,8 +274,8 @@ def test_a_track_goes_on_with_all_that_its_state_has(tmp_path: Path) -> None:
     made = small(amplitude, base="embedded", order="up", engine="compiled", set=short)
     interrupted(made, tmp_path)
     with Journal(tmp_path / "sweep.journal", made.identity, resume=True) as journal:
-        with journal.joined() as joined:
-            n_done, state = joined.reached(made.tracks[0], 0)
+        with journal.merged() as merged:
+            n_done, state = merged.reached(made.tracks[0], 0)
     assert 0 < n_done < 4 and state is not None and state.internal is not None
     resumed = run_sweep(made, tmp_path, "serial", resume=True)
     assert same(resumed, run_sweep(made, tmp_path / "whole", "serial"))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from delam_fem.api import CaseError
-from delam_fem.studies.sweeps.point import Chunk, Done, Point
+from delam_fem.studies.sweeps.point import Chunk, ChunkResult, Point
 from delam_fem.studies.sweeps.schedule import CHUNK_SECONDS, INDEPENDENT, Schedule, Track
 
 
@@ -21,15 +21,15 @@ class Fake(Executor):
         self.cost, self.deadly, self.idle = cost, deadly, idle
         self.chunks: list[Chunk] = []
 
-    def submit(self, fn: object, /, packed: bytes, chunk: Chunk) -> Future[Done]:  # type: ignore[override]
+    def submit(self, fn: object, /, packed: bytes, chunk: Chunk) -> Future[ChunkResult]:  # type: ignore[override]
         self.chunks.append(chunk)
-        future: Future[Done] = Future()
+        future: Future[ChunkResult] = Future()
         if self.deadly & set(chunk.indices):
             future.set_exception(BrokenExecutor("gone"))
         else:
             points = tuple(Point(i, "completed", "", None) for i in chunk.indices)
             seconds = self.cost * len(points)
-            future.set_result(Done(chunk, points, None, seconds, self.idle))
+            future.set_result(ChunkResult(chunk, points, None, seconds, self.idle))
         return future
 
 
@@ -67,7 +67,7 @@ def test_chunks_grow_to_the_time_that_is_aimed_for_and_shrink_to_the_end() -> No
 
 def test_a_slow_first_point_does_not_keep_chunks_small() -> None:
     class SlowStart(Fake):
-        def submit(self, fn: object, /, packed: bytes, chunk: Chunk) -> Future[Done]:  # type: ignore[override]
+        def submit(self, fn: object, /, packed: bytes, chunk: Chunk) -> Future[ChunkResult]:  # type: ignore[override]
             self.cost = 30.0 if not self.chunks else 1e-3
             return super().submit(fn, packed, chunk)
 

@@ -20,7 +20,7 @@ from delam_fem.cli.app import app
 from delam_fem.studies.sweeps.dataset import merge_sweep
 from delam_fem.studies.sweeps.grid import Sweep, load_sweep, sweep_of
 from delam_fem.studies.sweeps.journal import Journal
-from delam_fem.studies.sweeps.point import Chunk, Done, Point
+from delam_fem.studies.sweeps.point import Chunk, ChunkResult, Point
 from delam_fem.studies.sweeps.run import run_shard, run_sweep, share_size
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, owners, parse_shard
 
@@ -167,7 +167,7 @@ def added(path: Path, row: float, outcome: str = "completed") -> None:
         values = np.array([row, np.nan]) if outcome == "completed" else None
         error = "" if values is not None else "the worker process died"
         points = (Point(0, outcome, error, values), Point(1, "failed", "no", None))
-        journal.add([Done(Chunk(-1, (0, 1)), points, None, 1.0, 0.0)])
+        journal.add([ChunkResult(Chunk(-1, (0, 1)), points, None, 1.0, 0.0)])
 
 
 @pytest.mark.parametrize(
@@ -180,22 +180,22 @@ def test_a_point_that_was_computed_twice_is_there_once(
     added(path, 1.0)
     added(path, *second)
     assert len(list(path.glob("*.points"))) == 2
-    with Journal(path, "s", resume=True) as journal, journal.joined() as joined:
-        assert joined.n_disagreeing == n_disagreeing
-        block = joined.block(0, 10, 2)
+    with Journal(path, "s", resume=True) as journal, journal.merged() as merged:
+        assert merged.n_disagreeing == n_disagreeing
+        block = merged.block(0, 10, 2)
         assert block.numbers.tolist() == [0, 1]
         assert block.rows[0, 0] == 1.0 and np.isnan(block.rows[1]).all()
         assert block.errors == {1: "no"}
-        assert joined.counts() == {"completed": 1, "diverged": 0, "failed": 1}
+        assert merged.counts() == {"completed": 1, "diverged": 0, "failed": 1}
 
 
 def test_a_result_is_preferred_to_a_dead_worker(tmp_path: Path) -> None:
     path = tmp_path / "sweep.journal"
     added(path, 0.0, "failed")
     added(path, 7.0)
-    with Journal(path, "s", resume=True) as journal, journal.joined() as joined:
-        assert joined.block(0, 1, 2).rows[0, 0] == 7.0
-        assert joined.n_disagreeing == 1
+    with Journal(path, "s", resume=True) as journal, journal.merged() as merged:
+        assert merged.block(0, 1, 2).rows[0, 0] == 7.0
+        assert merged.n_disagreeing == 1
 
 
 def test_two_processes_on_one_shard_do_no_harm(tmp_path: Path) -> None:

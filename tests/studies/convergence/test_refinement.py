@@ -1,4 +1,4 @@
-"""Ladders: what they refuse, what their rungs compute."""
+"""Refinement studies: what they refuse, what their levels compute."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import pytest
 from delam_fem.api import Case, CaseError, load_case, preset
 from delam_fem.numerics.statistics import orders_of_errors
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import (
+from delam_fem.studies.convergence.level import compute, fitted_frequency
+from delam_fem.studies.convergence.refinement import (
     FREE,
     LIMIT,
     METHODS,
-    Ladder,
+    Level,
     PointMesh,
-    Rung,
+    RefinementStudy,
     method,
     usual_methods,
 )
-from delam_fem.studies.convergence.rung import compute, fitted_frequency
 from delam_fem.studies.convergence.study import Converge
 from delam_fem.studies.linear import first_frequencies
 
@@ -36,15 +36,17 @@ SPECIFIED, SPECIFIED_COARSE = 0.02, 0.05
 """Relative, from N = 4000 on, and at N = 1000, where cycles scatter."""
 
 
-def ladder(case: Case = CASE, laws: str = "newton@moreau-jean", **settings: object) -> Ladder:
+def refinement(
+    case: Case = CASE, laws: str = "newton@moreau-jean", **settings: object
+) -> RefinementStudy:
     values: dict[str, object] = {"meshes": (10,), "steps": (1000,), "limit_steps": 0, "periods": 4}
     methods = tuple(method(law) for law in laws.split(","))
-    return Ladder(case, methods, **(values | settings))  # type: ignore[arg-type]
+    return RefinementStudy(case, methods, **(values | settings))  # type: ignore[arg-type]
 
 
-def computed(rungs: list[Rung], on: Ladder) -> Convergence:
-    results = [compute(rung, on.engine) for rung in rungs]
-    assert [result.error for result in results] == [""] * len(rungs)
+def computed(levels: list[Level], on: RefinementStudy) -> Convergence:
+    results = [compute(level, on.engine) for level in levels]
+    assert [result.error for result in results] == [""] * len(levels)
     return Convergence(on, {result.key: result for result in results})
 
 
@@ -60,16 +62,16 @@ def computed(rungs: list[Rung], on: Ladder) -> Convergence:
         ({"meshes": (Path("missing.msh"),)}, "mesh.file: no such file"),
     ],
 )
-def test_bad_ladders_are_refused(settings: dict[str, object], message: str) -> None:
+def test_bad_refinements_are_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(CaseError, match=message):
-        ladder(**settings)
+        refinement(**settings)
 
 
 def test_swept_excitation_is_refused() -> None:
     swept = {"start_frequency": 1.0, "end_frequency": 4.0, "duration": 10.0}
     keys = {"excitation.kind": "sweep", **{f"excitation.{k}": v for k, v in swept.items()}}
     with pytest.raises(CaseError, match=r'expected excitation\.kind = "harmonic"'):
-        ladder(CASE.with_overrides(keys))
+        refinement(CASE.with_overrides(keys))
 
 
 @pytest.mark.parametrize(
@@ -96,19 +98,19 @@ def test_lists_of_numbers(text: str) -> None:
         Converge(elements=text)  # type: ignore[arg-type]
 
 
-def test_rungs_of_a_ladder() -> None:
-    on = ladder(
+def test_levels_of_a_refinement() -> None:
+    on = refinement(
         laws="newton/lumped,newton@moreau-jean",
         meshes=(10, 20),
         steps=(500, 1000),
         limit_steps=4000,
     )
-    rungs = on.rungs()
-    assert len(rungs) == len({rung.key for rung in rungs}) == 3 * 4 + 2
-    assert [rung.method for rung in rungs[:4]] == ["none"] * 4
-    assert {rung.steps for rung in rungs if rung.method == LIMIT.name} == {4000}
-    assert all(rung.case.n_periods == 2 * rung.periods == 8 for rung in rungs)
-    by_key = {rung.key: rung.case for rung in rungs}
+    levels = on.levels()
+    assert len(levels) == len({level.key for level in levels}) == 3 * 4 + 2
+    assert [level.method for level in levels[:4]] == ["none"] * 4
+    assert {level.steps for level in levels if level.method == LIMIT.name} == {4000}
+    assert all(level.case.n_periods == 2 * level.periods == 8 for level in levels)
+    by_key = {level.key: level.case for level in levels}
     literal = by_key["newton@newmark/lumped 20 500"]
     assert (literal.contact.law, literal.contact.impulse) == ("newton", "lumped")
     assert (literal.mesh.elements, literal.time.steps_per_period) == (20, 500)
@@ -116,63 +118,63 @@ def test_rungs_of_a_ladder() -> None:
 
 
 def test_few_periods_are_enough_with_many_steps() -> None:
-    on = ladder(periods=100, steps=(1000,), limit_steps=64000)
-    assert [rung.periods for rung in on.rungs()] == [100, 100, 10]
-    assert [rung.case.n_periods for rung in on.rungs()] == [130, 130, 40]
+    on = refinement(periods=100, steps=(1000,), limit_steps=64000)
+    assert [level.periods for level in on.levels()] == [100, 100, 10]
+    assert [level.case.n_periods for level in on.levels()] == [130, 130, 40]
 
 
 def test_meshes_may_have_contact_points_inside_their_elements() -> None:
     meshes = tuple(PointMesh(10, p) for p in (1, 2, 4))
-    study = ladder(meshes=meshes, limit_steps=2000)
-    assert study.refines == "points" and ladder().refines == "elements"
+    study = refinement(meshes=meshes, limit_steps=2000)
+    assert study.refines == "points" and refinement().refines == "elements"
     clapping = study.along_meshes(study.methods[0], 1000)
-    assert [rung.points for rung in clapping] == [10, 20, 40]
-    assert [rung.case.contact.points_per_element for rung in clapping] == [1, 2, 4]
-    assert {rung.elements for rung in clapping} == {10}
+    assert [level.points for level in clapping] == [10, 20, 40]
+    assert [level.case.contact.points_per_element for level in clapping] == [1, 2, 4]
+    assert {level.elements for level in clapping} == {10}
     assert clapping[2].key == "newton@moreau-jean 10x4 1000"
     assert clapping[2].mesh_text == "10 elements with 4 points each"
-    free = [rung for rung in study.rungs() if rung.method == FREE.name]
-    assert [rung.key for rung in free] == ["none 10 1000"]  # points make no difference
-    assert study.identity == ladder(meshes=meshes[:2]).identity
+    free = [level for level in study.levels() if level.method == FREE.name]
+    assert [level.key for level in free] == ["none 10 1000"]  # points make no difference
+    assert study.identity == refinement(meshes=meshes[:2]).identity
     with pytest.raises(CaseError, match="points: expected increasing numbers, coarse first"):
-        ladder(meshes=meshes[::-1])
+        refinement(meshes=meshes[::-1])
 
 
 def test_mesh_files() -> None:
-    on = ladder(meshes=(10, MESH_FILE))
-    rung = on.rungs()[1]
-    assert rung.elements == 20
-    uniform = on.rung(FREE, 20, 1000)
+    on = refinement(meshes=(10, MESH_FILE))
+    level = on.levels()[1]
+    assert level.elements == 20
+    uniform = on.level(FREE, 20, 1000)
     amplitudes = [
-        compute(entry, "compiled").statistics["amplitude_1"][0] for entry in (rung, uniform)
+        compute(entry, "compiled").statistics["amplitude_1"][0] for entry in (level, uniform)
     ]
     assert amplitudes[0] == pytest.approx(amplitudes[1], rel=1e-9)
 
 
 def test_identity_ignores_sizes_and_methods_alone() -> None:
-    assert ladder().identity == ladder(laws="newton", meshes=(20,), steps=(500,)).identity
-    assert ladder().identity != ladder(periods=5).identity
-    assert ladder().identity != ladder(preset("default")).identity
+    assert refinement().identity == refinement(laws="newton", meshes=(20,), steps=(500,)).identity
+    assert refinement().identity != refinement(periods=5).identity
+    assert refinement().identity != refinement(preset("default")).identity
 
 
 def test_order_in_time_without_contact() -> None:
-    on = ladder(DECAYING, meshes=(40,), steps=(250, 500, 1000))
-    rungs = on.along_steps(FREE, 40)
-    convergence = computed(rungs, on)
-    errors = np.array([convergence.free_errors(rung) for rung in rungs])
+    on = refinement(DECAYING, meshes=(40,), steps=(250, 500, 1000))
+    levels = on.along_steps(FREE, 40)
+    convergence = computed(levels, on)
+    errors = np.array([convergence.free_errors(level) for level in levels])
     for column in errors.T:
-        orders = orders_of_errors([1.0 / rung.steps for rung in rungs], column)
+        orders = orders_of_errors([1.0 / level.steps for level in levels], column)
         assert orders == pytest.approx(2.0, abs=ORDER_IN_TIME)
     assert np.abs(errors[-1]).max() < 1e-4
 
 
 def test_order_in_space_without_contact() -> None:
-    on = ladder(DECAYING, meshes=(2, 4, 8), steps=(16000,))
-    rungs = on.along_meshes(FREE, 16000)
-    convergence = computed(rungs, on)
-    errors = np.array([convergence.free_errors(rung) for rung in rungs])
+    on = refinement(DECAYING, meshes=(2, 4, 8), steps=(16000,))
+    levels = on.along_meshes(FREE, 16000)
+    convergence = computed(levels, on)
+    errors = np.array([convergence.free_errors(level) for level in levels])
     for column in errors.T[[0, 2]]:
-        orders = orders_of_errors([1.0 / rung.elements for rung in rungs], column)
+        orders = orders_of_errors([1.0 / level.elements for level in levels], column)
         assert orders == pytest.approx(4.0, abs=ORDER_IN_SPACE)
     assert np.abs(errors[-1]).max() < 1e-4
 
@@ -180,8 +182,10 @@ def test_order_in_space_without_contact() -> None:
 @pytest.mark.parametrize("law", ["newton", "newton@moreau-jean:8"])
 def test_engines_agree_before_they_scatter(law: str) -> None:
     gentle = CASE.with_overrides({"excitation.frequency": 1.25})
-    on = ladder(gentle, laws=law, meshes=(5,), steps=(500,), periods=2)
-    first, second = (compute(on.rungs()[-1], engine).statistics for engine in ("compiled", "petsc"))
+    on = refinement(gentle, laws=law, meshes=(5,), steps=(500,), periods=2)
+    first, second = (
+        compute(on.levels()[-1], engine).statistics for engine in ("compiled", "petsc")
+    )
     assert first["impacts"] == second["impacts"]
     for name in ("tip_min_1", "tip_max_2", "amplitude_2_2", "modal_impulse", "contact_work"):
         assert first[name][0] == pytest.approx(second[name][0], rel=ENGINES_AGREE)
@@ -202,28 +206,28 @@ def test_engines_agree_before_they_scatter(law: str) -> None:
 )
 def test_what_converges_to_what(law: str, steps: int, expected: float) -> None:
     """Smallest y1 in mm of trials with independent code; no impact may add energy."""
-    on = ladder(laws=law, meshes=(20,), steps=(steps,), periods=20)
-    rung = on.rungs()[-1]
-    convergence = computed([rung], on)
+    on = refinement(laws=law, meshes=(20,), steps=(steps,), periods=20)
+    level = on.levels()[-1]
+    convergence = computed([level], on)
     tolerance = SPECIFIED if steps >= 4000 else SPECIFIED_COARSE
-    assert 1e3 * convergence.value(rung, "tip_min_1") == pytest.approx(expected, rel=tolerance)
-    assert convergence.value(rung, "energy_residual") < 1e-9
-    assert 0.0 < convergence.value(rung, "contact_work") < 3e-3
+    assert 1e3 * convergence.value(level, "tip_min_1") == pytest.approx(expected, rel=tolerance)
+    assert convergence.value(level, "energy_residual") < 1e-9
+    assert 0.0 < convergence.value(level, "contact_work") < 3e-3
 
 
-def test_a_rung_that_fails_says_why() -> None:
-    rung = ladder(laws="newton@central-difference").rungs()[-1]
-    result = compute(rung, "compiled")
+def test_a_level_that_fails_says_why() -> None:
+    level = refinement(laws="newton@central-difference").levels()[-1]
+    result = compute(level, "compiled")
     assert result.outcome == "failed"
     assert "the scheme needs a time step of at most" in result.error
     assert not result.statistics
 
 
-def test_a_rung_that_diverges_says_when() -> None:
+def test_a_level_that_diverges_says_when() -> None:
     """The literal scheme with mass damping, from T/1000 on."""
     wild = CASE.with_overrides({"damping.rayleigh": "mass"})
-    on = ladder(wild, laws="newton/lumped", meshes=(20,), periods=150)
-    result = compute(on.rungs()[-1], "compiled")
+    on = refinement(wild, laws="newton/lumped", meshes=(20,), periods=150)
+    result = compute(on.levels()[-1], "compiled")
     assert result.outcome == "diverged"
     assert result.error == f"diverged in period {result.periods}"
     assert 50 < result.periods < 300
@@ -235,9 +239,9 @@ def test_elastic_stops_are_refined_by_their_springs(name: str) -> None:
     case = load_case(OTHERS / f"{name}.toml").with_overrides({"output.fields_per_period": 0})
     methods = usual_methods(case)
     assert [entry.name for entry in methods] == ["penalty@newmark"]
-    study = Ladder(case, methods, (case.mesh.elements,), (100, 200, 1600), periods=5)
+    study = RefinementStudy(case, methods, (case.mesh.elements,), (100, 200, 1600), periods=5)
     assert not study.has_limit
-    results = computed(study.rungs(), study).results.values()
+    results = computed(study.levels(), study).results.values()
     values = [
         result.statistics["tip_max_1"][0] for result in results if "tip_max_1" in result.statistics
     ]
@@ -246,7 +250,7 @@ def test_elastic_stops_are_refined_by_their_springs(name: str) -> None:
     with pytest.raises(
         CaseError, match=r"stop\.1\.stiffness: .* all pairs of a case follow one law"
     ):
-        Ladder(case, (method("newton"),), (case.mesh.elements,), (100,)).rungs()
+        RefinementStudy(case, (method("newton"),), (case.mesh.elements,), (100,)).levels()
 
 
 def test_explicit_springs_and_massless_points_keep_their_methods() -> None:

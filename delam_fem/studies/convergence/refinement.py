@@ -1,7 +1,7 @@
-"""Describe a ladder: one case by several methods, refined as far as the beam has a meaning.
+"""Describe a refinement study: one case by several methods, on finer meshes with smaller steps.
 
-A ladder is one case by several methods, on finer and finer meshes, with smaller steps. One run of a
-ladder is a rung. This module describes the rungs; `rung.py` computes one rung, and `run.py`
+A study is one case by several methods, on finer and finer meshes, with smaller steps. One run of a
+study is a level. This module describes the levels; `level.py` computes one level, and `run.py`
 computes all of them.
 
 Warnings say where refinement goes below what the beam and its damping can mean. Two lengths bound
@@ -109,7 +109,7 @@ class PointMesh:
     per_element: int
 
     def __str__(self) -> str:
-        """Return the mesh as part of a rung's key."""
+        """Return the mesh as part of a level's key."""
         return f"{self.mesh}x{self.per_element}"
 
 
@@ -140,7 +140,7 @@ same limit with Newmark, but is closer to it with Moreau–Jean."""
 
 @dataclass(frozen=True)
 class Method:
-    """A method that a ladder compares: a law with its scheme, and maybe other keys of the case.
+    """A method that a study compares: a law with its scheme, and maybe other keys of the case.
 
     Attributes:
         name: name in tables and figures.
@@ -211,8 +211,8 @@ def channel_of(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 @dataclass(frozen=True)
-class Rung:
-    """One run of a ladder.
+class Level:
+    """One run of a study.
 
     Attributes:
         method: name of the method.
@@ -221,7 +221,7 @@ class Rung:
         points: number of contact points per lamina.
         steps: number N of steps per period.
         periods: number of last periods in the statistics.
-        case: the case that the rung computes.
+        case: the case that the level computes.
         of: names of the channels whose measures are statistics.
     """
 
@@ -244,7 +244,7 @@ class Rung:
 
     @cached_property
     def key(self) -> str:
-        """Key of the rung within its ladder; a mesh file is known by its content."""
+        """Key of the level within its study; a mesh file is known by its content."""
         plain = _plain(self.mesh)
         mesh = str(self.mesh)
         if isinstance(plain, Path):
@@ -253,18 +253,18 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class RefinementStudy:
     """The runs of one case by several methods, on several meshes, with several numbers of steps.
 
     Attributes:
-        case: case from which all rungs are made.
+        case: case from which all levels are made.
         methods: methods with contact.
         meshes: meshes from coarse to fine.
         steps: numbers N of steps per period, increasing.
         periods: number of periods in the statistics. As many periods, but at most `SETTLING`, are
             computed before them.
-        limit_steps: N of the rungs that stand for the rigid limit; 0, or with elastic stops: there
-            are no such rungs.
+        limit_steps: N of the levels that stand for the rigid limit; 0, or with elastic stops: there
+            are no such levels.
         engine: name of the engine that computes the steps.
         judged: names of the numbers that are judged, see `Convergence.judged`.
         of: channels that are judged, as NAME or NAME:MEASURE; with neither: the extremes of tips.
@@ -281,10 +281,10 @@ class Ladder:
     of: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the ladder before any rung is computed.
+        """Check the study before any level is computed.
 
         Raises:
-            CaseError: the excitation is not periodic, a rung has an invalid case, or the meshes or
+            CaseError: the excitation is not periodic, a level has an invalid case, or the meshes or
                 steps do not become finer.
         """
         if not self.case.is_periodic:
@@ -306,33 +306,33 @@ class Ladder:
         sizes = [self._new(FREE, mesh, self.steps[0]).points for mesh in self.meshes]
         _require_rising(self.refines, sizes)
 
-    def rungs(self) -> list[Rung]:
-        """Return all rungs: those without contact first, then by increasing steps per period."""
-        rungs = [
-            self.rung(method, mesh, steps)
+    def levels(self) -> list[Level]:
+        """Return all levels: those without contact first, then by increasing steps per period."""
+        levels = [
+            self.level(method, mesh, steps)
             for method in (FREE, *self.methods)
             for mesh in self.meshes_of(method)
             for steps in self.steps
         ]
         if self.has_limit:
-            rungs += self.along_meshes(LIMIT, self.limit_steps)
-        return sorted(rungs, key=lambda rung: (rung.method != FREE.name, rung.steps))
+            levels += self.along_meshes(LIMIT, self.limit_steps)
+        return sorted(levels, key=lambda level: (level.method != FREE.name, level.steps))
 
     @cached_property
-    def rung(self) -> Callable[[Method, MeshChoice, int], Rung]:
-        """Function of a method, a mesh and a number of steps per period that returns their rung.
+    def level(self) -> Callable[[Method, MeshChoice, int], Level]:
+        """Function of a method, a mesh and a number of steps per period that returns their level.
 
         Rungs are kept, because checking a case takes milliseconds.
         """
         return cache(self._new)
 
-    def along_steps(self, method: Method, mesh: MeshChoice) -> list[Rung]:
-        """Return the rungs of a method on one mesh, over all steps per period."""
-        return [self.rung(method, mesh, steps) for steps in self.steps]
+    def along_steps(self, method: Method, mesh: MeshChoice) -> list[Level]:
+        """Return the levels of a method on one mesh, over all steps per period."""
+        return [self.level(method, mesh, steps) for steps in self.steps]
 
-    def along_meshes(self, method: Method, steps: int) -> list[Rung]:
-        """Return the rungs of a method with one number of steps per period, over all meshes."""
-        return [self.rung(method, mesh, steps) for mesh in self.meshes_of(method)]
+    def along_meshes(self, method: Method, steps: int) -> list[Level]:
+        """Return the levels of a method with one number of steps per period, over all meshes."""
+        return [self.level(method, mesh, steps) for mesh in self.meshes_of(method)]
 
     def meshes_of(self, method: Method) -> tuple[MeshChoice, ...]:
         """Return the meshes of a method; contact points make no difference without contact."""
@@ -346,18 +346,18 @@ class Ladder:
         is_plain = all(not isinstance(mesh, PointMesh) for mesh in self.meshes)
         return "elements" if is_plain else "points"
 
-    def limit_of(self, mesh: MeshChoice) -> Rung:
-        """Return the rung that stands for the rigid limit of a mesh; see `has_limit`."""
-        return self.rung(LIMIT, mesh, self.limit_steps)
+    def limit_of(self, mesh: MeshChoice) -> Level:
+        """Return the level that stands for the rigid limit of a mesh; see `has_limit`."""
+        return self.level(LIMIT, mesh, self.limit_steps)
 
     @property
     def has_limit(self) -> bool:
-        """Whether the ladder has rungs that stand for the rigid limit."""
+        """Whether the study has levels that stand for the rigid limit."""
         return self.limit_steps > 0 and not self.case.is_elastic
 
     @property
     def identity(self) -> str:
-        """Text that is equal for ladders that can share rungs; methods and sizes may differ."""
+        """Text that is equal for studies that can share levels; methods and sizes may differ."""
         beside: dict[str, object] = {"channels": self.channels} if self.of else {}
         return identity(self._without_sizes, periods=self.periods, engine=self.engine, **beside)
 
@@ -381,7 +381,7 @@ class Ladder:
             sizes["contact.points_per_element"] = 1
         return self.case.with_overrides(sizes)
 
-    def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
+    def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Level:
         plain = _plain(mesh)
         periods = self.periods
         is_file = isinstance(plain, Path)
@@ -404,7 +404,7 @@ class Ladder:
         )
         elements = plain if isinstance(plain, int) else _elements(case)
         n_points = elements * case.contact.points_per_element
-        return Rung(method.name, mesh, elements, n_points, steps, periods, case, of)
+        return Level(method.name, mesh, elements, n_points, steps, periods, case, of)
 
 
 def _plain(mesh: MeshChoice) -> int | Path:

@@ -1,13 +1,13 @@
-"""Compute one rung of a ladder, and reduce its run to a few numbers with their scatter.
+"""Compute one level of a refinement study, and reduce its run to a few numbers with their scatter.
 
 Each period of a motion is reduced to numbers, and these to means with their scatter. Trajectories
 of an impacting motion depend on round-off; these statistics do not. The scatter of a motion that
 repeats after P periods is taken between blocks of P periods, so that alternating cycles do not
 count as scatter. The names of statistics contain the number of the lamina: 1, 2, ….
 
-With contact, all rungs of a mesh start from the same state, which newton@moreau-jean reaches from
-rest with `SPIN_UP_STEPS` steps per period; each rung then settles to its own motion. Without
-contact, a rung starts on the exact periodic motion of its mesh and settles until the difference
+With contact, all levels of a mesh start from the same state, which newton@moreau-jean reaches from
+rest with `SPIN_UP_STEPS` steps per period; each level then settles to its own motion. Without
+contact, a level starts on the exact periodic motion of its mesh and settles until the difference
 from its own periodic motion has decayed.
 """
 
@@ -48,7 +48,7 @@ from delam_fem.api import (
     span_of,
     step_hours,
 )
-from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
+from delam_fem.studies.convergence.refinement import FREE, RIGID, Level
 from delam_fem.studies.linear import (
     first_frequencies,
     settling_periods,
@@ -163,19 +163,19 @@ def channel_units(case: Case) -> dict[str, str]:
     return {name: unit for name, unit in units.items() if name not in sampled}
 
 
-def _of_channels(run: _Run, structure: Structure, rung: Rung, size: int) -> Statistics:
-    """Return mean and scatter of all measures of a rung's channels, between blocks of periods.
+def _of_channels(run: _Run, structure: Structure, level: Level, size: int) -> Statistics:
+    """Return mean and scatter of all measures of a level's channels, between blocks of periods.
 
     Args:
         run: the run; its window has the periods of the statistics.
         structure: structure that moved.
-        rung: the rung.
+        level: the level.
         size: number of periods in a block.
     """
-    record = record_of(run.recorder, structure, rung.case)
+    record = record_of(run.recorder, structure, level.case)
     entries: Statistics = {}
-    for name in rung.of:
-        periods = record[name].to_numpy().reshape(rung.periods, rung.steps)
+    for name in level.of:
+        periods = record[name].to_numpy().reshape(level.periods, level.steps)
         for key, measure in CHANNEL_MEASURES.items():
             values = measure.of(periods)
             blocks = values[values.size % size :].reshape(-1, size).mean(axis=1)
@@ -265,7 +265,7 @@ def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
 
 
 SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
-"""Steps per period and length [s] of the run whose final state the rungs of a mesh start from. Even
+"""Steps per period and length [s] of the run whose final state levels of a mesh start from. Even
 without contact the slowest mode (1.4 Hz, D = 0.008) decays to a tenth in this time."""
 KEPT_STATES = 16
 """Number of final states of such runs that a worker keeps."""
@@ -282,13 +282,13 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class RungResult:
-    """The result of a rung.
+class LevelResult:
+    """The result of a level.
 
     Attributes:
-        key: key of the rung.
+        key: key of the level.
         outcome: "completed", "diverged" or "failed".
-        error: reason why the rung was not completed; empty if it was.
+        error: reason why the level was not completed; empty if it was.
         statistics: mean and scatter by name; empty unless completed.
         microseconds_per_step: processor time of a step, the median over periods [µs].
         periods: number of computed periods.
@@ -302,25 +302,25 @@ class RungResult:
     periods: int = 0
 
 
-def compute(rung: Rung, engine: EngineName) -> RungResult:
-    """Compute a rung; an exception becomes the outcome "failed"."""
+def compute(level: Level, engine: EngineName) -> LevelResult:
+    """Compute a level; an exception becomes the outcome "failed"."""
     try:
         with np.errstate(all="ignore"):  # the outcome reports a diverged motion
-            computed = _free if rung.method == FREE.name else _clapping
-            return computed(rung, engine)
+            computed = _free if level.method == FREE.name else _clapping
+            return computed(level, engine)
     except Exception as error:
-        _log.debug("rung %s", rung.key, exc_info=True)
-        return RungResult(rung.key, "failed", f"{type(error).__name__}: {error}")
+        _log.debug("level %s", level.key, exc_info=True)
+        return LevelResult(level.key, "failed", f"{type(error).__name__}: {error}")
 
 
-def rung_hours(rung: Rung, engine: EngineName) -> float:
-    """Return the estimated time of a rung on one processor, without the run to its start [h]."""
+def level_hours(level: Level, engine: EngineName) -> float:
+    """Return the estimated time of a level on one processor, without the run to its start [h]."""
     periods = (
-        _settling_periods(rung.case) + 1 + RING_PERIODS
-        if rung.method == FREE.name
-        else rung.case.n_periods
+        _settling_periods(level.case) + 1 + RING_PERIODS
+        if level.method == FREE.name
+        else level.case.n_periods
     )
-    return step_hours(rung.case, engine) * periods / rung.case.n_periods
+    return step_hours(level.case, engine) * periods / level.case.n_periods
 
 
 @dataclass
@@ -342,31 +342,31 @@ class _Run:
     cost: float
 
 
-def _clapping(rung: Rung, engine: EngineName) -> RungResult:
-    """Compute a rung with contact and return the statistics of its motion."""
-    case = rung.case
+def _clapping(level: Level, engine: EngineName) -> LevelResult:
+    """Compute a level with contact and return the statistics of its motion."""
+    case = level.case
     structure = assemble(case, needs_dolfinx=False)
-    run = _run(case, structure, engine, _spun_up(case, engine), rung.periods)
+    run = _run(case, structure, engine, _settled_start(case, engine), level.periods)
     periods = run.recorder.n_closed
     residual = run.recorder.energy_residual()
     if run.outcome != "completed":
-        return RungResult(
-            rung.key, run.outcome, f"{run.outcome} in period {periods}", {}, run.cost, periods
+        return LevelResult(
+            level.key, run.outcome, f"{run.outcome} in period {periods}", {}, run.cost, periods
         )
     if is_lost(residual, case.time.integration):
-        return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
-    strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
+        return LevelResult(level.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
+    strobe = run.recorder.strobe[-level.periods :, 0, : len(case.lamina)]
     numbers = statistics(run.rows, strobe.T) | {"energy_residual": (residual, 0.0)}
-    if rung.of:
-        numbers |= _of_channels(run, structure, rung, int(numbers["periodicity"][0]) or 1)
-    return RungResult(rung.key, run.outcome, "", numbers, run.cost, periods)
+    if level.of:
+        numbers |= _of_channels(run, structure, level, int(numbers["periodicity"][0]) or 1)
+    return LevelResult(level.key, run.outcome, "", numbers, run.cost, periods)
 
 
-def _spun_up(case: Case, engine: EngineName) -> State:
-    """Return the state from which the rungs of a mesh start.
+def _settled_start(case: Case, engine: EngineName) -> State:
+    """Return the state from which the levels of a mesh start.
 
     A bonded stack or a single lamina runs until its slowest mode has decayed to a tenth, as that of
-    laminae apart does in `SPIN_UP_TIME`. Elastic stops keep the method of the rung.
+    laminae apart does in `SPIN_UP_TIME`. Elastic stops keep the method of the level.
     """
     slowest = slowest_decay(case)
     is_usual = case.is_apart and len(case.lamina) > 1
@@ -386,21 +386,21 @@ def _moving(case_text: str, engine: EngineName) -> State:
     return _run(case, assemble(case, needs_dolfinx=False), engine, None, 0).state
 
 
-def _free(rung: Rung, engine: EngineName) -> RungResult:
-    """Compute a rung without contact and return its amplitudes and frequencies."""
-    structure = assemble(rung.case, needs_dolfinx=False)
-    case = rung.case.with_overrides({"time.periods": _settling_periods(rung.case) + 1})
+def _free(level: Level, engine: EngineName) -> LevelResult:
+    """Compute a level without contact and return its amplitudes and frequencies."""
+    structure = assemble(level.case, needs_dolfinx=False)
+    case = level.case.with_overrides({"time.periods": _settling_periods(level.case) + 1})
     run = _run(case, structure, engine, steady_motion(case, structure, is_closed=False), 1)
     columns = {
         "amplitude": np.abs(run.rows[-1]["harmonics"][:, 0]).tolist(),
-        "frequency": _frequencies(rung.case, engine),
+        "frequency": _frequencies(level.case, engine),
     }
     numbers: Statistics = {
         f"{name}_{i + 1}": (value, 0.0)
         for name, values in columns.items()
         for i, value in enumerate(values)
     }
-    return RungResult(rung.key, run.outcome, "", numbers, run.cost, run.recorder.n_closed)
+    return LevelResult(level.key, run.outcome, "", numbers, run.cost, run.recorder.n_closed)
 
 
 def _settling_periods(case: Case) -> int:

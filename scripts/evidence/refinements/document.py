@@ -1,4 +1,4 @@
-"""Make the tables and figures of docs/evidence/convergence.md from the ladders of `study.py`."""
+"""Make tables and figures of docs/evidence/convergence.md from the studies of `study.py`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from ladders.study import DAMPINGS
-from ladders.tables import document_tables
 from matplotlib.figure import Figure
+from refinements.study import DAMPINGS
+from refinements.tables import document_tables
 
 from delam_fem.api import preset, style
 from delam_fem.model.beams import closed_form
@@ -36,7 +36,7 @@ class Document:
 
 
 def document(found: dict[str, Convergence]) -> Document:
-    """Return the tables and figures of the document; `found` has the computed ladders by name."""
+    """Return the tables and figures of the document; `found`: computed studies by name."""
     figures: dict[str, Callable[[], Figure]] = {"literal": literal_figure}
     for damping in DAMPINGS:
         name = damping.replace("-", "_")

@@ -1,9 +1,15 @@
-"""Define the ladders from which docs/evidence/convergence.md is made."""
+"""Define the refinement studies from which docs/evidence/convergence.md is made."""
 
 from __future__ import annotations
 
 from delam_fem.api import Case, preset
-from delam_fem.studies.convergence.ladder import Ladder, MeshChoice, Method, PointMesh, method
+from delam_fem.studies.convergence.refinement import (
+    MeshChoice,
+    Method,
+    PointMesh,
+    RefinementStudy,
+    method,
+)
 
 MESHES = (10, 20, 40, 80, 160)
 """Meshes with contact at their nodes."""
@@ -25,7 +31,7 @@ PLAIN = method("newton@moreau-jean")
 REFINEMENTS = (4, 16, 64, 256)
 REFINED = {r: method(f"newton@moreau-jean:{r}") for r in (*REFINEMENTS, 1024, 4096)}
 FINEST = {"meshes": (64, 256), "points": (1024, 4096), "ten elements": (64, 256)}
-"""Refinements of the ladders in the contact points, for the limit in time."""
+"""Refinements of the studies in the contact points, for the limit in time."""
 _OF_DEFAULT = {"time.refine": 64, "time.refine_velocity": 0.02}
 DEFAULT = Method("default", (*PLAIN.overrides, *_OF_DEFAULT.items()))
 """Method of the preset `default`, with DEFAULT_STEPS steps per period."""
@@ -53,8 +59,8 @@ def varied(law: str, label: str, **keys: object) -> Method:
     return Method(f"{law} {label}", (("contact.law", law), ("time.refine", 1), *parameters))
 
 
-def ladders() -> dict[str, Ladder]:
-    """Return all ladders by name."""
+def refinements() -> dict[str, RefinementStudy]:
+    """Return all refinement studies by name."""
     result = {}
     refined = tuple(REFINED[r] for r in REFINEMENTS)
     springs = (
@@ -62,19 +68,23 @@ def ladders() -> dict[str, Ladder]:
         for law in ("newton-penalty@newmark", "penalty@newmark")
         for k in STIFFNESSES
     )
-    result["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=0)
+    result["laws"] = RefinementStudy(
+        case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=0
+    )
     for damping in DAMPINGS:
         base = case(damping)
-        result[f"uniform {damping}"] = Ladder(base, (PLAIN,), (20,), FEW, limit_steps=0)
-        result[f"errors {damping}"] = Ladder(
+        result[f"uniform {damping}"] = RefinementStudy(base, (PLAIN,), (20,), FEW, limit_steps=0)
+        result[f"errors {damping}"] = RefinementStudy(
             base, (*LAWS, *refined), (20,), (250, 500, 1000, 2000, 4000), limit_steps=LAST
         )
-        result[f"petsc {damping}"] = Ladder(
+        result[f"petsc {damping}"] = RefinementStudy(
             base, (PLAIN, *refined), (20,), (1000,), PETSC_PERIODS, limit_steps=0, engine="petsc"
         )
         for name, meshes in POINTS.items():
             methods = tuple(REFINED[r] for r in FINEST[name])
-            result[f"{name} {damping}"] = Ladder(base, methods, meshes, (1000,), limit_steps=0)
+            result[f"{name} {damping}"] = RefinementStudy(
+                base, methods, meshes, (1000,), limit_steps=0
+            )
         for f in FREQUENCIES:
             moved = case(damping, **{"excitation.frequency": f})
             result[f"{f:.2f} Hz {damping}"] = _with_default(moved)
@@ -82,12 +92,12 @@ def ladders() -> dict[str, Ladder]:
             bouncing = case(damping, **{"contact.restitution": e})
             result[f"e = {e:g} {damping}"] = _with_default(bouncing)
     for damping in ("mass", *DAMPINGS):
-        result[f"literal {damping}"] = Ladder(
+        result[f"literal {damping}"] = RefinementStudy(
             case(damping), LITERAL, MESHES, (1000, 4000), LITERAL_PERIODS, limit_steps=0
         )
     return result
 
 
-def _with_default(case: Case) -> Ladder:
-    """Return the ladder of the default and of plain steps, with the rigid limit."""
-    return Ladder(case, (PLAIN, DEFAULT), (20,), (DEFAULT_STEPS, 4000), limit_steps=LAST)
+def _with_default(case: Case) -> RefinementStudy:
+    """Return the refinement study of the default and of plain steps, with the rigid limit."""
+    return RefinementStudy(case, (PLAIN, DEFAULT), (20,), (DEFAULT_STEPS, 4000), limit_steps=LAST)

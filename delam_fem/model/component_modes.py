@@ -251,7 +251,7 @@ def basis_of(
     modes: int,
     *,
     shift: float = 0.0,
-    most: int | None = None,
+    max_coordinates: int | None = None,
     loads: sp.csr_matrix | None = None,
 ) -> Basis:
     """Return the basis of a reduced structure.
@@ -260,22 +260,23 @@ def basis_of(
         o: the semi-discrete problem.
         modes: number of normal modes of each body.
         shift: see `bodies`.
-        most: largest number of coordinates; the least flexible residual shapes are left out.
+        max_coordinates: largest number; the least flexible residual shapes are left out.
         loads: further loads to which the omitted modes respond, as rows, shape (k, n); None: none.
 
     Raises:
         ValueError: a body is not held and there is no shift, or there are more normal modes than
-            `most` coordinates.
+            `max_coordinates` coordinates.
     """
     rows = o.gap_matrix if loads is None else sp.vstack([o.gap_matrix, loads], format="csr")
     pieces = [_piece(o, rows, body, modes) for body in bodies(o, shift)]
     # how many residual shapes each body keeps
     weights = np.sort(np.concatenate([piece.weights for piece in pieces]))[::-1]
     normal = sum(piece.squares.size for piece in pieces)
-    room = weights.size if most is None else most - normal
+    room = weights.size if max_coordinates is None else max_coordinates - normal
     if room < 0:
         raise ValueError(
-            f"coordinates: expected at least {normal}, the number of normal modes, given {most}"
+            f"coordinates: expected at least {normal}, the number of normal modes, "
+            f"given {max_coordinates}"
         )
     least = weights[room - 1] if 0 < room <= weights.size else np.inf if room == 0 else 0.0
     counts = [int((piece.weights >= least).sum()) for piece in pieces]
