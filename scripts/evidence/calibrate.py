@@ -6,7 +6,7 @@
 Each module of scripts/evidence/calibration with a function `rows(is_long, folder)` is a part. It
 computes truths that the program does not know, in a folder that it may fill, and returns its rows.
 A part that runs replaces its own rows of docs/evidence/calibration.json alone; the page is written
-from that file. The first lines of a part's docstring are its text on the page.
+from that file. The first paragraph of a part's docstring, below its title, is its text on the page.
 """
 
 from __future__ import annotations
@@ -32,25 +32,20 @@ PARTS = tuple(
 )
 HEAD = """# How often verdicts and intervals are right
 
-`scripts/evidence/calibrate.py` writes this page. It puts truths before the program that no table
-and no fit has seen, from the rig as modelled and from rigs that differ from the model as real ones
-do, and counts how often what is printed is right.
+`scripts/evidence/calibrate.py` puts truths before the program that no table and no fit has seen,
+from the rig as modelled and from rigs that differ from it, and counts how often what is printed is
+right. The parts in `scripts/evidence/calibration/` say how truths are drawn; `calibration.json` has
+the counts of each rig. A line of a table has all rigs: the least and the largest share that was
+right.
 
-- Rig *as modelled*: "holds" if the count lies in the binomial 95 % band of the nominal share.
-- Other rigs: "holds" if at most twice as many are wrong as promised (80 % of intervals of 90 % are
-  right). "Mismatch named": more are wrong, but a warning of the program names the mismatch at 90 %
-  of the truths.
-- Where the program says "undecided", a truth counts neither as right nor as wrong.
-- "**Falls short**": do not rely on it there.
+- Rig *as modelled*: it holds if the count lies in the binomial 95 % band of the nominal share.
+- Other rigs: it holds if at most twice as many are wrong as promised. "Mismatch named": more are
+  wrong, but a warning of the program names the mismatch at 90 % of the truths.
+- "Undecided" counts neither as right nor as wrong.
+- "Falls short": do not rely on it there.
 
-A line of a table has all rigs of a verdict: the least and the largest share that was right.
-`calibration.json` beside this page has the counts of each rig.
-
-Not all truths are blind. Rules of `orbit` (the least distance of a doubled orbit, kicks of orbits
-of period 2, what small kicks say), of `converge` (a small last difference may be chance), of
-`resonance`, of `identify` (its regression's coefficients, and the chance of a misfit that is
-named), of free vibrations and of Lyapunov exponents were changed after a first count on some of the
-same truths, and the counts are those after the change.
+Not all truths are blind: rules of `orbit`, `converge`, `resonance`, `identify`, of free vibrations
+and of Lyapunov exponents were changed after a first count on some of the same truths.
 """
 DIFFERENT = {
     "EI ± 5 %": "EI",
@@ -82,10 +77,11 @@ WHY_NOT = {
     "tap": "there is no shaker",
 }
 """Why a part lacks a rig."""
+ALONE = """The other parts have no rig: their verdicts are on a case or a map as it stands.
+"""
 UNCOUNTED = {
     "Multipliers, doublings, folds and Lyapunov exponents of laminae": "no exact truth is known; "
-    "docs/orbits.md has those of two presets and of the strips, a decay over many periods, and "
-    "what steps ten and forty times finer say of one doubling",
+    "[orbits](orbits.md) has those of two presets",
     "`orbit follow`: grazings": "the points beside it are the interval",
     "`sweep`: kinds of motion; `detect pod`: a90; `detect modulate`: calls of delaminated plates; "
     "`converge`: contact work, distortion, other harmonics": "no share is promised, no interval "
@@ -137,12 +133,10 @@ def page(found: dict[str, Any]) -> str:
     """Return the page of all measured parts."""
     texts = [HEAD, rigs(found)]
     for name in sorted(found):
-        _, *text = inspect.getdoc(part(name)).split("\n", 1)
-        texts.append(f"## {title_of(name)}\n\n{''.join(text).strip()}\n".rstrip() + "\n")
+        paragraphs = inspect.getdoc(part(name)).split("\n\n")
+        texts.append("\n\n".join([f"## {title_of(name)}", *paragraphs[1:2]]) + "\n")
         texts.append(table(found[name]["rows"]))
-        if found[name]["cpu_s"] is not None:  # not of a part that went on
-            texts.append(f"Processor time: {found[name]['cpu_s']} s.\n")
-    texts.append("## Without a count\n\nNo share above stands for these.\n")
+    texts.append("## Without a count\n")
     texts.append("| what is printed | why there is none |\n|---|---|")
     texts.extend(f"| {what} | {why} |" for what, why in UNCOUNTED.items())
     return "\n".join(texts) + "\n"
@@ -157,9 +151,10 @@ def rigs(found: dict[str, Any]) -> str:
     ]
     for name in sorted(found):
         less = lacking(found[name]["rows"])
-        cells = ["–" if kind in less else "yes" for kind in DIFFERENT]
-        lines.append(f"| {title_of(name)} | {' | '.join(cells)} | {WHY_NOT.get(name, '')} |")
-    return "\n".join(lines) + "\n"
+        if len(less) < len(DIFFERENT):
+            cells = ["–" if kind in less else "yes" for kind in DIFFERENT]
+            lines.append(f"| {title_of(name)} | {' | '.join(cells)} | {WHY_NOT.get(name, '')} |")
+    return "\n".join([*lines, f"\n{ALONE}"])
 
 
 def lacking(rows: list[dict[str, Any]]) -> list[str]:

@@ -453,12 +453,11 @@ def page(
     """
     folders: dict[str, list[bool]] = {}
     left = []
-    told = dict(reasons) | {line: f"noticed since by `{test}`" for line, test in since.items()}
     for mutant, result in zip(drawn, results, strict=True):
         inner = mutant.module.removeprefix("delam_fem/")
         folders.setdefault(inner.partition("/")[0], []).append(is_killed(result))
         if not is_killed(result):
-            left.append((inner, result, told.get(result, "**open: no test notices it**")))
+            left.append((inner, result, reasons.get(result, "**open: no test notices it**")))
     n = len(results)
     killed = len(results) - len(left)
     same = sum(result in reasons for _, result, _ in left)
@@ -469,7 +468,11 @@ def page(
     )  # fmt: skip
     rows = [f"| `{name}` | {len(of)} | {sum(of)} |" for name, of in sorted(folders.items())]
     table = ["| folder | drawn | killed |", "|---|---|---|", *rows, "", "## Survivors", ""]
-    survivors = [f"- `{where}`: `{text}` – {why}" for where, text, why in sorted(left)]
+    noticed = sum(text in since for _, text, _ in left)
+    table += [f"Tests that were written since notice {noticed} of them. The others:", ""]
+    survivors = [
+        f"- `{where}`: `{text}` – {why}" for where, text, why in sorted(left) if text not in since
+    ]
     return "\n".join([head, *table, *survivors, ""])
 
 

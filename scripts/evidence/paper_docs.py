@@ -16,7 +16,6 @@ from pathlib import Path
 from delam_fem.api import atomic, write_text
 from delam_fem.paper.claims import HEADING, Claim
 from delam_fem.paper.reproduce import (
-    ABOUT,
     FIGURES,
     PAPER,
     Entry,
@@ -29,6 +28,14 @@ from delam_fem.paper.reproduce import (
 )
 
 ROOT = Path(__file__).parents[2]
+ABOUT = (
+    "The paper's text is available, its figures are not: each figure here shows what the "
+    "computation gives. A verdict is on a number, or on a statement that a number can decide. "
+    "It is undecided where the range that the numbers' own uncertainty allows (in brackets) "
+    "contains the bound. Bounds on words such as significantly are ours. Margins of statements "
+    "that hold, and what each figure shows in detail, are on the page of `delam-fem paper`. "
+    "Unless a row says otherwise, all computations are with the preset paper."
+)
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
 """Marks in README.md; a sentence that counts the claims stands between them."""
 
@@ -65,7 +72,7 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
     lines = [
         "# The paper, figure by figure", "",
         "For readers of the paper: each of its statements with a verdict, and each of its figures "
-        "computed anew.", "", f"{PAPER}. {ABOUT}", "",
+        "computed anew.", "", f"{PAPER}.", "", ABOUT, "",
         "`scripts/evidence/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
         "", tally(claims), "", markdown_table(claims),
     ]  # fmt: skip
@@ -73,7 +80,7 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
     figures_folder = root / "docs" / "figures"
     figures_folder.mkdir(parents=True, exist_ok=True)
     for figure in figures:
-        lines += [f"## {heading(figure)}", "", figure["caption"], ""]
+        lines += [f"## {heading(figure)}", "", first_sentence(figure["caption"]), ""]
         for name in pictures(figure):
             paths.append(figures_folder / f"paper_{name}")
             with atomic(paths[-1]) as temporary:
@@ -84,6 +91,11 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
     text = between(readme.read_text("utf-8"), README_MARKS, sentence)
     page = write_text(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
     return [page, write_text(readme, text), *paths]
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a text."""
+    return text.split(". ")[0].removesuffix(".") + "."
 
 
 def between(text: str, marks: tuple[str, str], content: str) -> str:
@@ -100,8 +112,11 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
 
 
 def markdown_table(claims: Iterable[Claim]) -> str:
-    """Return claims as a Markdown table."""
-    rows = [HEADING, *(claim.row for claim in claims)]
+    """Return claims as a Markdown table, with the margins of those that do not hold."""
+    rows = [HEADING]
+    for claim in claims:
+        *cells, margin, verdict = claim.row
+        rows.append((*cells, "–" if verdict == "holds" else margin, verdict))
     lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join([lines[0], "|" + "---|" * len(HEADING), *lines[1:]]) + "\n"
 

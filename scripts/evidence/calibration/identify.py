@@ -1,6 +1,9 @@
 """`identify`: gap, restitution, damping and stiffness from clapping motions.
 
 The rig and the four unknowns of [identification](../identification.md): `paper`, 10 elements, 300
+steps per period, tips at 1.25 and 3.25 Hz with noise of 0.1 mm, 1,000 simulations.
+
+The rig and the four unknowns of [identification](../identification.md): `paper`, 10 elements, 300
 steps per period, tips at 1.25 and 3.25 Hz with noise of 0.1 mm, 1,000 simulations. The stiffness of
 the thick lamina is drawn within ± 10 %, and what four times as many steps and twice as many
 elements change is added in part.

@@ -1,5 +1,8 @@
 """`infer`: start, end and depth of a delamination.
 
+Scans of `embedded` with other delaminations at 92 and 250 Hz, 40 dB. Stiffness (± 10 %), damping (×
+½ … × 2) and clamps of the table of structures are drawn, too.
+
 Scans of `embedded` with other delaminations at 92 and 250 Hz, 40 dB, and a table of structures from
 the prior, whose stiffness (± 10 %), damping (× ½ … × 2) and clamps (k L/EI from 50 to 5000) are
 drawn, too. *As modelled*: truths are drawn as the table is. The note has the median width and that

@@ -1,6 +1,9 @@
 """`detect modulate`: calls of healthy plates.
 
 `embedded` without its delamination under five pairs of a probe and a pump of 0.1 m/s2, scanned at
+39 points with 40 dB for four common periods.
+
+`embedded` without its delamination under five pairs of a probe and a pump of 0.1 m/s2, scanned at
 39 points with 40 dB for four common periods. Each pair has one limit, as the command has, and 200
 records with noise of their own.
 """

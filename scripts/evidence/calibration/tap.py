@@ -1,5 +1,8 @@
 """`detect tap`: calls of healthy plates.
 
+The plate of `docs/examples/tap.py` without its delamination, tapped at 19 points with noise of 40,
+30 and 20 dB below the largest force of each tap.
+
 The plate of `docs/examples/tap.py` without its delamination, with 20 elements, tapped at 19 points
 with noise of 40, 30 and 20 dB below the largest force of each tap. Each level has one limit, as the
 command has, and its records have noise of their own. Other rigs are judged beside the taps of the
