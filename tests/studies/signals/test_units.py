@@ -1,8 +1,9 @@
-"""Units as instruments and people write them: those of docs/measured_units.md, and its rules."""
+"""Units as instruments and people write them: those of units.md, and the rules of the page."""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given, strategies as st
@@ -12,20 +13,33 @@ from delam_fem.api import CaseError
 from delam_fem.studies.signals.units import QUANTITIES, UNITS, of_quantity, ratio_of, unit_of
 
 PAGE = (ROOT / "docs" / "measured_units.md").read_text(encoding="utf-8")
-ROWS = re.findall(r"^\| (?:`(.*)`|\(nothing\)) \| (.+) \| (.+) \|$", PAGE, re.MULTILINE)
+TABLE = Path(__file__).with_name("units.md").read_text(encoding="utf-8")
+ROWS = re.findall(r"^\| (?:`(.*)`|\(nothing\)) \| (.+) \| (.+) \|$", TABLE, re.MULTILINE)
 """Text, quantity or "refused", and the SI value of one, typed by hand, or the reason."""
 DIGITS = 1e-12
 """Relative tolerance of factors: they are typed with 15 digits."""
 
 
-def test_the_page_has_two_hundred_texts_and_none_twice() -> None:
+def test_the_table_has_two_hundred_texts_and_none_twice() -> None:
     texts = [text for text, _, _ in ROWS]
     assert len(texts) == len(set(texts)) >= 200
     assert sum(quantity == "refused" for _, quantity, _ in ROWS) >= 50
 
 
+def test_examples_of_the_page_are_in_the_table() -> None:
+    known = {(quantity, text) for text, quantity, _ in ROWS}
+    examples = {
+        (quantity, text)
+        for quantity, texts in re.findall(r"^\| ([a-z ]+) \| (`.+`) \|$", PAGE, re.MULTILINE)
+        for text in re.findall("`([^`]+)`", texts)
+    }
+    assert {quantity for quantity, _ in examples} == {quantity for _, quantity, _ in ROWS}
+    assert examples <= known
+    assert f"has {len(ROWS)} texts" in PAGE
+
+
 @pytest.mark.parametrize(("text", "quantity", "factor"), ROWS)
-def test_units_of_the_page(text: str, quantity: str, factor: str) -> None:
+def test_units_of_the_table(text: str, quantity: str, factor: str) -> None:
     if quantity == "refused":
         with pytest.raises(CaseError) as error:
             unit_of(text, "file, column 'a'")
