@@ -129,7 +129,6 @@ if TYPE_CHECKING:
         CURVATURE as CURVATURE,
         Layout as Layout,
         Part as Part,
-        SensorRows as SensorRows,
         Structure as Structure,
         columns_of as columns_of,
         interpolation as interpolation,
@@ -175,7 +174,17 @@ if TYPE_CHECKING:
         number as number,
     )
     from delam_fem.plugins.study import Kinds as Kinds, RunContext as RunContext, Study as Study
-    from delam_fem.results import diagnostics as diagnostics, netcdf as netcdf, schema as schema
+    from delam_fem.results import (
+        diagnostics as diagnostics,
+        netcdf as netcdf,
+        record as record,
+        schema as schema,
+    )
+    from delam_fem.results.channels import (
+        History as History,
+        histories_of as histories_of,
+        offered as offered,
+    )
     from delam_fem.results.figures import style as style
     from delam_fem.results.folder import Result as Result
     from delam_fem.results.netcdf import (
@@ -193,7 +202,7 @@ if TYPE_CHECKING:
         verdict_of as verdict_of,
     )
     from delam_fem.results.reading import load_numbers as load_numbers
-    from delam_fem.results.record import offered as offered, record_of as record_of
+    from delam_fem.results.record import record_of as record_of
     from delam_fem.results.schema import (
         CHANNEL_MEASURES as CHANNEL_MEASURES,
         MEASURES as MEASURES,
@@ -227,9 +236,7 @@ if TYPE_CHECKING:
     )
     from delam_fem.simulation.refinement import Span as Span
     from delam_fem.simulation.signals import (
-        Signal as Signal,
         frames_of as frames_of,
-        signals as signals,
         steps_of as steps_of,
     )
     from delam_fem.system import footprint as footprint
@@ -279,8 +286,7 @@ _HOMES = {
     "model.discretise": "assemble require_held require_kind",
     "model.factors": "Factor factored",
     "model.layout": (
-        "CURVATURE Layout Part SensorRows Structure columns_of interpolation nodal place_of "
-        "selection"
+        "CURVATURE Layout Part Structure columns_of interpolation nodal place_of selection"
     ),
     "model.linear": (
         "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
@@ -309,13 +315,14 @@ _HOMES = {
     "simulation.loop": "Engine State initial_state one_period set_initial",
     "simulation.recorder": "LEDGER N_BASE N_SIZES PeriodRecord Recorder",
     "simulation.refinement": "Span",
-    "simulation.signals": "Signal frames_of signals steps_of",
+    "simulation.signals": "frames_of steps_of",
     # Results
     "results.folder": "Result",
     "results.netcdf": "open_dataset require_alone write_dataset",
     "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
     "results.reading": "load_numbers",
-    "results.record": "offered record_of",
+    "results.channels": "History histories_of offered",
+    "results.record": "record_of",
     "results.schema": (
         "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
         "versions"
@@ -335,7 +342,7 @@ _HOMES = {
     "numerics.types": "BoolArray FloatArray IntArray",
     # Namespaces
     "numerics": "beams harmonics settling statistics",
-    "results": "diagnostics netcdf schema",
+    "results": "diagnostics netcdf record schema",
     "results.figures": "style",
     "results.pages": "html",
     "system": "footprint",

@@ -15,10 +15,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS
@@ -39,6 +38,9 @@ from delam_fem.simulation.signals import (
     recorded_gaps,
     spring_forces,
 )
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Kind = Literal["interface", "stop", "impactor"]
 
@@ -186,19 +188,24 @@ def _stops(layout: Layout, case: Case) -> Iterator[tuple[Kind, str, IntArray]]:
         yield *named(number, case), pairs
 
 
-def forces(recorder: Recorder, structure: Structure, case: Case) -> dict[str, FloatArray]:
-    """Return the forces of contacts with springs that are recorded at each step, by name.
+def histories(
+    recorder: Recorder, structure: Structure, case: Case, *, of_springs: bool = False
+) -> dict[str, tuple[str, FloatArray]]:
+    """Return the forces, or impulses, of all contacts that have a history, by name.
 
     Args:
         recorder: recorder of the run, after at least one period.
         structure: structure that moved.
         case: its case.
+        of_springs: only contacts with springs that are recorded at each step.
 
     Returns:
-        Springs' forces and impulses over Δt, positive in compression, each of shape (k,) [N].
+        Unit, see `force_unit`, and springs' forces and impulses over Δt, positive in compression
+        [N], or the impulses of each step [N s]; each of shape (k,).
     """
     layout = structure.layout
-    if not LAWS[case.contact.law].spring or layout.gap_row is None:
+    has_springs = bool(LAWS[case.contact.law].spring) and layout.gap_row is not None
+    if case.contact.law == "none" or not layout.touching or (of_springs and not has_springs):
         return {}
     known = _histories(recorder, structure, case)
     pairs = {
@@ -206,11 +213,33 @@ def forces(recorder: Recorder, structure: Structure, case: Case) -> dict[str, Fl
         for interface in layout.interfaces
     }
     pairs |= {name: rows for _, name, rows in _stops(layout, case)}
-    return {
-        name: force + known.impulses(rows) / case.time_step
-        for name, rows in pairs.items()
-        if known.knows(rows) and (force := _spring_force(known, rows, case, None)) is not None
-    }
+    result = {}
+    for name, rows in pairs.items():
+        is_recorded = known.knows(rows)
+        unit = force_unit(case, is_recorded=is_recorded)
+        if of_springs and not is_recorded:
+            continue
+        force = _spring_force(known, rows, case, None)
+        if unit == "N s":
+            result[name] = unit, known.impulses(rows)
+        elif unit and force is not None:
+            result[name] = unit, force + known.impulses(rows) / case.time_step
+    return result
+
+
+def force_unit(case: Case, *, is_recorded: bool) -> str:
+    """Return the unit of the history of a contact, N or N s; empty: it has none.
+
+    Args:
+        case: case of the run.
+        is_recorded: whether its gaps, and so the forces of its springs, are recorded at each step.
+    """
+    law = case.contact.law
+    if law == "none":
+        return ""
+    if is_recorded or not LAWS[law].spring:
+        return "N"
+    return "" if law == "penalty" else "N s"
 
 
 def named(number: int, case: Case) -> tuple[Kind, str]:

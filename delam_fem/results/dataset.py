@@ -95,9 +95,9 @@ def history(
         add(data, heat=_of_interfaces(layout, heat))
         if layout.stops:
             add(data, stop_heat=heat[layout.stops[0].first_pair :])
-    if forces := contacts.forces(recorder, structure, case):
+    if forces := contacts.histories(recorder, structure, case, of_springs=True):
         data = data.assign_coords({CONTACT: list(forces)})
-        add(data, contact_force=np.array(list(forces.values())))
+        add(data, contact_force=np.array([force for _, force in forces.values()]))
     for signal in signals(recorder, structure, case):
         data = with_sensor(data, signal)
     data.attrs = {

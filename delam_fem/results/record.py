@@ -28,17 +28,17 @@ import numpy as np
 import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.contact.laws import LAWS
-from delam_fem.model.layout import Layout, Structure
+from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results import dataset
-from delam_fem.results.contacts import named
+from delam_fem.results.contacts import force_unit, named
 from delam_fem.results.diagnostics import probe_place, steps_of_events
 from delam_fem.results.netcdf import read_dataset, write_dataset
 from delam_fem.results.schema import (
     CHANNEL_MEASURES,
     INTERFACE,
     SENSOR,
+    VARIABLES,
     event_interfaces,
     sensors_of,
 )
@@ -82,39 +82,6 @@ def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
     return record
 
 
-def offered(layout: Layout, case: Case) -> dict[str, str]:
-    """Return the units of the channels that the record of a case has, by their names."""
-    units: dict[str, str] = {}
-    for name in layout.names:
-        units |= {f"tip_{name}": "m", f"tip_{name}_velocity": "m/s"}
-    units |= {"drive": "N"} if case.excitation.acts_on == "force" else {"base": "m"}
-    striking = [(interface.name, interface.first_pair) for interface in layout.interfaces]
-    striking += [(named(stop.number, case)[1], stop.first_pair) for stop in layout.stops]
-    for name, first_pair in striking:
-        is_recorded = layout.gap_row is not None and first_pair >= layout.first_gap
-        if unit := _contact_unit(case, is_recorded=is_recorded):
-            units[f"contact_{name}"] = unit
-    for sensor in layout.sensors:
-        name = f"{SENSOR}{sensor.name}" if sensor.name in units else sensor.name
-        units[name] = sensor.unit
-    return units
-
-
-def _contact_unit(case: Case, *, is_recorded: bool) -> str:
-    """Return the unit of the channel of a contact; empty: there is none.
-
-    Args:
-        case: case of the run.
-        is_recorded: whether its gaps, and so the forces of its springs, are recorded at each step.
-    """
-    law = case.contact.law
-    if law == "none":
-        return ""
-    if is_recorded or not LAWS[law].spring:
-        return "N"
-    return "" if law == "penalty" else "N s"
-
-
 def record_of(recorder: Recorder, structure: Structure, case: Case) -> xr.Dataset:
     """Return the record of what a recorder has kept in its window; see `of_run`."""
     return of_run(dataset.history(recorder, structure, case, {}), case)
@@ -123,7 +90,8 @@ def record_of(recorder: Recorder, structure: Structure, case: Case) -> xr.Datase
 def _add(record: xr.Dataset, name: str, channel: xr.DataArray, **about: Any) -> None:
     """Add a channel over time to a record, with its unit and `about` as attributes."""
     words = f"{about['quantity']} at {about['place']}"
-    attributes = {"units": channel.attrs["units"], **about, "long_name": words}
+    units = channel.attrs.get("units") or VARIABLES[str(channel.name)].units
+    attributes = {"units": units, **about, "long_name": words}
     record[name] = ("time", channel.to_numpy(), attributes)
 
 
@@ -136,7 +104,9 @@ def _add_tips(record: xr.Dataset, history: xr.Dataset) -> None:
     for row, lamina in enumerate(names):
         place = f"{probe_place(history)} of {lamina}" if "tip_node" in history else lamina
         for quantity, suffix in (("displacement", ""), ("velocity", "_velocity")):
-            tip = history[f"tip_{quantity}"][row]
+            if (variable := f"tip_{quantity}") not in history:
+                continue
+            tip = history[variable][row]
             about |= {"quantity": quantity, "place": place, "lamina": lamina}
             _add(record, f"tip_{lamina}{suffix}", tip, **about)
 
@@ -148,7 +118,7 @@ def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray,
     forces = history["contact_force"] if "contact_force" in history else None
     known = [] if forces is None else forces["contact"].to_numpy().tolist()
     for name, is_its in _events_of(history, case):
-        unit = _contact_unit(case, is_recorded=name in known)
+        unit = force_unit(case, is_recorded=name in known)
         if not unit:
             continue
         if forces is not None and name in known:
@@ -185,8 +155,8 @@ def _events_of(history: xr.Dataset, case: Any) -> Iterator[tuple[str, BoolArray]
 
 def _with_sensor(record: xr.Dataset, name: str, sensor: xr.DataArray) -> xr.Dataset:
     """Return the record with the channel of a sensor."""
-    about: dict[str, Any] = {key: sensor.attrs[key] for key in ("units", "quantity")}
-    words = str(sensor.attrs["long_name"])
+    about: dict[str, Any] = {key: sensor.attrs.get(key, "") for key in ("units", "quantity")}
+    words = str(sensor.attrs.get("long_name", name))
     place = words.removeprefix(f"{about['quantity']} ").removeprefix("of ").removeprefix("at ")
     about |= {"place": place, "long_name": words}
     if "position" in sensor.attrs:

@@ -728,13 +728,15 @@ def add(data: xr.Dataset, **variables: Any) -> None:
         KeyError: the schema has no such variable.
         ValueError: the values do not have its dimensions.
     """
+    rows: dict[str, Any] = {}
     for name, values in variables.items():
         row = VARIABLES[name]
         array = np.asarray(values)
         dims = row.dims
         if INTERFACE in dims and array.ndim == len(dims) - 1:
             dims = tuple(dim for dim in dims if dim != INTERFACE)
-        data[name] = (dims, array, {"units": row.units, "long_name": row.long_name})
+        rows[name] = (dims, array, {"units": row.units, "long_name": row.long_name})
+    data.update(rows)  # at once: one by one takes several times as long
 
 
 def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:

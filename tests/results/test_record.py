@@ -15,8 +15,8 @@ from support import refusal
 
 import delam_fem as df
 from delam_fem.model.discretise import assemble
+from delam_fem.results.channels import offered
 from delam_fem.results.folder import load_numbers, load_result
-from delam_fem.results.record import offered
 
 M, K, D, F, OMEGA = 0.5, 800.0, 0.05, 2.0, 2.0 * math.pi * 7.0
 """Mass [kg], spring [N/m] (6.37 Hz), damping ratio, force [N] and its angular frequency [rad/s]."""

@@ -2,11 +2,11 @@
 
 The keys that are sought, and those that are uncertain, are drawn from a prior. The posterior
 follows from simulations alone (`numerics/statistics.py`): one sweep over the drawn parameters for
-each frequency, and the harmonics of the tips as statistics.
+each frequency, and the harmonics of channels as statistics: of the tips unless others are named.
 
 The statistics describe a motion whatever the origin of time, since a measurement seldom knows the
 phase of the base. A shift of the origin by τ turns the k-th harmonic c_k by k ω τ; so c_k e^{-ikφ},
-with the phase φ of the first harmonic of the first lamina, does not change.
+with the phase φ of the first harmonic of the first channel, does not change.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from delam_fem.api import (
 )
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.identification.study import Identify
-from delam_fem.studies.signals.reading import read_measured
+from delam_fem.studies.signals import reading
 from delam_fem.studies.signals.scan import amplitudes
 from delam_fem.studies.sweeps.dataset import remove_results
 from delam_fem.studies.sweeps.grid import Sweep
@@ -225,54 +225,65 @@ def _short(unknown: Unknown) -> str:
     return unknown.key.rsplit(".", 1)[-1].replace("_", " ")
 
 
-def tips_of(case: Case, path: Path) -> tuple[FloatArray, FloatArray]:
-    """Return times, shape (n,) [s], and tip displacements, shape (n_laminae, n) [m], of a file.
+def channels_of(case: Case, names: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the names of channels, or those of the tips of all laminae if there are none."""
+    return tuple(names) or tuple(f"tip_{lamina.name}" for lamina in case.lamina)
+
+
+def measured_histories(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Return times, shape (n,) [s], and channels, shape (n_channels, n), of a file.
 
     Raises:
-        CaseError: the file cannot be read, or it has not the tips of all laminae.
+        CaseError: the file cannot be read, or it has not all of the channels.
     """
-    data = read_measured(path)
-    names = [lamina.name for lamina in case.lamina]
-    if "tip_displacement" not in data or not set(names) <= set(data["lamina"].to_numpy()):
+    data = reading.record(reading.read_measured(path))
+    if missing := [name for name in names if name not in data]:
         raise CaseError(
-            f"{path}: expected the tip displacements of {' and '.join(names)}; delam-fem measure "
-            "read FILE --channel 'tip NAME=COLUMN:UNIT' makes such a file"
+            f"{path}: expected the channels {', '.join(names)}, found no {', '.join(missing)} "
+            f"among {', '.join(map(str, data.data_vars))}; delam-fem measure read FILE --channel "
+            "'NAME=COLUMN:UNIT' makes such a file, with 'tip LAMINA' for tip_LAMINA"
         )
-    return data["time"].to_numpy(), data["tip_displacement"].sel(lamina=names).to_numpy()
+    return data["time"].to_numpy(), np.array([data[name].to_numpy() for name in names])
 
 
 HARMONICS = 5
-"""Number of harmonics of each lamina."""
+"""Number of harmonics of each channel."""
 FITTED = 60
 """Largest number of harmonics that are fitted: those of impacts must not count as noise."""
 SAMPLES = 4
 """Least number of samples of a measurement for each unknown of its harmonics."""
 
 
-def of_points(sweep: xr.Dataset) -> beams.ComplexArray:
-    """Return the harmonics of all points of a sweep, shape (n_points, n_laminae, HARMONICS) [m].
+def of_points(sweep: xr.Dataset, names: Sequence[str]) -> beams.ComplexArray:
+    """Return the harmonics of channels at all points of a sweep.
 
-    NaN for points that were not completed.
+    Returns:
+        Shape (n_points, n_channels, HARMONICS), in the units of the channels; NaN for points that
+        were not completed.
     """
-    size, phase = (
-        sweep[name].to_numpy().reshape(-1, *sweep[name].shape[-2:])[..., :HARMONICS]
-        for name in ("harmonic_amplitude", "harmonic_phase")
-    )
-    return np.asarray(size * np.exp(1j * phase))
+    rows = []
+    for name in names:
+        size, phase = (
+            sweep[f"{name}_{part}"].to_numpy().reshape(-1, HARMONICS)
+            for part in ("harmonic_amplitude", "harmonic_phase")
+        )
+        rows.append(size * np.exp(1j * phase))
+    return np.stack(rows, axis=1)
 
 
 def of_history(
-    time: FloatArray, tips: FloatArray, frequency: float
-) -> tuple[beams.ComplexArray, float]:
+    time: FloatArray, values: FloatArray, frequency: float
+) -> tuple[beams.ComplexArray, FloatArray]:
     """Return the harmonics of a measured motion and the scatter about them.
 
     Args:
         time: times of the samples, any origin, shape (n,) [s].
-        tips: displacements of the laminae, shape (n_laminae, n) [m].
+        values: histories of channels, shape (n_channels, n).
         frequency: frequency of the base [Hz].
 
     Returns:
-        Harmonics, shape (n_laminae, HARMONICS) [m], and the standard deviation of a sample [m].
+        Harmonics, shape (n_channels, HARMONICS), and the standard deviations of a sample, shape
+        (n_channels,), in the units of the channels.
 
     Raises:
         CaseError: there are too few samples, or less than two periods.
@@ -287,21 +298,21 @@ def of_history(
     below_nyquist = math.ceil(0.5 / (frequency * float(np.median(np.diff(time))))) - 1
     n_resolved = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
     frequencies = frequency * np.arange(1, max(HARMONICS, n_resolved) + 1)
-    coefficients = amplitudes(tips.T, time, frequencies.tolist())
-    residual = tips - (coefficients.T @ np.exp(2j * math.pi * np.outer(frequencies, time))).real
+    coefficients = amplitudes(values.T, time, frequencies.tolist())
+    residual = values - (coefficients.T @ np.exp(2j * math.pi * np.outer(frequencies, time))).real
     freedom = 1.0 - (2 * frequencies.size + 1) / time.size
-    return 1j * coefficients[:HARMONICS].T, math.sqrt(float(residual.var(axis=1).mean()) / freedom)
+    return 1j * coefficients[:HARMONICS].T, np.sqrt(residual.var(axis=1) / freedom)
 
 
 def invariant(harmonics: beams.ComplexArray) -> FloatArray:
     """Return harmonics as real numbers without the origin of time.
 
     Args:
-        harmonics: shape (..., n_laminae, HARMONICS) [m].
+        harmonics: shape (..., n_channels, HARMONICS).
 
     Returns:
-        Real and imaginary parts, shape (..., 2 n_laminae HARMONICS - 1) [m]; the imaginary part of
-        the first harmonic of the first lamina is 0 and left out.
+        Real and imaginary parts, shape (..., 2 n_channels HARMONICS - 1); the imaginary part of
+        the first harmonic of the first channel is 0 and left out.
     """
     first = harmonics[..., 0, 0]
     turns = np.exp(-1j * np.angle(first)[..., None] * np.arange(1, HARMONICS + 1))
@@ -310,13 +321,13 @@ def invariant(harmonics: beams.ComplexArray) -> FloatArray:
 
 
 def noisy(
-    harmonics: beams.ComplexArray, noise: float, rng: np.random.Generator
+    harmonics: beams.ComplexArray, noise: FloatArray, rng: np.random.Generator
 ) -> beams.ComplexArray:
     """Return harmonics with errors of independent normal parts.
 
     Args:
-        harmonics: any shape [m].
-        noise: standard deviation of the real and of the imaginary part [m].
+        harmonics: shape (..., n_channels, HARMONICS).
+        noise: standard deviation of the real and of the imaginary part, of a shape that fits.
         rng: random numbers.
     """
     parts = rng.standard_normal((2, *harmonics.shape))
@@ -343,24 +354,26 @@ def refined_overrides(case: Case, number: int) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Motions of a rig at some frequencies, measured at the reference probes of its laminae.
+    """Motions of a rig at some frequencies, of which some channels are measured.
 
     Attributes:
         case: the rig; the unknowns replace some of its values.
         frequencies: frequencies of the base [Hz].
         unknowns: keys that are sought.
-        noise: standard deviation of a sample of the displacement [m].
+        noise: standard deviation of a sample of each channel, or of all, in their SI units.
         n_samples: number of samples of each motion; None: as many as the window of the case.
         uncertain: keys that are not sought, but in which the rig may differ from the case, drawn
             for each simulation; those of a usual rig: see `of_rig`.
+        channels: names of the channels that are measured; none: the tips of all laminae.
     """
 
     case: Case
     frequencies: tuple[float, ...]
     unknowns: tuple[Unknown, ...]
-    noise: float
+    noise: float | Sequence[float]
     n_samples: int | None = None
     uncertain: tuple[Unknown, ...] = ()
+    channels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the sought keys have values of their own, which the results show.
@@ -369,6 +382,15 @@ class Experiment:
             CaseError: see `require_values`.
         """
         require_values(self.unknowns)
+        require(
+            np.size(self.noise) in (1, len(self.names)), "noise",
+            f"one number, or one for each of {', '.join(self.names)}", np.size(self.noise),
+        )  # fmt: skip
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels that are measured."""
+        return channels_of(self.case, self.channels)
 
     @property
     def bounds(self) -> FloatArray:
@@ -381,10 +403,11 @@ class Experiment:
         return [value_of(self.case, unknown.keys(self.case)[0]) for unknown in self.unknowns]
 
     @property
-    def error(self) -> float:
-        """Standard deviation of the real and of the imaginary part of a harmonic [m]."""
+    def error(self) -> FloatArray:
+        """Deviation of real and imaginary part of harmonics, shape (n_channels, 1) or (1, 1)."""
         window_samples = self.case.n_window_periods * self.case.steps_per_period
-        return self.noise * math.sqrt(2.0 / (self.n_samples or window_samples))
+        noise = np.reshape(self.noise, (-1, 1))
+        return np.asarray(noise * math.sqrt(2.0 / (self.n_samples or window_samples)))
 
     def sweep(
         self, frequency: float, parameters: FloatArray, also: Mapping[str, FloatArray] | None = None
@@ -404,7 +427,7 @@ class Experiment:
         return Sweep(
             self.case.with_overrides({"excitation.frequency": frequency}), {},
             name=f"identification-{frequency:g}-Hz", axis=axes, combine="zip",
-            record={"summary": False, "strobes": 0, "harmonics": HARMONICS},
+            record={"summary": False, "strobes": 0, "harmonics": HARMONICS, "channels": self.names},
         )  # fmt: skip
 
     def simulate(
@@ -430,7 +453,7 @@ class Experiment:
             progress: called with the number of finished simulations and of all.
 
         Returns:
-            Shape (n, n_frequencies, n_laminae, HARMONICS) [m]; NaN for motions that diverged.
+            Shape (n, n_frequencies, n_channels, HARMONICS); NaN for motions that diverged.
 
         Raises:
             CaseError: the first set of parameters is not a valid case.
@@ -448,7 +471,7 @@ class Experiment:
                 self.sweep(frequency, parameters, also), directory / f"{frequency:g}-Hz", executor,
                 workers=workers, resume=True, progress=report, is_confirmed=True,
             )  # fmt: skip
-            results.append(of_points(swept))
+            results.append(of_points(swept, self.names))
         return np.stack(results, axis=1)
 
     def table(
@@ -585,7 +608,8 @@ class Identification(Finding):
             "unknowns": entries,
             "correlation": correlation,
             "frequencies_hz": experiment.frequencies,
-            "noise_m": experiment.noise,
+            "channels": experiment.names,
+            "noise": experiment.noise,
             "simulations": self.completed,
             "checks": self.checks,
             "uncertain": [asdict(unknown) for unknown in experiment.uncertain],
@@ -620,7 +644,7 @@ def identify(
     Args:
         experiment: the rig, its motions and the unknowns.
         directory: folder of the simulations; those that it has are used again.
-        measured: files with the tips, one per frequency; None: the case simulates the measurement.
+        measured: files with the channels, one per frequency; None: the case simulates them.
         simulations: number of simulations, with parameters from the prior.
         finer: number of these that are repeated with finer steps and elements, to know what these
             change.
@@ -669,14 +693,14 @@ def mismatch(experiment: Experiment, table: statistics.Table, observed: FloatArr
     share, number = table.misfit(observed)
     if share > statistics.UNLIKE:
         return None
-    names = [lamina.name for lamina in experiment.case.lamina]
+    names = experiment.names
     # statistics of a frequency, see `invariant`: real parts, then imaginary parts without the first
     each = 2 * len(names) * HARMONICS - 1
     number, of_one = number // each, number % each
-    lamina, harmonic = divmod(of_one if of_one <= each // 2 else of_one - each // 2, HARMONICS)
+    channel, harmonic = divmod(of_one if of_one <= each // 2 else of_one - each // 2, HARMONICS)
     return (
-        f"The motions are like those of no simulation: harmonic {harmonic + 1} of lamina "
-        f"{names[lamina]} at {experiment.frequencies[number]:g} Hz fits none with these values. "
+        f"The motions are like those of no simulation: harmonic {harmonic + 1} of "
+        f"{names[channel]} at {experiment.frequencies[number]:g} Hz fits none with these values. "
         "The rig differs from the case by more than --uncertain says; the intervals do not hold."
     )
 
@@ -692,19 +716,23 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
     noise = []
     samples = []
     for path, frequency in zip(files, experiment.frequencies, strict=True):
-        time, tips = tips_of(experiment.case, path)
-        harmonics, scatter = of_history(time, tips, frequency)
+        time, values = measured_histories(path, experiment.names)
+        harmonics, scatter = of_history(time, values, frequency)
         rows.append(invariant(harmonics))
         noise.append(scatter)
-        samples.append(tips.shape[1])
-    return replace(experiment, noise=max(noise), n_samples=min(samples)), np.concatenate(rows)
+        samples.append(time.size)
+    largest = tuple(np.max(noise, axis=0).tolist())
+    return replace(experiment, noise=largest, n_samples=min(samples)), np.concatenate(rows)
 
 
 def _experiment(case: Case, options: Identify) -> Experiment:
     """Return the experiment that options of a user describe."""
     unknowns = tuple(map(Unknown.parse, options.unknown))
     uncertain = uncertain_keys(case, options.uncertain)
-    return Experiment(case, options.frequency, unknowns, options.noise, uncertain=uncertain)
+    return Experiment(
+        case, options.frequency, unknowns, options.noise, uncertain=uncertain,
+        channels=options.channel or (),
+    )  # fmt: skip
 
 
 def compute(case: Case, options: Identify, context: RunContext) -> Identification:

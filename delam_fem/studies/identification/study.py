@@ -38,8 +38,10 @@ class Identify(Options):
     Attributes:
         unknown: a key that is sought; repeatable.
         frequency: frequency of a motion [Hz]; repeatable.
-        measured: tips of a motion, one file per frequency; by default the case simulates them.
-        noise: standard deviation of a sample [m].
+        channel: a channel that is measured, of the tips, base, contacts and sensors of a run; the
+            first one gives the phase; repeatable (default: the tips of all laminae).
+        measured: channels of a motion, one file per frequency; by default the case simulates them.
+        noise: standard deviation of a sample, of all channels or repeated for each (SI).
         uncertain: in what the rig may differ from the case; 0.9x:1.1x are multiples of the case's
             own value; repeatable (default: stiffness ± 10 %, damping 0.5x:2x, clamps that yield).
         simulations: number of simulations.
@@ -50,8 +52,9 @@ class Identify(Options):
     common = ("workers", "resume", "overwrite", "dry_run", "yes")
     unknown: Annotated[tuple[str, ...], RIG]
     frequency: tuple[float, ...]
+    channel: Annotated[tuple[str, ...] | None, Flag(metavar="NAME")] = None
     measured: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE")] = None
-    noise: Annotated[float, Flag(least=0)] = 1e-4
+    noise: Annotated[tuple[float, ...], Flag(least=0)] = (1e-4,)
     uncertain: Annotated[tuple[str, ...] | None, RIG] = None
     simulations: Annotated[int, Flag(least=100)] = 2000
     calibrate: Annotated[int, Flag(least=0)] = 100

@@ -11,7 +11,7 @@ free for each channel. A wrong unit or sensor offset therefore does not disturb 
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,6 @@ import xarray as xr
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from delam_fem.api import CaseError, FloatArray
-from delam_fem.studies.signals.reading import history_of
 
 LEAST_OVERLAP = 0.3
 """Share of the shorter record that must overlap where the motion does not repeat."""
@@ -169,12 +168,14 @@ class Course:
         return float(np.std(deviations, ddof=1))
 
 
-DRIVES = ("base_displacement", "force")
-"""Variables that are the drive. Channels of the drive lead the alignment."""
-BASE = re.compile(r"base(?:[ _](?:displacement|velocity|acceleration))?", re.IGNORECASE)
-"""Names of channels on the base."""
-DERIVATIVES = {"velocity": 1, "acceleration": 2}
-"""Quantities that are derivatives of a displacement."""
+DRIVES = ("base", "drive")
+"""Channels of the drive, which lead the alignment."""
+ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+"""Derivatives by time that make the quantities of motions of a displacement."""
+SAME_PLACE = 2e-3
+"""Distance of channels at the same place, over the largest x of a run."""
+SMOOTH = 5
+"""Degree of the spline whose derivatives and integrals are other quantities of a channel."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,7 @@ class Pairs:
     """Histories that a measurement and a run both have.
 
     Attributes:
-        names: names of the channels.
+        names: names of the channels in the measurement.
         units: units of the channels.
         time: times of the samples, on the measurement's clock [s], shape (n,).
         measured: histories of the measurement, shape (n_channels, n).
@@ -190,6 +191,7 @@ class Pairs:
         computed: histories of the run, shape (n_channels, m).
         is_drive: whether a channel is the drive.
         unmatched: channels of the measurement that the run does not have.
+        notes: which channels of the run were differentiated or integrated, in sentences.
     """
 
     names: tuple[str, ...]
@@ -200,80 +202,124 @@ class Pairs:
     computed: FloatArray
     is_drive: tuple[bool, ...]
     unmatched: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
-def matched(history: xr.Dataset, data: xr.Dataset) -> Pairs:
-    """Return the channels of a measurement that the dataset of a run has under the same name.
+def matched(run: xr.Dataset, measured: xr.Dataset, *, repeats: bool) -> Pairs:
+    """Return the channels that a measurement and a run have at the same places.
+
+    Of a motion, the run may have another quantity at the place: its nearest one is differentiated,
+    or integrated if the motion repeats, so that its mean and drift are no part of it.
 
     Args:
-        history: dataset of a run; see `schema.VARIABLES`.
-        data: a measurement; see `measured.reading`.
+        run: record of the run.
+        measured: record of the measurement; see `reading.record`.
+        repeats: whether the window of the run has whole periods.
 
     Raises:
-        CaseError: the measurement has no histories, or none of the run's.
+        CaseError: the run has none of the channels.
     """
-    if "time" not in data:
-        raise CaseError("measurement: expected histories over the time, found none")
     matches: list[tuple[str, str, FloatArray, FloatArray, bool]] = []
     unmatched = []
-    for k, name in enumerate(map(str, data["channel"].to_numpy())):
-        variable = str(data["channel_variable"][k].item())
-        if variable not in data or "time" not in data[variable].dims:
+    notes = []
+    for name, channel in measured.data_vars.items():
+        called = channel.attrs["name"]
+        source, order = _source(run, str(name), channel, repeats=repeats)
+        values = None if source is None else _values(run, source, order)
+        if source is None or values is None:
+            unmatched.append(called)
             continue
-        computed_values = _of_run(history, variable, str(data["channel_lamina"][k].item()))
-        leads = variable in DRIVES
-        if computed_values is None and BASE.fullmatch(name):
-            computed_values = _of_base(history, str(data["channel_quantity"][k].item()))
-            leads = True
-        if computed_values is None:
-            unmatched.append(name)
-            continue
-        units = str(data["channel_units"][k].item())
-        matches.append((name, units, history_of(data, k), computed_values, leads))
+        if order:
+            verb = "differentiated" if order > 0 else "integrated"
+            times = {1: "once", 2: "twice"}[abs(order)]
+            notes.append(f"{called}: {source} of the run, {verb} {times}")
+        about = (called, channel.attrs["units"])
+        matches.append((*about, channel.to_numpy(), values, source in DRIVES))
     if not matches:
-        candidates = [str(v) for v in history.data_vars if history[v].dims[-1:] == ("time",)]
-        laminae = ", ".join(map(str, history["lamina"].to_numpy()))
         raise CaseError(
             f"measurement: none of its channels ({', '.join(unmatched) or 'none'}) is in the run, "
-            f"which has {', '.join(candidates)} with the laminae {laminae}; name them by --channel "
-            "'tip LAMINA=SOURCE:UNIT' or --channel 'NAME=SOURCE:UNIT'"
+            f"which has {', '.join(map(str, run.data_vars))}; name them by --channel "
+            "'tip LAMINA=SOURCE:UNIT' or --channel 'NAME=SOURCE:UNIT@POSITION/LAMINA'"
         )
-    names, all_units, measured, computed, is_drive = zip(*matches, strict=True)
+    names, all_units, samples, computed, is_drive = zip(*matches, strict=True)
     return Pairs(
-        names, all_units, data["time"].to_numpy(), np.array(measured),
-        history["time"].to_numpy(), np.array(computed), is_drive, tuple(unmatched),
+        names, all_units, measured["time"].to_numpy(), np.array(samples), run["time"].to_numpy(),
+        np.array(computed), is_drive, tuple(unmatched), tuple(notes),
     )  # fmt: skip
 
 
-def _of_run(history: xr.Dataset, variable: str, lamina: str) -> FloatArray | None:
-    """Return the history of a run that a channel measures; None: the run has none."""
-    if variable not in history:
+def _source(
+    run: xr.Dataset, name: str, channel: xr.DataArray, *, repeats: bool
+) -> tuple[str | None, int]:
+    """Return which channel of a run has the place of a measured one, and its derivative by time.
+
+    Args:
+        run: record of the run.
+        name: name of the measured channel.
+        channel: the measured channel.
+        repeats: whether a channel of the run may be integrated.
+    """
+    about = channel.attrs
+    wanted = about["quantity"].removeprefix("base ")
+    is_motion = wanted in ORDERS
+    if name in run and not (is_motion and _quantity(run[name]) in ORDERS):
+        return name, 0
+    reach = SAME_PLACE * max((abs(v.attrs.get("x", 0.0)) for v in run.values()), default=0.0)
+    orders: dict[str, int] = {}
+    for candidate, other in ((str(key), channel.attrs) for key, channel in run.items()):
+        is_there = _stem(candidate) == _stem(name) or (
+            "x" in about
+            and abs(about["x"] - other.get("x", math.inf)) <= reach
+            and about.get("lamina") in (None, other.get("lamina"))
+        )
+        quantity = _quantity(run[candidate])
+        if is_there and wanted == quantity:
+            orders[candidate] = 0
+        elif is_there and is_motion and quantity in ORDERS:
+            orders[candidate] = ORDERS[wanted] - ORDERS[quantity]
+    usable = [key for key, order in orders.items() if order >= 0 or repeats]
+    if not usable:
+        return None, 0
+    # a derivative rather than an integral, and as few of them as there can be
+    source = min(usable, key=lambda key: (orders[key] < 0, abs(orders[key])))
+    return source, orders[source]
+
+
+def _quantity(channel: xr.DataArray) -> str:
+    """Return the quantity of a channel of a run, on the base or not."""
+    return str(channel.attrs.get("quantity", "")).removeprefix("base ")
+
+
+def _stem(name: str) -> str:
+    """Return the name of a channel at a tip or on the base without its quantity."""
+    is_named = name.startswith(("tip_", "base"))
+    word, _, quantity = name.rpartition("_")
+    return word if is_named and quantity in ORDERS else name
+
+
+def _values(run: xr.Dataset, name: str, order: int) -> FloatArray | None:
+    """Return a channel of a run at its steps, differentiated or integrated; None: it rests.
+
+    Args:
+        run: record of the run.
+        name: name of the channel.
+        order: derivative by time; negative: integral, each without its mean.
+    """
+    time = run["time"].to_numpy()
+    channel = run[name]
+    axis = channel[channel.dims[0]].to_numpy()
+    values: FloatArray = channel.to_numpy()
+    if not np.isfinite(values).all() or values.size <= SMOOTH or (order and not values.any()):
         return None
-    array = history[variable]
-    if array.dims == (f"{variable}_time",):  # a sensor with a sampling rate
-        sampled = CubicSpline(array[array.dims[0]].to_numpy(), array.to_numpy())
-        return np.asarray(sampled(history["time"].to_numpy()))
-    if "time" not in array.dims:
-        return None
-    if "lamina" in array.dims:
-        if lamina not in history["lamina"].to_numpy():
-            return None
-        array = array.sel(lamina=lamina)
-    values: FloatArray = array.to_numpy()
-    return values if values.ndim == 1 and bool(np.isfinite(values).all()) else None
+    if axis.size != time.size:  # a sensor with a sampling rate
+        values = CubicSpline(axis, values)(time)
+    if order > 0:
+        return np.asarray(make_interp_spline(time, values, k=SMOOTH)(time, order))
+    for _ in range(-order):
+        values = make_interp_spline(time, values - values.mean(), k=SMOOTH).antiderivative()(time)
+    return values - values.mean() if order else values
 
 
-def _of_base(history: xr.Dataset, quantity: str) -> FloatArray | None:
-    """Return velocity or acceleration of the base of a run; None: it rests, or another quantity."""
-    base = history["base_displacement"].to_numpy()
-    if quantity not in DERIVATIVES or not base.any() or base.size <= SMOOTH:
-        return None
-    spline = make_interp_spline(history["time"].to_numpy(), base, k=SMOOTH)
-    return np.asarray(spline(history["time"].to_numpy(), DERIVATIVES[quantity]))
-
-
-SMOOTH = 5
-"""Degree of the spline whose derivatives are the motion of the base."""
 COARSE = 128
 """Instants within a period of the drive that are tried first."""
 MOST_SAMPLES = 4000

@@ -21,12 +21,14 @@ from delam_fem.api import (
     html,
     json_ready,
     load_numbers,
+    record,
     schema,
     style,
     write_dataset,
     write_json,
     write_text,
 )
+from delam_fem.studies.signals import reading
 from delam_fem.studies.signals.alignment import (
     COARSE,
     Alignment,
@@ -45,7 +47,6 @@ from delam_fem.studies.signals.comparison import (
     drive_frequency,
     findings,
 )
-from delam_fem.studies.signals.reading import read_measured
 
 SHOWN_PERIODS = 3.0
 """Periods that histories show."""
@@ -344,6 +345,7 @@ class Overlay:
             "samples": self.pairs.time.size,
             "duration": float(self.pairs.time[-1] - self.pairs.time[0]),
             "unmatched": list(self.pairs.unmatched),
+            "notes": list(self.pairs.notes),
             "channels": {channel.name: self._of_channel(channel) for channel in self.channels},
         }
         return dict(json_ready(content))
@@ -405,6 +407,7 @@ class Overlay:
         yield from (finding.text for finding in self.findings)
         if not self.findings:
             yield "measurement and run agree within 5 % in amplitude, 5° in phase, 0.01 % in clocks"
+        yield from self.pairs.notes
         if self.pairs.unmatched:
             yield f"not in the run: {', '.join(self.pairs.unmatched)}"
 
@@ -450,8 +453,9 @@ def overlay(
     else:
         case, history, summary = load_numbers(run, is_strict=True)
     first = measurements[0] if measurements else None
-    data = first if isinstance(first, xr.Dataset) else read_measured(*measurements, **options)  # type: ignore[arg-type]
-    pairs = matched(history, data)
+    if not isinstance(first, xr.Dataset):
+        first = reading.read_measured(*measurements, **options)  # type: ignore[arg-type]
+    pairs = matched(record.of_run(history, case), reading.record(first), repeats=case.is_periodic)
     if "periodicity" not in summary:
         summary = diagnostics.summary(history, case)
     course, rate, frequency = _course(pairs, case, summary.get("periodicity"))

@@ -223,10 +223,14 @@ def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
     if others and others[0] in rows.coords:
         labels = [f"{name} {label}" for label in rows[others[0]].to_numpy()]
     units = variable.attrs.get("units")
-    quantity = str(variable.attrs.get("quantity", ""))
-    quantity = quantity.removeprefix("base ")  # of a record: "base displacement"
+    said = variable.attrs
+    quantity = str(said.get("quantity", "")).removeprefix("base ")  # of a record
+    position = said.get("x", said.get("position"))
+    place: dict[str, Any] = {"quantity": quantity, "lamina": str(said.get("lamina", ""))}
+    if isinstance(position, int | float | np.number):
+        place["position"] = float(position)
     columns = matrix_columns(name, rows.to_numpy(), labels, units)
-    return [replace(column, quantity=quantity) for column in columns]
+    return [replace(column, **place) for column in columns]
 
 
 RATES = {"fs", "rate", "sample_rate", "sampling_rate", "samplerate", "sampling_frequency"}

@@ -36,13 +36,16 @@ from delam_fem.studies.signals.channels import (
 SCHEMA = "delam_fem measurement"
 """Value of the dataset's attribute `schema`."""
 TIP = re.compile(
-    r"tip[ _](?:(?:displacement|velocity|acceleration)[ _])?(?P<lamina>.+)", re.IGNORECASE
+    r"tip[ _](?:(?:displacement|velocity|acceleration)[ _])?(?P<lamina>.+?)(?:_velocity)?",
+    re.IGNORECASE,
 )
 """The name of a channel at the tip of a lamina."""
+BASE = re.compile(r"base(?:[ _](?:displacement|velocity|acceleration))?", re.IGNORECASE)
+"""Names of channels on the base."""
 OF_TIPS = {"displacement": "tip_displacement", "velocity": "tip_velocity"}
 OF_DRIVE = {("base", "displacement"): "base_displacement",
             ("base_displacement", "displacement"): "base_displacement",
-            ("force", "force"): "force"}  # fmt: skip
+            ("force", "force"): "force", ("drive", "force"): "force"}  # fmt: skip
 COMPLEX = ("response", "damped_response")
 """Variables that are complex, and in files two each."""
 EQUAL = 1e-6
@@ -219,7 +222,7 @@ def _with_histories(
 
 def _attributes(channel: Channel) -> dict[str, Any]:
     """Return quantity and place of a channel, as a record of a run has them."""
-    is_base = channel.name.lower() == "base"
+    is_base = BASE.fullmatch(channel.name)
     quantity = f"base {channel.si.quantity}" if is_base else channel.si.quantity
     lamina = channel.lamina or _lamina_of(channel)
     places = [lamina] if lamina else []
@@ -449,6 +452,45 @@ def _with_complex(data: xr.Dataset) -> xr.Dataset:
     return data
 
 
+def record(data: xr.Dataset) -> xr.Dataset:
+    """Return the histories of a measurement as a record: channels named as those of a run.
+
+    Args:
+        data: a measurement.
+
+    Returns:
+        Channels over `time` with the attributes of `results/record.py`, besides `name`: the name
+        that the measurement gives to the channel.
+
+    Raises:
+        CaseError: the measurement has no histories.
+    """
+    if "time" not in data:
+        raise CaseError("measurement: expected histories over the time, found none")
+    channels = {}
+    for k, name in enumerate(map(str, data["channel"].to_numpy())):
+        row = {key: data[f"channel_{key}"][k].item() for key in TABLE}
+        if row["variable"] not in data or "time" not in data[row["variable"]].dims:
+            continue
+        quantity = str(row["quantity"])
+        suffix = "" if quantity == "displacement" else f"_{quantity}"
+        about = {"units": row["units"], "quantity": quantity, "place": name, "name": name}
+        if row["lamina"]:
+            about["lamina"] = row["lamina"]
+        if np.isfinite(row["position"]):
+            about["x"] = row["position"]
+        key = name.removeprefix(schema.SENSOR)
+        if TIP.fullmatch(name) and row["lamina"] and quantity:
+            key = f"tip_{row['lamina']}{suffix}"
+        elif BASE.fullmatch(name):
+            key = f"base{suffix}"
+            about["quantity"] = f"base {quantity}"
+        elif row["variable"] == "force":
+            key = "drive"
+        channels[key] = ("time", history_of(data, k), about)
+    return xr.Dataset(channels, coords={"time": data["time"]})
+
+
 def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataArray:
     """Return the histories of one quantity at points along a lamina as one field.
 
@@ -464,31 +506,31 @@ def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataA
     Raises:
         CaseError: no channel of that quantity has a position there.
     """
-    position: FloatArray = data["channel_position"].to_numpy()
-    is_wanted = (data["channel_quantity"].to_numpy() == quantity) & np.isfinite(position)
-    if lamina is not None:
-        is_wanted &= data["channel_lamina"].to_numpy() == lamina
-    variables = data["channel_variable"].to_numpy()
-    rows = [int(k) for k in np.flatnonzero(is_wanted) if "time" in data[variables[k]].dims]
-    if not rows:
+    points = [
+        channel
+        for channel in record(data).data_vars.values()
+        if channel.attrs["quantity"] == quantity
+        and "x" in channel.attrs
+        and lamina in (None, channel.attrs.get("lamina", ""))
+    ]
+    if not points:
         raise CaseError(
             f"measurement: expected channels of {quantity} with a position"
             + (f" on the lamina {lamina!r}" if lamina is not None else "")
             + ", found none; --channel NAME=SOURCE:UNIT@POSITION/LAMINA gives one"
         )
-    rows.sort(key=lambda k: float(position[k]))
-    about = {"units": str(data["channel_units"][rows[0]].item()), "long_name": quantity}
+    points.sort(key=lambda channel: float(channel.attrs["x"]))
     return xr.DataArray(
-        np.array([history_of(data, k) for k in rows]).T,
+        np.array([channel.to_numpy() for channel in points]).T,
         dims=("time", "point"),
         coords={
             "time": data["time"],
-            "position": ("point", position[rows], {"units": "m"}),
-            "lamina": ("point", data["channel_lamina"].to_numpy()[rows]),
-            "channel": ("point", data["channel"].to_numpy()[rows]),
+            "position": ("point", [channel.attrs["x"] for channel in points], {"units": "m"}),
+            "lamina": ("point", [channel.attrs.get("lamina", "") for channel in points]),
+            "channel": ("point", [channel.attrs["name"] for channel in points]),
         },
         name=quantity,
-        attrs=about,
+        attrs={"units": points[0].attrs["units"], "long_name": quantity},
     )
 
 

@@ -40,6 +40,7 @@ from delam_fem.studies.signals.scan import ORDERS, scan_positions
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
 from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Journal, MergedParts, remove_journal
 from delam_fem.studies.sweeps.point import (
+    HARMONICS,
     VARIABLES,
     PointRunner,
     Quantity,
@@ -127,7 +128,8 @@ def _require_sweep(data: xr.Dataset) -> None:
         == sum(int(data.attrs[f"n_{what}"]) for what in COUNTED[1:])
     )
     assert isinstance(data.attrs["outcome"], str)
-    of_channels = {f"{name}_{key}" for name in file.record.channels for key in CHANNEL_MEASURES}
+    keys = (*CHANNEL_MEASURES, *HARMONICS)
+    of_channels = {f"{name}_{key}" for name in file.record.channels for key in keys}
     for name in data.data_vars:
         kind = data[name].dtype.kind
         is_known = str(name) in {*VARIABLES, *of_channels} or str(name).startswith(SENSOR)

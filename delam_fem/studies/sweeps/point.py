@@ -52,13 +52,12 @@ from delam_fem.api import (
     Contact,
     Engine,
     FloatArray,
+    History,
     IntArray,
     Layout,
     Operators,
     Recorder,
-    SensorRows,
     Session,
-    Signal,
     State,
     Structure,
     Variable,
@@ -68,15 +67,16 @@ from delam_fem.api import (
     first_mode,
     frames_of,
     harmonics,
+    histories_of,
     initial_state,
     initialise_petsc_alone,
     is_lost,
     nodal,
+    offered,
     one_period,
     session_of,
     set_initial,
     settling_summary,
-    signals,
     steps_of,
     stop_when_settled,
 )
@@ -191,22 +191,14 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
 """All variables of sweeps by name; words have no unit."""
 
 
-OF_CHANNEL = ("min", "max", "rms")
-"""Measures that a sweep keeps of a sensor."""
-
-
-def of_sensor(sensor: SensorRows, n_harmonics: int) -> list[Variable]:
-    """Return the variables that a sweep keeps of a sensor: extremes, rms and maybe harmonics."""
-    name = f"{SENSOR}{sensor.name}"
-    unit = sensor.unit
-    rows = [
-        Variable(f"{name}_{key}", (), unit, f"{CHANNEL_MEASURES[key].meaning} {sensor.words}")
-        for key in OF_CHANNEL
-    ]
-    if n_harmonics:
-        words = f"amplitude of the harmonics of the {sensor.words}"
-        rows.append(Variable(f"{name}_harmonics", ("harmonic",), unit, words))
-    return rows
+OF_SENSOR: tuple[str, ...] = ("min", "max", "rms")
+"""Measures that a sweep keeps of a sensor without being asked."""
+HARMONICS = {
+    "harmonics": "amplitude of the harmonics of",
+    "harmonic_amplitude": "amplitude of the harmonics of",
+    "harmonic_phase": "phase φ of the harmonics A sin(k ω t + φ) of",
+}
+"""Harmonics of a channel with their meanings; of sensors the first one."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +209,7 @@ class Quantity(Variable):
         dims: dimensions beside those of the grid.
         shape: their sizes.
         scan: the points of the scan, if the sweep records one.
-        channel: name of the channel and of its measure; empty: it is no measure of a channel.
+        channel: name of the channel, its measure or harmonics, and its unit; empty: none.
     """
 
     shape: tuple[int, ...]
@@ -248,8 +240,6 @@ def channel_units(sweep: Sweep, layout: Layout) -> dict[str, str]:
     names = sweep.file.record.channels
     if not names:
         return {}
-    from delam_fem.api import offered  # here: it needs xarray, which workers load if they must
-
     units = offered(layout, sweep.case(0))
     wrong = [name for name in names if name not in units]
     if wrong or len(set(names)) < len(names):
@@ -279,13 +269,6 @@ def quantities(
         "scan_point": 0 if record.scan is None else scanned(record.scan, layout).size,
     }
     rows = [row for key, group in RECORDED.items() if getattr(record, key) for row in group]
-    for sensor in layout.sensors if record.summary else ():
-        rows += of_sensor(sensor, record.harmonics)
-    of_channels = [
-        Quantity(f"{name}_{key}", (), units, f"{measure.meaning} {name}", (), None, (name, key))
-        for name, units in channels.items()
-        for key, measure in CHANNEL_MEASURES.items()
-    ]
     of_tables = [
         Quantity(
             row.name,
@@ -297,7 +280,46 @@ def quantities(
         )
         for row in rows
     ]
-    return (*of_tables, *of_channels)
+    of_sensors = OF_SENSOR
+    of_channels = tuple(CHANNEL_MEASURES)
+    if record.harmonics:
+        of_sensors += ("harmonics",)
+        of_channels += ("harmonic_amplitude", "harmonic_phase")
+    sensors = layout.sensors if record.summary else ()
+    return (
+        *of_tables,
+        *(
+            _channel_quantity(f"{SENSOR}{sensor.name}", sensor.unit, sensor.words, key, sizes)
+            for sensor in sensors
+            for key in of_sensors
+        ),
+        *(
+            _channel_quantity(name, units, name, key, sizes)
+            for name, units in channels.items()
+            for key in of_channels
+        ),
+    )
+
+
+def _channel_quantity(
+    name: str, units: str, words: str, key: str, sizes: Mapping[str, int]
+) -> Quantity:
+    """Return a measure, or the harmonics, of a channel as a quantity.
+
+    Args:
+        name: name of the channel.
+        units: its unit.
+        words: the channel in words.
+        key: name of the measure or of the harmonics.
+        sizes: sizes of dimensions.
+    """
+    dims = ("harmonic",) if key in HARMONICS else ()
+    meaning = HARMONICS[key] if dims else CHANNEL_MEASURES[key].meaning
+    unit = "rad" if key == "harmonic_phase" else units
+    shape = tuple(sizes[dim] for dim in dims)
+    return Quantity(
+        f"{name}_{key}", dims, unit, f"{meaning} {words}", shape, None, (name, key, units)
+    )
 
 
 SETTLED = {"settled": 1.0, "not settled": 0.0, "irregular": -1.0}
@@ -352,10 +374,8 @@ def row_of(
         values["harmonic_phase"] = harmonics.harmonic_phases(periods, periods.shape[1] // N)
     if "node_thd" in names:
         values |= _node_distortion(recorder, structure.layout)
-    for signal in signals(recorder, structure, case):
-        values |= _of_signal(signal, case)
     if any(quantity.channel for quantity in wanted):
-        values |= _of_channels(wanted, recorder, structure, case)
+        values |= _channel_values(wanted, recorder, structure, case)
     if "scan_real" in names and (scan := wanted[0].scan) is not None:
         values |= _scan(case, recorder, structure, scan)
     window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]
@@ -364,43 +384,39 @@ def row_of(
     return np.concatenate([_fitted(quantity, values.get(quantity.name)) for quantity in wanted])
 
 
-def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
-    """Return extremes, rms and harmonics of a signal over the window.
-
-    A sensor with a sampling rate is fitted by harmonics of the excitation with least squares, as
-    its samples need not fill whole periods.
-    """
-    name = f"{SENSOR}{signal.sensor.name}"
-    value = signal.value
-    N, n = case.steps_per_period, case.n_window_periods
-    if signal.sensor.sampling_rate is None and value.size >= N:
-        samples = value[value.size % N :]
-        amplitudes = harmonics.harmonic_amplitudes(samples, samples.size // N)
-    else:
-        n_orders = max(int(0.4 * value.size / max(n, 1)), 1)  # below the filter's stop band
-        frequencies = (np.arange(1, n_orders + 1) / case.period).tolist()
-        amplitudes = np.abs(complex_amplitudes(value[:, None], signal.time, frequencies)[:, 0])
-    return {
-        **{f"{name}_{key}": CHANNEL_MEASURES[key].of(value) for key in OF_CHANNEL},
-        f"{name}_harmonics": amplitudes,
-    }
-
-
-def _of_channels(
+def _channel_values(
     wanted: tuple[Quantity, ...], recorder: Recorder, structure: Structure, case: Case
 ) -> dict[str, npt.ArrayLike]:
     """Return the measures of channels; what this point has in another unit or not at all is NaN."""
-    from delam_fem.api import record_of  # here: it needs xarray, which workers load if they must
-
-    record = record_of(recorder, structure, case)
+    histories = histories_of(recorder, structure, case)
     values: dict[str, npt.ArrayLike] = {}
     for quantity in wanted:
-        if not quantity.channel:
+        name, key, units = quantity.channel or ("", "", "")
+        history = histories.get(name)
+        if history is None or history.units != units or not history.values.size:
             continue
-        name, key = quantity.channel
-        if name in record and record[name].attrs["units"] == quantity.units and record[name].size:
-            values[quantity.name] = CHANNEL_MEASURES[key].of(record[name].to_numpy())
+        if key in CHANNEL_MEASURES:
+            values[quantity.name] = CHANNEL_MEASURES[key].of(history.values)
+        else:
+            values[quantity.name] = _harmonics(history, case)[key == "harmonic_phase"]
     return values
+
+
+def _harmonics(history: History, case: Case) -> tuple[FloatArray, FloatArray]:
+    """Return amplitudes and phases of the harmonics of a channel over the window.
+
+    Samples that do not fill whole periods are fitted by least squares.
+    """
+    value = history.values
+    N = case.steps_per_period
+    if value.size >= N and math.isclose(history.time[1] - history.time[0], case.time_step):
+        periods = value[value.size % N :]
+        n = periods.size // N
+        return harmonics.harmonic_amplitudes(periods, n), harmonics.harmonic_phases(periods, n)
+    n_orders = max(int(0.4 * value.size / max(case.n_window_periods, 1)), 1)  # below the stop band
+    frequencies = (np.arange(1, n_orders + 1) / case.period).tolist()
+    fitted = 1j * complex_amplitudes(value[:, None], history.time, frequencies)[:, 0]
+    return np.abs(fitted), np.angle(fitted)
 
 
 def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeMotion:

@@ -101,7 +101,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         if rig == RECORD:
             every = [recorded(experiment, truth, k) for k, truth in enumerate(truths)]
             observations = np.stack([values for values, _ in every])
-            noise = float(np.median([noise for _, noise in every]))
+            noise = tuple(np.median([noise for _, noise in every], axis=0).tolist())
             tables = [replace(experiment, noise=noise).table(exact, parameters, 3, finer)] * TRUTHS
         elif rig == SHAKER:
             motions = np.stack([distorted(experiment, truth, rng) for truth in truths])
@@ -114,7 +114,9 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             sizes = np.ones((*motions.shape[:3], 1))
             if rig == NOISY:  # a table has the noise that its record shows
                 sizes = np.exp(0.7 * rng.standard_normal(sizes.shape))
-                noises = experiment.noise * np.sqrt((sizes**2).mean(axis=(2, 3))).max(axis=1)
+                noises = np.max(experiment.noise) * np.sqrt((sizes**2).mean(axis=(2, 3))).max(
+                    axis=1
+                )
                 tables = [
                     replace(experiment, noise=noise).table(exact, parameters, 3, finer)
                     for noise in noises.tolist()
@@ -129,8 +131,8 @@ def observed(motions: beams.ComplexArray) -> FloatArray:
     return identify.invariant(motions).reshape(len(motions), -1)
 
 
-def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatArray, float]:
-    """Return the statistics of records of the tips with noise, and the noise that they show [m]."""
+def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatArray, FloatArray]:
+    """Return the statistics of records of the tips with noise, and the noise of each tip [m]."""
     rng = np.random.default_rng([18, number])
     motions = []
     noises = []
@@ -140,7 +142,7 @@ def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatAr
         harmonics, noise = identify.of_history(0.07 + time, tips, frequency)
         motions.append(harmonics)
         noises.append(noise)
-    return observed(np.stack(motions)[None])[0], max(noises)
+    return observed(np.stack(motions)[None])[0], np.max(noises, axis=0)
 
 
 def distorted(given: Experiment, truth: FloatArray, rng: np.random.Generator) -> beams.ComplexArray:

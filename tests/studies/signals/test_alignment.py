@@ -210,41 +210,71 @@ def test_alignments_find_the_start_and_the_clock() -> None:
 # ---- what a run and a measurement share
 
 
+def channel(values: np.ndarray, units: str, quantity: str, **about: object) -> tuple[object, ...]:
+    return ("time", values, {"units": units, "quantity": quantity, **about})
+
+
 def run_and_record() -> tuple[xr.Dataset, xr.Dataset]:
-    time = np.arange(6) / 10.0
-    tips = np.array([time, 2.0 * time + 1.0])
-    history = xr.Dataset(
-        {"tip_displacement": (("lamina", "time"), tips), "tip_velocity": (("lamina", "time"),
-         np.where(tips > 1.9, np.inf, tips)), "base_displacement": ("time", -time),
-         "sensor_slow": ("sensor_slow_time", np.arange(4.0) ** 3), "other": ("x", [1.0])},
-        {"time": time, "lamina": ["low", "up"], "sensor_slow_time": np.arange(4) / 5.0},
+    """Channels of polynomials of the time, whose derivatives are known."""
+    time = np.arange(40) / 10.0
+    run = xr.Dataset(
+        {"tip_up": channel(time**3, "m", "displacement", lamina="up", x=0.5),
+         "tip_up_velocity": channel(3.0 * time**2, "m/s", "velocity", lamina="up", x=0.5),
+         "base": channel(time**2, "m", "base displacement"),
+         "a1": channel(np.sin(time), "m/s2", "acceleration", lamina="low", x=0.2),
+         "broken": channel(np.full(40, np.inf), "m", "displacement"),
+         "slow": ("slow_time", np.arange(9.0) ** 3, {"units": "N", "quantity": "force"})},
+        {"time": time, "slow_time": np.arange(9) / 2.0},
     )  # fmt: skip
-    names = {"tip up": ("tip_displacement", "mm", "up"), "tip no": ("tip_displacement", "mm", "no"),
-             "base": ("base_displacement", "m", ""), "v": ("tip_velocity", "m/s", "up"),
-             "slow": ("sensor_slow", "N", ""), "none": ("sensor_none", "N", ""),
-             "other": ("other", "N", ""), "h": ("response", "m/N", "")}  # fmt: skip
-    variables, units, laminae = zip(*names.values(), strict=True)
     t = 9.0 + np.arange(4) / 10.0
+    names = {
+        "tip_up_acceleration": ("tip up", "m/s2", "acceleration", {"lamina": "up"}),
+        "base_acceleration": ("base", "m/s2", "base acceleration", {}),
+        "laser": ("laser", "m/s", "velocity", {"lamina": "low", "x": 0.2004}),
+        "far": ("far", "m/s", "velocity", {"lamina": "low", "x": 0.21}),
+        "slow": ("slow", "N", "force", {}), "broken": ("broken", "m", "displacement", {}),
+        "end": ("end", "m", "displacement", {"lamina": "up", "x": 0.5}),
+        "gauge": ("gauge", "1", "strain", {"lamina": "up", "x": 0.5}),
+    }  # fmt: skip
     data = xr.Dataset(
-        {"tip_displacement": (("lamina", "time"), np.array([t, -t])), "base_displacement":
-         ("time", 3.0 * t), "tip_velocity": (("lamina", "time"), np.array([t, t])),
-         "sensor_slow": ("time", t**2), "sensor_none": ("time", t), "other": ("time", t),
-         "response": ("frequency", [1.0]), "channel_variable": ("channel", list(variables)),
-         "channel_units": ("channel", list(units)), "channel_lamina": ("channel", list(laminae))},
-        {"time": t, "lamina": ["up", "no"], "channel": list(names)},
+        {key: channel(t**k, units, quantity, name=name, **place)
+         for k, (key, (name, units, quantity, place)) in enumerate(names.items())},
+        {"time": t},
     )  # fmt: skip
-    return history, data
+    return run, data
+
+
+def test_channels_are_matched_by_quantity_and_place() -> None:
+    run, data = run_and_record()
+    pairs = matched(run, data, repeats=False)
+    time = run["time"].to_numpy()
+    expected = {"tip up": 6.0 * time, "base": np.full(40, 2.0), "slow": (2.0 * time) ** 3,
+                "end": time**3}  # fmt: skip
+    assert dict(zip(pairs.names, pairs.is_drive, strict=True)) == {
+        "tip up": False, "base": True, "slow": False, "end": False,
+    }  # fmt: skip
+    np.testing.assert_allclose(pairs.computed, list(expected.values()), atol=1e-8)
+    assert pairs.unmatched == ("laser", "far", "broken", "gauge")
+    assert pairs.notes == (
+        "tip up: tip_up_velocity of the run, differentiated once",
+        "base: base of the run, differentiated twice",
+    )
+
+
+def test_an_acceleration_that_repeats_is_integrated() -> None:
+    """The window has no mean: sin t over two periods has the integral -cos t."""
+    run, data = run_and_record()
+    time = 4.0 * np.pi * np.arange(1, 801) / 800
+    values = channel(np.sin(time), "m/s2", "acceleration", lamina="low", x=0.2)
+    run = xr.Dataset({"a1": values}, {"time": time})
+    pairs = matched(run, data[["laser"]], repeats=True)
+    np.testing.assert_allclose(pairs.computed[0], -np.cos(time), atol=1e-6)
+    assert pairs.notes == ("laser: a1 of the run, integrated once",)
 
 
 def test_what_shares_nothing_is_refused() -> None:
-    history, data = run_and_record()
-    with pytest.raises(CaseError, match=r"^measurement: expected histories over the time, found n"):
-        matched(history, data.drop_vars("time"))
-    for channels, told in ((["tip no", "none"], "tip no, none"), (["h"], "none")):
-        with pytest.raises(CaseError) as error:
-            matched(history, data.sel(channel=channels))
-        assert str(error.value) == (
-            f"measurement: none of its channels ({told}) is in the run, which has tip_displacement,"
-            " tip_velocity, base_displacement with the laminae low, up; name them by --channel "
-            "'tip LAMINA=SOURCE:UNIT' or --channel 'NAME=SOURCE:UNIT'"
-        )
+    run, data = run_and_record()
+    with pytest.raises(
+        CaseError, match=r"none of its channels \(laser, far\) is in the run.*tip_up"
+    ):
+        matched(run, data[["laser", "far"]], repeats=False)

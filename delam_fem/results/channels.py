@@ -1,0 +1,82 @@
+"""The channels of a run as arrays: their names and units before it, their histories after it.
+
+The record of a result (`record.py`) has the same channels as a dataset. Sweeps and refinement
+studies reduce the histories of thousands of runs to measures, for which no dataset is made.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.model.layout import Layout, Structure
+from delam_fem.numerics.types import FloatArray
+from delam_fem.results import contacts
+from delam_fem.results.schema import SENSOR
+from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.signals import signals, steps_of
+
+
+def offered(layout: Layout, case: Case) -> dict[str, str]:
+    """Return the units of the channels that the record of a case has, by their names."""
+    units: dict[str, str] = {}
+    for name in layout.names:
+        units |= {f"tip_{name}": "m", f"tip_{name}_velocity": "m/s"}
+    units |= {"drive": "N"} if case.excitation.acts_on == "force" else {"base": "m"}
+    striking = [(interface.name, interface.first_pair) for interface in layout.interfaces]
+    striking += [(contacts.named(stop.number, case)[1], stop.first_pair) for stop in layout.stops]
+    for name, first_pair in striking:
+        is_recorded = layout.gap_row is not None and first_pair >= layout.first_gap
+        if unit := contacts.force_unit(case, is_recorded=is_recorded):
+            units[f"contact_{name}"] = unit
+    for sensor in layout.sensors:
+        name = f"{SENSOR}{sensor.name}" if sensor.name in units else sensor.name
+        units[name] = sensor.unit
+    return units
+
+
+class History(NamedTuple):
+    """The history of a channel over the window of a run.
+
+    Attributes:
+        time: times of the values, shape (k,) [s].
+        values: the values, shape (k,).
+        units: their unit.
+    """
+
+    time: FloatArray
+    values: FloatArray
+    units: str
+
+
+def histories_of(recorder: Recorder, structure: Structure, case: Case) -> dict[str, History]:
+    """Return the histories of all channels over the window of a recorder, by their names.
+
+    Args:
+        recorder: recorder of the run, after at least one period.
+        structure: structure that moved.
+        case: its case.
+
+    Returns:
+        One value after each step; a sensor with a sampling rate has times of its own. Sensors are
+        `sensor_NAME` as well, which no other channel is.
+    """
+    u, v, base = (rows[1:] for rows in steps_of(recorder))
+    start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
+    time = (start + 1 + np.arange(len(u))) * recorder.time_step
+    histories: dict[str, History] = {}
+    for row, name in enumerate(structure.layout.names):
+        histories[f"tip_{name}"] = History(time, u[:, row], "m")
+        histories[f"tip_{name}_velocity"] = History(time, v[:, row], "m/s")
+    name, units = ("drive", "N") if recorder.is_forced else ("base", "m")
+    histories[name] = History(time, base[:, 0], units)
+    for contact, (units, values) in contacts.histories(recorder, structure, case).items():
+        histories[f"contact_{contact}"] = History(time, values, units)
+    for signal in signals(recorder, structure, case):
+        sensor = signal.sensor
+        history = History(signal.time, signal.value, sensor.unit)
+        histories.setdefault(sensor.name, history)
+        histories[f"{SENSOR}{sensor.name}"] = history
+    return histories
