@@ -202,7 +202,6 @@ if TYPE_CHECKING:
         verdict_of as verdict_of,
     )
     from delam_fem.results.reading import load_numbers as load_numbers
-    from delam_fem.results.record import record_of as record_of
     from delam_fem.results.schema import (
         CHANNEL_MEASURES as CHANNEL_MEASURES,
         MEASURES as MEASURES,
@@ -322,7 +321,6 @@ _HOMES = {
     "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
     "results.reading": "load_numbers",
     "results.channels": "History histories_of offered",
-    "results.record": "record_of",
     "results.schema": (
         "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
         "versions"

@@ -27,10 +27,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.definition import Case
-from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.results import dataset
 from delam_fem.results.contacts import force_unit, named
 from delam_fem.results.diagnostics import probe_place, steps_of_events
 from delam_fem.results.netcdf import read_dataset, write_dataset
@@ -42,7 +39,6 @@ from delam_fem.results.schema import (
     event_interfaces,
     sensors_of,
 )
-from delam_fem.simulation.recorder import Recorder
 from delam_fem.system.errors import CaseError
 
 SCHEMA = "delam_fem record 1"
@@ -80,11 +76,6 @@ def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
         record = _with_sensor(record, variable if name in record else name, history[variable])
     record.attrs = {**history.attrs, "schema": SCHEMA}
     return record
-
-
-def record_of(recorder: Recorder, structure: Structure, case: Case) -> xr.Dataset:
-    """Return the record of what a recorder has kept in its window; see `of_run`."""
-    return of_run(dataset.history(recorder, structure, case, {}), case)
 
 
 def _add(record: xr.Dataset, name: str, channel: xr.DataArray, **about: Any) -> None:

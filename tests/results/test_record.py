@@ -14,8 +14,8 @@ from scipy import sparse
 from support import refusal
 
 import delam_fem as df
+from delam_fem.api import histories_of, offered, session_of
 from delam_fem.model.discretise import assemble
-from delam_fem.results.channels import offered
 from delam_fem.results.folder import load_numbers, load_result
 
 M, K, D, F, OMEGA = 0.5, 800.0, 0.05, 2.0, 2.0 * math.pi * 7.0
@@ -197,3 +197,25 @@ def test_the_channels_of_a_case_are_known_before_it_runs(case: df.Case) -> None:
     record = df.run(case, engine="compiled").record
     units = {str(name): channel.attrs["units"] for name, channel in record.data_vars.items()}
     assert offered(assemble(case, needs_dolfinx=False).layout, case) == units
+
+
+@pytest.mark.parametrize("name", ["rigid", "elastic", "both", "sensor"])
+def test_histories_of_a_recorder_are_the_record(name: str) -> None:
+    """Sweeps and refinement studies take channels from the recorder, results from their dataset."""
+    case = {
+        "rigid": case_of(stop=STOPS, contact={"law": "newton"}),
+        "elastic": case_of(stop=ELASTIC, contact={"law": "penalty"}, sensor=[LOAD_CELL]),
+        "both": df.preset("paper", FEW),
+        "sensor": case_of(sensor=[SAME_NAME]),
+    }[name]
+    structure = assemble(case, needs_dolfinx=False)
+    with session_of(case, structure.operators, engine="compiled") as opened:
+        opened.run()
+        histories = histories_of(opened.recorder, structure, case)
+    record = df.run(case, "compiled", structure=structure).record
+    assert set(map(str, record.data_vars)) <= set(histories)
+    for key, channel in record.data_vars.items():
+        history = histories[str(key)]
+        np.testing.assert_array_equal(history.values, channel)
+        np.testing.assert_allclose(history.time, channel[channel.dims[0]], rtol=1e-12)
+        assert history.units == channel.attrs["units"]

@@ -40,10 +40,10 @@ from delam_fem.api import (
     diagnostics,
     first_shapes,
     harmonics,
+    histories_of,
     is_lost,
     offered,
     openings,
-    record_of,
     session_of,
     span_of,
     step_hours,
@@ -172,10 +172,10 @@ def _of_channels(run: _Run, structure: Structure, level: Level, size: int) -> St
         level: the level.
         size: number of periods in a block.
     """
-    record = record_of(run.recorder, structure, level.case)
+    histories = histories_of(run.recorder, structure, level.case)
     entries: Statistics = {}
     for name in level.of:
-        periods = record[name].to_numpy().reshape(level.periods, level.steps)
+        periods = histories[name].values.reshape(level.periods, level.steps)
         for key, measure in CHANNEL_MEASURES.items():
             values = measure.of(periods)
             blocks = values[values.size % size :].reshape(-1, size).mean(axis=1)
