@@ -14,16 +14,20 @@ from types import MappingProxyType
 from typing import Annotated, Any, Self
 
 import numpy as np
+import scipy  # loads its parts when they are used
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.excitation import (
+    BurstExcitation,
     Excitation,
     HammerExcitation,
     HarmonicExcitation,
+    RandomExcitation,
+    RecordExcitation,
     SweepExcitation,
     TableExcitation,
-    read_series,
+    drive,
 )
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
@@ -63,10 +67,17 @@ LEAST_STEPS = 4
 """Smallest number of steps of such a part."""
 BEAM_CELLS = 100
 """Cells of the beams that stand for solids whose mesh is from a file."""
+OFFSET_DRIFT = 1e-3
+"""Drift over the length from which an offset is one; see `TableExcitation.offset`."""
 MOST_FRAMES = 500
 """Frames of a run whose excitation does not repeat, where nothing else is said."""
 _NEEDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"hammer": ("step", "duration"), "table": ("step",)}
+    {
+        "hammer": ("step", "duration"),
+        "table": ("step",),
+        "record": ("step",),
+        "none": ("step", "duration"),
+    }
 )
 """Keys of the section `time` that a kind of excitation needs."""
 _OF_PERIODS = (
@@ -229,10 +240,12 @@ class Case(Section):
                 "share its nodes and separate impulses on them add energy; given "
                 f'{self.contact.points_per_element}: use contact.impulse = "consistent"',
             )
-        if self.time.step is None and self.output.fields_per_period > self.time.steps_per_period:
+        is_said = self.is_periodic or "fields_per_period" in self.output.model_fields_set
+        n_steps = self.time.steps_per_period * self.excitation.turns
+        if is_said and self.time.step is None and self.output.fields_per_period > n_steps:
             raise inconsistent(
                 "output.fields_per_period",
-                f"expected at most time.steps_per_period = {self.time.steps_per_period}, "
+                f"expected at most time.steps_per_period = {n_steps}, "
                 f"given {self.output.fields_per_period}",
             )
         return self
@@ -661,6 +674,11 @@ class Case(Section):
         return self.excitation.is_periodic
 
     @property
+    def is_harmonic(self) -> bool:
+        """Whether the excitation is one sine, whose period is that of the run."""
+        return self.excitation.is_harmonic
+
+    @property
     def n_periods(self) -> int:
         """Number of periods to compute, at most; for a sweep, enough to cover its duration."""
         if self.is_periodic:
@@ -668,7 +686,8 @@ class Case(Section):
             return self.time.most_periods if periods == "settled" else periods
         if self.time.step is not None:
             return math.ceil(self._least_steps / self.steps_per_period)
-        return max(1, math.ceil(self._length * self.excitation.top_frequency - ROUND_OFF))
+        turns = self._length * self.excitation.top_frequency / self.excitation.turns
+        return max(1, math.ceil(turns - ROUND_OFF))
 
     @property
     def _length(self) -> float:
@@ -685,9 +704,12 @@ class Case(Section):
 
     @property
     def steps_per_period(self) -> int:
-        """Number N of steps of a period; with `time.step`, of a hundredth of the run."""
+        """Number N of steps of a period; with `time.step`, of a hundredth of the run.
+
+        A period of a multisine has as many for each period of its highest line.
+        """
         if self.time.step is None:
-            return self.time.steps_per_period
+            return self.time.steps_per_period * self.excitation.turns
         return max(LEAST_STEPS, math.ceil(self._least_steps / PARTS))
 
     @property
@@ -874,13 +896,25 @@ class Case(Section):
             if not file.is_file():
                 raise CaseError(f"{label}: {key}: no such file: {file}")
         excitation = self.excitation
-        if not isinstance(excitation, TableExcitation):
+        if isinstance(excitation, RandomExcitation | BurstExcitation):
+            drive(excitation)  # a table of its density can be used
+        if not isinstance(excitation, TableExcitation | RecordExcitation):
             return self
-        length = float(read_series(excitation.file, excitation.acts_on)[0][-1])
+        time, value, unit = excitation.series()
+        length = float(time[-1])
+        if getattr(excitation, "offset", None) == "refuse" and unit == "m/s2":
+            mean = float(scipy.integrate.trapezoid(value, time)) / length
+            drift = abs(mean) * length**2 / 8.0
+            if drift > OFFSET_DRIFT * self.length:
+                raise CaseError(
+                    f"{label}: excitation.file: expected accelerations without an offset with "
+                    f'excitation.offset = "refuse", given the mean {mean:.3g} m/s2, from which the '
+                    f'base drifts by {drift:.3g} m; take "remove", or filter the record'
+                )
         duration = self.time.duration
         if duration is None:
-            time = self.time.model_copy(update={"duration": length})
-            return self.model_copy(update={"time": time})
+            section = self.time.model_copy(update={"duration": length})
+            return self.model_copy(update={"time": section})
         if duration > length * (1.0 + ROUND_OFF):
             raise CaseError(
                 f"{label}: excitation.file: expected times up to time.duration = {duration:g} s, "
@@ -891,7 +925,11 @@ class Case(Section):
     @property
     def files(self) -> dict[str, Path]:
         """The files that the case names, by their keys."""
-        named = {f"{place}.file": getattr(entry, "file", None) for place, entry in self._placed()}
+        named = {
+            f"{place}.{key}": getattr(entry, key, None)
+            for place, entry in self._placed()
+            for key in ("file", "psd")
+        }
         return {key: file for key, file in named.items() if file is not None}
 
     def _placed(self) -> Iterator[tuple[str, Section]]:

@@ -10,26 +10,33 @@ as in the paper.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import scipy  # loads its parts when they are used
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
-from delam_fem.case.tables import in_si_units, read_columns
+from delam_fem.case import broadband
+from delam_fem.case.broadband import Faded, Gridded, Lines, Realisations, Still, product
+from delam_fem.case.tables import Columns, heading, in_si_units, read_columns
 from delam_fem.case.values import (
+    Count,
+    CountOrNone,
+    Expected,
     FileName,
     Label,
     NotNegative,
     Positive,
     Section,
     Unit,
+    in_si,
     inconsistent,
 )
-from delam_fem.numerics.types import FloatArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError, require
 
 _UNITS = {"base": ("m", "m/s2"), "force": ("N",)}
@@ -81,9 +88,19 @@ class _Kind(Section):
     """What the kinds of excitation share; each knows its own keys."""
 
     @property
+    def is_harmonic(self) -> bool:
+        """Whether the excitation is one sine."""
+        return getattr(self, "frequency", None) is not None
+
+    @property
     def is_periodic(self) -> bool:
         """Whether the excitation repeats after each period."""
-        return getattr(self, "frequency", None) is not None
+        return self.is_harmonic
+
+    @property
+    def turns(self) -> int:
+        """Number of periods of `top_frequency` that make a period of a run."""
+        return 1
 
     @property
     def top_frequency(self) -> float:
@@ -279,6 +296,8 @@ class TableExcitation(_Kind):
         acts_on: "base" (displacement [m] or acceleration [m/s2]) or "force" [N].
         lamina: name of the lamina on which a force acts.
         position: x of the point at which a force acts [m].
+        offset: the mean of accelerations, from which a base drifts away: "remove", or "refuse" if
+            it moves the base by more than a thousandth of the length; otherwise it stays.
     """
 
     kind: Literal["table"] = "table"
@@ -286,12 +305,15 @@ class TableExcitation(_Kind):
     acts_on: Target
     lamina: Label | None = None
     position: Annotated[NotNegative, Unit("m")] | None = None
+    offset: Literal["remove", "refuse"] | None = None
 
     @model_validator(mode="after")
     def _has_point(self) -> Self:
         """Check that a force has its point, and a motion of the base none."""
         for key in ("lamina", "position"):
             self.require_just(key, self.acts_on == "force", "acts_on")
+        if self.offset is not None and self.acts_on == "force":
+            raise inconsistent("offset", 'expected none with acts_on = "force"')
         return self
 
     @property
@@ -310,9 +332,598 @@ class TableExcitation(_Kind):
         """The excitation in words, for titles."""
         return self.size
 
+    def series(self) -> tuple[FloatArray, FloatArray, str]:
+        """Return times [s], values as they drive a run, and their SI unit; see `read_series`."""
+        time, value, unit = read_series(self.file, self.acts_on)
+        if self.offset is not None and unit != "m/s2":
+            raise CaseError(
+                f"excitation.offset: expected none with a table of displacements, given "
+                f'"{self.offset}"; it is of accelerations'
+            )
+        if self.offset == "remove":
+            value = value - scipy.integrate.trapezoid(value, time) / time[-1]
+        return time, value, unit
+
+
+class NoExcitation(_Kind):
+    """No drive: the base rests, and what moves does so from its initial state.
+
+    Attributes:
+        kind: "none".
+    """
+
+    kind: Literal["none"] = "none"
+    acts_on: ClassVar[Target] = "base"
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]; there is none."""
+        return math.nan
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words."""
+        return "no drive"
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return self.size
+
+
+Motion = Literal["displacement", "velocity", "acceleration"]
+"""What of a base is prescribed."""
+_INTEGRALS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+_MOTION_UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
+_OF_UNITS = {unit: motion for motion, unit in _MOTION_UNITS.items()}
+
+if TYPE_CHECKING:
+    _OfMotion = _Kind
+else:  # `in` is a word of Python, so that a class body cannot have it
+    _OfMotion = create_model("_OfMotion", __base__=_Kind, **{"in": (Motion | None, None)})
+
+
+class _Prescribed(_OfMotion):
+    """What drives of the base or of a force have in common whose motion is given in a unit."""
+
+    acts_on: Target = "base"
+    lamina: Label | None = None
+    position: Annotated[NotNegative, Unit("m")] | None = None
+
+    @model_validator(mode="after")
+    def _has_point(self) -> Self:
+        """Check that a force has its point, and a motion of the base none."""
+        for key in ("lamina", "position"):
+            self.require_just(key, self.acts_on == "force", "acts_on")
+        if self.acts_on == "force" and getattr(self, "in") is not None:
+            raise inconsistent("in", 'expected none with acts_on = "force", which is in N')
+        return self
+
+    @property
+    def motion(self) -> Motion:
+        """What of the base is prescribed."""
+        motion: Motion = getattr(self, "in") or "acceleration"
+        return motion
+
+    @property
+    def unit(self) -> str:
+        """SI unit of what is prescribed."""
+        return "N" if self.acts_on == "force" else _MOTION_UNITS[self.motion]
+
+    @property
+    def integrals(self) -> int:
+        """How often it is integrated to the displacement of the base, or to the force."""
+        return 0 if self.acts_on == "force" else _INTEGRALS[self.motion]
+
+    @property
+    def place(self) -> str:
+        """Where it acts, in words."""
+        return "base" if self.lamina is None else f"{self.lamina} at {self.position:g} m"
+
+
+class _OfBand(_Prescribed):
+    """What drives with many lines in a band have in common."""
+
+    sized: ClassVar[tuple[str, ...]] = ("rms",)
+    low: Annotated[Positive, Unit("Hz")]
+    high: Annotated[Positive, Unit("Hz")]
+    rms: Positive | None = None
+    seed: CountOrNone = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_si(cls, data: Any) -> Any:
+        """Convert sizes that carry a unit by what is prescribed."""
+        if not isinstance(data, dict):
+            return data
+        motion = _MOTION_UNITS.get(str(data.get("in")), "m/s2")
+        unit = "N" if data.get("acts_on") == "force" else motion
+        sizes = {key: in_si(data[key], unit, key) for key in cls.sized if key in data}
+        return {**data, **sizes}
+
+    @model_validator(mode="after")
+    def _is_band(self) -> Self:
+        """Check that the band has a width."""
+        if self.high < self.low:
+            raise inconsistent(
+                "high", f"expected at least low = {self.low:g} Hz, given {self.high:g}"
+            )
+        return self
+
+    def _require_one(self, first: str, second: str) -> None:
+        """Check that one of two keys says the size."""
+        if (getattr(self, first) is None) == (getattr(self, second) is None):
+            both = "given both" if getattr(self, first) is not None else "given none"
+            raise inconsistent(first, f"expected either {first} or {second}, {both}")
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]: the highest."""
+        return self.high
+
+    @property
+    def band(self) -> str:
+        """The band in words."""
+        return f"{self.low:g}–{self.high:g} Hz"
+
+
+def _written(unit: str) -> str:
+    """Return a unit as texts write it."""
+    return unit.replace("2", "²")
+
+
+class MultisineExcitation(_OfBand):
+    """A sum of sines at multiples of a spacing, of the base or of a force, that repeats.
+
+    The phases decide the peaks: random ones make it alike to noise. Its period is 1/spacing.
+    Several realisations follow one another, each for some periods; each goes over into the next in
+    the next one's first period.
+
+    Attributes:
+        kind: "multisine".
+        low: lowest frequency [Hz].
+        high: highest frequency [Hz].
+        spacing: distance of the lines [Hz]; lines are at its multiples.
+        lines: which multiples are driven: "all", "odd", or "odd-random": of three odd lines in a
+            row one is left out at random.
+        phases: "random", or "schroeder", which has low peaks.
+        rms: root mean square, in the unit of what is prescribed.
+        amplitude: amplitude of each line, in the same unit; instead of rms.
+        in: what is prescribed of the base: "displacement" [m], "velocity" or "acceleration", which
+            is meant without it; a force is in N.
+        acts_on: "base" or "force".
+        lamina: name of the lamina on which a force acts.
+        position: x of the point at which a force acts [m].
+        seed: decides random phases and lines.
+        realisations: number of realisations, with other phases.
+        periods: periods of each realisation, where there are several.
+    """
+
+    kind: Literal["multisine"] = "multisine"
+    sized: ClassVar[tuple[str, ...]] = ("rms", "amplitude")
+    spacing: Annotated[Positive, Unit("Hz")]
+    lines: Literal["all", "odd", "odd-random"] = "all"
+    phases: Literal["random", "schroeder"] = "random"
+    amplitude: Positive | None = None
+    realisations: Count = 1
+    periods: Count | None = None
+
+    @model_validator(mode="after")
+    def _has_lines(self) -> Self:
+        """Check that there are lines, of a size, and realisations that differ."""
+        self._require_one("rms", "amplitude")
+        if (self.high - self.low) / self.spacing > _MOST_LINES:
+            raise inconsistent("spacing", f"expected at most {_MOST_LINES} lines in the band")
+        if not self.numbers.size:
+            raise inconsistent(
+                "spacing", f"expected lines from {self.low:g} to {self.high:g} Hz, given none"
+            )
+        if (self.periods is not None) != (self.realisations > 1):
+            words = "expected none of one realisation: time.periods says it"
+            text = "missing, but required of several realisations"
+            raise inconsistent("periods", words if self.periods else text)
+        if self.realisations > 1 and self.phases == "schroeder":
+            raise inconsistent(
+                "realisations", 'expected 1 with phases = "schroeder", which are always the same'
+            )
+        return self
+
+    @property
+    def numbers(self) -> IntArray:
+        """Numbers of the driven lines, multiples of the spacing."""
+        first = math.ceil(self.low / self.spacing * (1.0 - _LAST))
+        last = math.floor(self.high / self.spacing * (1.0 + _LAST))
+        return broadband.line_numbers(first, last, self.lines, self.seed)
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return self.realisations == 1
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]: that of the highest line."""
+        return float(self.numbers[-1]) * self.spacing
+
+    @property
+    def turns(self) -> int:
+        """Number of periods of the highest line in one of the multisine."""
+        return int(self.numbers[-1])
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: that of the section `time`."""
+        return None if self.periods is None else self.realisations * self.periods / self.spacing
+
+    @property
+    def size(self) -> str:
+        """The size in words."""
+        if self.rms is not None:
+            return f"rms {self.rms:g} {_written(self.unit)}, {self.place}"
+        return f"{self.amplitude:g} {_written(self.unit)} a line, {self.place}"
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        each = f", {self.realisations} realisations" if self.realisations > 1 else ""
+        return f"multisine {self.band}, {self.numbers.size} lines{each}, {self.size}"
+
+    def realisation(self, number: int) -> Lines:
+        """Return the prescribed value of a realisation, which counts from 0."""
+        numbers = self.numbers
+        size = self.amplitude or (self.rms or 0.0) * math.sqrt(2.0 / numbers.size)
+        phases = broadband.phases(numbers.size, self.phases, self.seed, number)
+        return Lines(numbers * self.spacing, size * np.exp(1j * phases))
+
+    def course(self) -> Drive:
+        """Return the drive."""
+        values = [self.realisation(r).integrated(self.integrals) for r in range(self.realisations)]
+        if self.acts_on == "base":
+            values[0] = values[0].from_zero()
+        if len(values) == 1:
+            return values[0]
+        return Realisations(values, (self.periods or 1) / self.spacing, 1.0 / self.spacing)
+
+
+class _Random(_OfBand):
+    """What random drives have in common."""
+
+    duration: Annotated[Positive, Unit("s")]
+    psd: FileName | None = None
+
+    @model_validator(mode="after")
+    def _has_size(self) -> Self:
+        """Check that the size is given, and that the duration holds lines of the band."""
+        self._require_one("rms", "psd")
+        if math.floor(self.high * self.duration) < math.ceil(self.low * self.duration):
+            raise inconsistent(
+                "duration",
+                f"expected one in which the band {self.band} has a line k/duration, given "
+                f"{self.duration:g} s",
+            )
+        if self.high * self.duration > _MOST_RANDOM_LINES:
+            raise inconsistent(
+                "duration",
+                f"expected at most {_MOST_RANDOM_LINES:g} periods of high, given "
+                f"{self.high * self.duration:g}",
+            )
+        return self
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return False
+
+    @property
+    def turns(self) -> int:
+        """Number of periods of the highest frequency in a hundredth of the run."""
+        return max(1, math.ceil(self.high * self.duration / _RANDOM_PARTS))
+
+    @property
+    def size(self) -> str:
+        """The size in words."""
+        if self.psd is not None:
+            return f"PSD of {self.psd.name}, {self.place}"
+        return f"rms {self.rms:g} {_written(self.unit)}, {self.place}"
+
+    @property
+    def rise(self) -> float:
+        """Time in which it comes [s]: a period of the lowest frequency, at most a tenth of all."""
+        return min(1.0 / self.low, 0.1 * self.duration)
+
+    def stationary(self) -> Gridded:
+        """Return the displacement or force before it is faded in.
+
+        Raises:
+            CaseError: the table of the power spectral density cannot be used.
+        """
+        T = self.duration
+        numbers = np.arange(math.ceil(self.low * T), math.floor(self.high * T) + 1)
+        frequency = numbers / T
+        if self.psd is None:
+            density = np.ones(numbers.size)
+        else:
+            density = read_density(self.psd, self.unit, frequency)
+        amplitude = broadband.random_amplitudes(density, T, self.seed)
+        if self.rms is not None:
+            amplitude *= self.rms / math.sqrt(0.5 * float(np.sum(np.abs(amplitude) ** 2)))
+        amplitude = Lines(frequency, amplitude).integrated(self.integrals).amplitude
+        return Gridded.of(numbers, amplitude, T)
+
+
+class RandomExcitation(_Random):
+    """A random motion of the base, or a random force, with a power spectral density in a band.
+
+    It is normally distributed and begins smoothly from rest.
+
+    Attributes:
+        kind: "random".
+        low: lowest frequency [Hz].
+        high: highest frequency [Hz].
+        rms: root mean square, in the unit of what is prescribed; the density is then flat.
+        psd: table of the one-sided power spectral density, instead of rms: frequency [Hz], density
+            in the unit squared per Hz; straight lines on logarithmic axes in between.
+        duration: length of the run [s].
+        in: what is prescribed of the base: "displacement" [m], "velocity" or "acceleration", which
+            is meant without it; a force is in N.
+        acts_on: "base" or "force".
+        lamina: name of the lamina on which a force acts.
+        position: x of the point at which a force acts [m].
+        seed: decides the motion.
+    """
+
+    kind: Literal["random"] = "random"
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"random {self.band}, {self.size}"
+
+    def course(self) -> Drive:
+        """Return the drive."""
+        return Faded(self.stationary(), self.rise)
+
+
+Share = Annotated[float, Field(strict=True, gt=0.0, lt=1.0), Expected("a number between 0 and 1")]
+
+
+class BurstExcitation(_Random):
+    """A random motion of the base, or a random force, in the first part of a run.
+
+    Attributes:
+        kind: "burst".
+        share: part of the duration after which the drive is 0 [-].
+        low: lowest frequency [Hz].
+        high: highest frequency [Hz].
+        rms: root mean square while it lasts, in the unit of what is prescribed.
+        psd: table of the one-sided power spectral density, instead of rms: frequency [Hz], density
+            in the unit squared per Hz; straight lines on logarithmic axes in between.
+        duration: length of the run [s].
+        in: what is prescribed of the base: "displacement" [m], "velocity" or "acceleration", which
+            is meant without it; a force is in N.
+        acts_on: "base" or "force".
+        lamina: name of the lamina on which a force acts.
+        position: x of the point at which a force acts [m].
+        seed: decides the motion.
+    """
+
+    kind: Literal["burst"] = "burst"
+    share: Annotated[Share, Unit("1")] = 0.5
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"burst {self.band}, {self.size}"
+
+    def course(self) -> Drive:
+        """Return the drive."""
+        end = self.share * self.duration
+        return Faded(self.stationary(), min(self.rise, 0.1 * end), end)
+
+
+class RecordExcitation(_Prescribed):
+    """A measured motion of the base or a measured force: one channel of a file.
+
+    The file is a table with headings, or a NetCDF file that `delam-fem measure read` has written of
+    any format. A run is as long as the record unless `time.duration` says less.
+
+    Attributes:
+        kind: "record".
+        file: the file; a relative name counts from the case file.
+        channel: name of the channel: heading of a column, or variable of a NetCDF file.
+        high_pass: frequency below which the record is filtered away, without a shift of phase [Hz].
+        in: what the channel is, where its unit does not say it: "displacement", "velocity" or
+            "acceleration" of the base.
+        acts_on: "base" or "force".
+        lamina: name of the lamina on which a force acts.
+        position: x of the point at which a force acts [m].
+    """
+
+    kind: Literal["record"] = "record"
+    file: FileName
+    channel: Annotated[str, Field(strict=True, min_length=1), Expected("a name")]
+    high_pass: Annotated[Positive, Unit("Hz")] | None = None
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]; a record has none."""
+        return math.nan
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words: the record's name."""
+        return f"{self.channel} of {self.file.name} on {self.place}"
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return self.size
+
+    def series(self) -> tuple[FloatArray, FloatArray, str]:
+        """Return times from 0 [s], values as they drive a run, and their SI unit.
+
+        Raises:
+            CaseError: the file or the channel cannot be used; see `read_channel`.
+        """
+        units = ("N",) if self.acts_on == "force" else tuple(_MOTION_UNITS.values())
+        motion = getattr(self, "in")
+        if motion is not None:
+            units = (_MOTION_UNITS[motion],)
+        time, value, unit = read_channel(self.file, self.channel, units)
+        if self.high_pass is None:
+            return time, value, unit
+        step = time[-1] / (time.size - 1)
+        if np.abs(np.diff(time) - step).max() > _UNEVEN * step:
+            raise CaseError(
+                f"excitation.file {self.file}: expected equal steps of time with "
+                "excitation.high_pass, given others; resample the record"
+            )
+        if self.high_pass * step >= 0.5:
+            raise CaseError(
+                "excitation.high_pass: expected less than half the sampling rate "
+                f"{1.0 / step:g} Hz, given {self.high_pass:g} Hz"
+            )
+        return time, broadband.high_passed(time, value, self.high_pass), unit
+
+
+_MOST_LINES = 100_000
+"""Most lines of a multisine."""
+_MOST_RANDOM_LINES = 1e6
+"""Most lines of a random drive: its polynomials take 1.5 GB."""
+_RANDOM_PARTS = 100
+"""Parts of a run with a random drive; each stands for a period."""
+_UNEVEN = 1e-3
+"""Share of a step by which the steps of a record that is filtered may differ."""
+
+
+_SQUARED = re.compile(r"\(?([\w/²]+?)\)?(?:\^|\*\*)?[2²]/Hz")
+"""A unit squared per Hz, as densities have it: (m/s2)^2/Hz, g²/Hz."""
+_OF_SQUARES = {"m/s": "m^2/s^2", "m/s2": "m^2/s^4", "m/s²": "m^2/s^4"}
+"""Squares of units that are ratios."""
+
+
+def read_density(path: Path, unit: str, frequency: FloatArray) -> FloatArray:
+    """Read a power spectral density, and interpolate it on logarithmic axes.
+
+    Args:
+        path: table with the columns frequency and density; see `tables.read_columns`.
+        unit: SI unit of what has the density.
+        frequency: frequencies at which it is wanted, shape (k,) [Hz].
+
+    Returns:
+        Densities, shape (k,) [unit²/Hz].
+
+    Raises:
+        CaseError: the table cannot be read, does not cover the frequencies, or has numbers that are
+            not positive.
+    """
+    name = f"excitation.psd {path}"
+    columns = ("frequency", "density")
+    table = read_columns(path, name, columns)
+    squared = {"m": "m2/Hz", "m/s": "m2/s2/Hz", "m/s2": "m2/s4/Hz", "N": "N2/Hz"}[unit]
+    power = _SQUARED.fullmatch(table.unit(1) or "")
+    if power is not None:
+        is_gravity = power[1] == "g" and unit == "m/s2"
+        of = "g_0^2" if is_gravity else _OF_SQUARES.get(power[1], f"{power[1]}^2")
+        table = replace(table, headings=(table.headings[0], f"density [{of}/Hz]"))
+    (f, density), _ = in_si_units(table, columns, (("Hz",), (squared,)), name)
+    require(f.size >= 2, name, "at least 2 rows", f.size)
+    require(bool((np.diff(f) > 0.0).all()), name, "frequencies that increase", "others")
+    least = float(min(f.min(), density.min()))
+    require(least > 0.0, name, "frequencies and densities above 0", least)
+    covered = f[0] <= frequency[0] * (1.0 + _LAST) and f[-1] >= frequency[-1] * (1.0 - _LAST)
+    asked = f"frequencies from {frequency[0]:g} to {frequency[-1]:g} Hz"
+    require(bool(covered), name, asked, f"{f[0]:g} to {f[-1]:g} Hz")
+    return np.asarray(np.exp(np.interp(np.log(frequency), np.log(f), np.log(density))))
+
+
+def read_channel(
+    path: Path, channel: str, units: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray, str]:
+    """Read one channel over time from a table with headings or a NetCDF file.
+
+    Args:
+        path: the file.
+        channel: heading of the column, without its unit, or variable over time.
+        units: SI units that it may have.
+
+    Returns:
+        Times from 0 [s], shape (k,); values, shape (k,); their SI unit.
+
+    Raises:
+        CaseError: the file has no such channel, or no time; its unit is another; times do not
+            increase; or there are too few.
+    """
+    name = f"excitation.file {path}"
+    if path.suffix == ".nc":
+        table, columns = _of_netcdf(path, channel, name)
+    else:
+        table = read_columns(path, name)
+        columns = _chosen(table, channel, name)
+    chosen = replace(
+        table,
+        values=table.values[list(columns)],
+        headings=tuple(table.headings[k] for k in columns),
+    )
+    (time, value), (_, unit) = in_si_units(chosen, ("time", channel), (("s",), units), name)
+    require(time.size >= 6, name, "at least 6 rows", time.size)
+    require(bool((np.diff(time) > 0.0).all()), name, "times that increase", "others")
+    return time - time[0], value, unit
+
+
+def _chosen(table: Columns, channel: str, name: str) -> tuple[int, int]:
+    """Return the numbers of the columns of the time and of a channel."""
+    names = [heading(text)[0] for text in table.headings]
+    times = [k for k, word in enumerate(names) if word.lower() in ("time", "t", "zeit")]
+    if not times:
+        raise CaseError(f'{name}: expected a column with the heading "time", given {names}')
+    if channel not in names:
+        others = [word for k, word in enumerate(names) if k != times[0]]
+        raise CaseError(
+            f"excitation.channel: expected one of {', '.join(others) or 'none'}, given {channel!r}"
+        )
+    return times[0], names.index(channel)
+
+
+def _of_netcdf(path: Path, channel: str, name: str) -> tuple[Columns, tuple[int, int]]:
+    """Return time and a channel of a NetCDF file as a table of two columns."""
+    import xarray as xr
+
+    try:
+        data = xr.load_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError, RuntimeError) as error:
+        raise CaseError(f"{name}: cannot be read as NetCDF ({type(error).__name__})") from None
+    over_time = {
+        str(key): variable
+        for key, variable in data.data_vars.items()
+        if variable.ndim == 1 and str(variable.dims[0]).endswith("time")
+    }
+    if channel not in over_time:
+        raise CaseError(
+            f"excitation.channel: expected one of {', '.join(over_time) or 'none'}, given "
+            f"{channel!r}"
+        )
+    variable = over_time[channel]
+    time = data[variable.dims[0]].to_numpy()
+    values = np.stack([time, variable.to_numpy()]).astype(np.float64)
+    is_known = np.isfinite(values).all(axis=0)
+    units = str(variable.attrs.get("units", ""))
+    headings = ("time [s]", f"value [{units}]" if units else "value")
+    lines = tuple(range(1, int(is_known.sum()) + 1))
+    return Columns(lines, values[:, is_known], headings), (0, 1)
+
 
 Excitation: TypeAlias = Annotated[
-    HarmonicExcitation | SweepExcitation | ForceExcitation | HammerExcitation | TableExcitation,
+    HarmonicExcitation
+    | SweepExcitation
+    | ForceExcitation
+    | HammerExcitation
+    | TableExcitation
+    | RandomExcitation
+    | MultisineExcitation
+    | BurstExcitation
+    | RecordExcitation
+    | NoExcitation,
     Field(discriminator="kind"),
 ]
 """The section `[excitation]`; its key `kind` says which."""
@@ -412,7 +1023,7 @@ class SweptMotion:
         sine = _states(amplitude, phi, rotation, 2.0 * math.pi * rate)
         if self.acceleration is None:
             return sine
-        return _product(self._amplitudes(rotation, 2.0 * math.pi * rate), sine)
+        return product(self._amplitudes(rotation, 2.0 * math.pi * rate), sine)
 
     def _amplitudes(self, omega: FloatArray, rate: FloatArray) -> FloatArray:
         """Return A = a / omega^2 with two derivatives in time, shape (k, 3)."""
@@ -452,7 +1063,7 @@ class Tabulated:
     A force is interpolated by PCHIP, which does not overshoot between the rows; it is 0 after the
     last row. A displacement counts from its first value and is interpolated by a quintic spline.
     From accelerations, the displacement is their double integral that is 0 at both ends of the
-    table, so that a base that vibrates does not drift away.
+    table, so that a base that vibrates does not drift away. From velocities it is their integral.
 
     Attributes:
         course: the force or the displacement.
@@ -466,13 +1077,16 @@ class Tabulated:
 
     @classmethod
     def of(cls, time: FloatArray, value: FloatArray, unit: str) -> Tabulated:
-        """Return the drive of a table of forces [N], displacements [m] or accelerations [m/s2]."""
+        """Return the drive of a table of forces [N], displacements, velocities or accelerations."""
         length = float(time[-1])
         if unit == "N":
             return cls(scipy.interpolate.PchipInterpolator(time, value), length, ends=True)
         if unit == "m":
             course = scipy.interpolate.make_interp_spline(time, value - value[0], k=5)
             return cls(course, length, ends=False)
+        if unit == "m/s":
+            course = scipy.interpolate.make_interp_spline(time, value, k=5)
+            return cls(course.antiderivative(), length, ends=False)
         velocity = scipy.interpolate.make_interp_spline(time, value, k=3).antiderivative()
         drift = velocity.integrate(0.0, length) / length
         # the functions of a spline add up to 1
@@ -507,8 +1121,12 @@ def drive(given: Excitation) -> Drive:
     """
     if isinstance(given, HarmonicExcitation | SweepExcitation):
         return base_motion(given)
-    if isinstance(given, TableExcitation):
-        return Tabulated.of(*read_series(given.file, given.acts_on))
+    if isinstance(given, TableExcitation | RecordExcitation):
+        return Tabulated.of(*given.series())
+    if isinstance(given, MultisineExcitation | RandomExcitation | BurstExcitation):
+        return given.course()
+    if isinstance(given, NoExcitation):
+        return Still()
     if isinstance(given, HammerExcitation):
         return HalfSine(given.amplitude, given.duration, given.start)
     if given.frequency is not None:
@@ -552,10 +1170,3 @@ def _states(A: float, phi: FloatArray, rotation: FloatArray, change: FloatArray)
     return np.asarray(
         A * np.stack([sin, rotation * cos, change * cos - rotation**2 * sin], axis=-1)
     )
-
-
-def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the product of two functions with its derivatives, shape (k, 3)."""
-    first = a[:, 1] * b[:, 0] + a[:, 0] * b[:, 1]
-    second = a[:, 2] * b[:, 0] + 2.0 * a[:, 1] * b[:, 1] + a[:, 0] * b[:, 2]
-    return np.stack([a[:, 0] * b[:, 0], first, second], axis=-1)

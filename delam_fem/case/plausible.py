@@ -15,13 +15,18 @@ import scipy  # loads its parts when they are used
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import (
+    BurstExcitation,
     ForceExcitation,
     HammerExcitation,
     HarmonicExcitation,
+    MultisineExcitation,
+    NoExcitation,
+    RandomExcitation,
+    RecordExcitation,
     SweepExcitation,
     TableExcitation,
     Tabulated,
-    read_series,
+    drive,
 )
 from delam_fem.case.sections import DISAGREEING, MATERIALS, Lamina
 
@@ -47,6 +52,8 @@ THICKEST = 0.1
 """Thickness above which a slender lamina has its lengths in another unit than m [m]."""
 BLOW_STEPS = 20
 """Steps that a blow should have at least."""
+SAMPLES = 4001
+"""Instants at which the motion of a base with many lines is looked at."""
 
 _OTHERS: Mapping[str, tuple[tuple[str, float], ...]] = {
     "m": (("mm", 1e-3), ("cm", 1e-2), ("µm", 1e-6)),
@@ -199,8 +206,15 @@ def _of_excitation(case: Case) -> Iterator[str]:
             f"time.step = {case.time.step:g} s is long: the blow of {excitation.duration:g} s has "
             f"{excitation.duration / case.time_step:.3g} steps, below {BLOW_STEPS}"
         )
-    if isinstance(excitation, TableExcitation) and excitation.acts_on == "base":
-        yield from _of_base_table(excitation, case.length)
+    if isinstance(excitation, TableExcitation | RecordExcitation):
+        if excitation.acts_on == "base":
+            yield from _of_base_table(excitation, case.length)
+    if isinstance(excitation, NoExcitation):
+        starts = [start.displacement or start.velocity for start in case.initial]
+        if not any((*starts, *(impactor.velocity for impactor in case.impactor))):
+            yield 'excitation.kind = "none" looks unusual: nothing moves without an initial state'
+    if isinstance(excitation, MultisineExcitation | RandomExcitation | BurstExcitation):
+        yield from _of_band(excitation, case.length)
     if isinstance(excitation, HarmonicExcitation | SweepExcitation):
         yield from _of_base_motion(excitation, case.length)
     is_judged = isinstance(excitation, HarmonicExcitation | SweepExcitation | ForceExcitation)
@@ -239,9 +253,25 @@ def _of_base_motion(given: HarmonicExcitation | SweepExcitation, length: float) 
     )
 
 
-def _of_base_table(given: TableExcitation, length: float) -> Iterator[str]:
+def _of_band(
+    given: MultisineExcitation | RandomExcitation | BurstExcitation, length: float
+) -> Iterator[str]:
+    """Yield a warning if a base with many lines moves far beside the laminae."""
+    if given.acts_on == "force":
+        return
+    times = np.linspace(0.0, given.length or given.turns / given.top_frequency, SAMPLES)
+    largest = float(np.abs(drive(given).states(times)[:, 0]).max())
+    if largest > AMPLITUDE[1] * length:
+        yield (
+            f"excitation looks unusual: it moves the base by up to {largest:.3g} m, "
+            f"{largest / length:.3g} of the length of the laminae, most of it at excitation.low = "
+            f"{given.low:g} Hz"
+        )
+
+
+def _of_base_table(given: TableExcitation | RecordExcitation, length: float) -> Iterator[str]:
     """Yield a warning if the motion of a base from a table is large beside the laminae."""
-    time, value, unit = read_series(given.file, given.acts_on)
+    time, value, unit = given.series()
     course = Tabulated.of(time, value, unit)
     largest = float(np.abs(course.states(time)[:, 0]).max())
     if largest <= AMPLITUDE[1] * length:
@@ -251,7 +281,7 @@ def _of_base_table(given: TableExcitation, length: float) -> Iterator[str]:
         mean = float(scipy.integrate.trapezoid(value, time) / time[-1])
         hint = (
             f"; its accelerations have the mean {mean:.3g} m/s2, from which this drift follows: "
-            "subtract it, or filter the record with a high pass"
+            'take offset = "remove" of a table, or high_pass of a record'
         )
     yield (
         f"excitation.file = {given.file.name} looks unusual: it moves the base by up to "

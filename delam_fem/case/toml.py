@@ -38,7 +38,10 @@ _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){64}""")
 _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 """Pattern of a key that TOML accepts without quotes."""
 
-_UNION_TAGS = ("harmonic", "sweep", "force", "hammer", "table")
+_UNION_TAGS = (
+    "harmonic", "sweep", "force", "hammer", "table", "random", "multisine", "burst", "record",
+    "none",
+)  # fmt: skip
 """Names that pydantic inserts into the path of an error although the case file has no such
 level."""
 
@@ -257,14 +260,19 @@ _ARRAYS = ("lamina", "delamination", "point_mass", "stop", "impactor", "initial"
 _ALTERNATIVES = (
     ("mesh", ("elements", "file")),
     ("gap", ("exponent", "shape", "file")),
-    ("excitation", ("amplitude", "acceleration")),
+    ("excitation", ("amplitude", "acceleration", "rms", "psd")),
     ("time", ("steps_per_period", "step")),
     ("time", ("periods", "duration")),
 )
 """Sections with alternative keys: an override that sets one of them removes the others."""
 
-_NOT_PERIODIC = ("sweep", "hammer", "table")
+_NOT_PERIODIC = ("sweep", "hammer", "table", "random", "burst", "record", "none")
 """Kinds of excitation that never repeat."""
+_ALIKE = (
+    "amplitude", "acceleration", "lamina", "position", "acts_on", "in", "low", "high", "rms", "psd",
+    "seed", "duration",
+)  # fmt: skip
+"""Keys of an excitation that stay where another kind means the same by them."""
 _OF_PERIODS = ("window_periods", "fields_per_period")
 """Keys of the section `output` that such an excitation removes: they count periods."""
 _MATERIAL_KEYS = {
@@ -396,9 +404,9 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
     table = data.get("excitation")
     kind = overrides.get("excitation.kind")
     if isinstance(table, dict) and kind is not None and kind != table.get("kind"):
-        groups = (("harmonic", "sweep"), ("force", "hammer"))  # kinds that mean the same amplitude
+        groups = (("harmonic", "sweep"), ("force", "hammer"), ("random", "burst"))
         are_alike = any(kind in group and table.get("kind") in group for group in groups)
-        keys = ("amplitude", "acceleration", "lamina", "position") if are_alike else ()
+        keys = _ALIKE if are_alike else ()  # kinds that mean the same by them
         data["excitation"] = {key: table[key] for key in keys if key in table}
         output = data.get("output")
         if kind in _NOT_PERIODIC and isinstance(output, dict):  # the window is the whole run

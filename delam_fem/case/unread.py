@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from delam_fem.case.excitation import MultisineExcitation
 from delam_fem.case.sections import Contact, Lamina, Model
 from delam_fem.contact.laws import SCHEMES, combination
 
@@ -90,8 +91,12 @@ def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
 
 def _of_excitation(case: Case) -> list[str]:
     """Return the keys of the excitation that have no effect."""
-    is_harmonic_force = case.excitation.kind == "force" and case.is_periodic
-    return ["spacing"] if is_harmonic_force else []
+    excitation = case.excitation
+    if excitation.kind == "force" and case.is_periodic:
+        return ["spacing"]
+    if isinstance(excitation, MultisineExcitation) and excitation.phases == "schroeder":
+        return [] if excitation.lines == "odd-random" else ["seed"]
+    return []
 
 
 def _of_time(case: Case) -> Iterator[str]:

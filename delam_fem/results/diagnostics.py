@@ -479,7 +479,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     q = motion.displacement
     N = case.steps_per_period
     n_periods = q.shape[1] / N
-    amplitudes = motion.harmonics(N) if case.is_periodic else None
+    amplitudes = motion.harmonics(N) if case.is_harmonic else None
     repeats = _periodicity_of(motion, N) if case.is_periodic else _NO_PERIODICITY
     contacts = None
     if motion.is_closed.shape[0] and case.contact.law != "none":

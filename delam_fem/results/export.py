@@ -356,9 +356,9 @@ def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
     pairs = [layout.parts[i.parts[0]].positions(i.places) for i in layout.interfaces]
     pairs += [layout.parts[stop.part].positions(stop.places) for stop in layout.stops]
     excitation = case.excitation
-    frequency = excitation.top_frequency if excitation.is_periodic else np.nan
+    frequency = excitation.top_frequency if excitation.is_harmonic else np.nan
     amplitude = getattr(excitation, "amplitude", np.nan)
-    if excitation.is_periodic and hasattr(excitation, "displacement_amplitude"):
+    if excitation.is_harmonic and hasattr(excitation, "displacement_amplitude"):
         amplitude = excitation.displacement_amplitude(frequency)
     content = {
         "M": o.mass.toarray(),

@@ -188,6 +188,11 @@ class Problem:
     is_periodic: bool
 
     @property
+    def is_harmonic(self) -> bool:
+        """Whether the excitation is one sine."""
+        return self.is_periodic
+
+    @property
     def period(self) -> float:
         """Length of a period [s]."""
         return self.time_step * self.steps_per_period

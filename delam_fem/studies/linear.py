@@ -46,7 +46,7 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
     excitation = case.excitation
     if _is_exact(case) and excitation.acts_on == "base":
         return np.stack([case.linear_amplitude(i, frequency) for i in range(n)])
-    if not excitation.is_periodic:
+    if not excitation.is_harmonic:
         return np.full((n, frequency.size), np.nan)
     o = _fine(case.without_impactors.to_toml()).operators
     amplitudes = np.empty((n, frequency.size))
@@ -70,7 +70,7 @@ def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -
             another otherwise.
     """
     excitation = case.excitation
-    if (is_closed and case.is_apart) or not excitation.is_periodic:
+    if (is_closed and case.is_apart) or not excitation.is_harmonic:
         return None
     o = structure.operators
     f = excitation.top_frequency

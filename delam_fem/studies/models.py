@@ -394,7 +394,7 @@ def compare_models(
     """
     case = find_case(case)
     require(periods >= 2, "periods", "at least 2", periods)
-    if not case.is_periodic:
+    if not case.is_harmonic:
         raise CaseError(
             "compare: models are compared by periodic motions; expected a harmonic excitation or a "
             f"harmonic force, given kind {case.excitation.kind!r}"

@@ -63,6 +63,8 @@ SWEEP = {"kind": "sweep", "amplitude": 2.5e-3, "start_frequency": 3.0, "end_freq
          "duration": 0.8}  # fmt: skip
 BLOW = {"kind": "hammer", "lamina": "thin", "position": 0.6, "amplitude": 5.0, "duration": 0.02}
 SECONDS = {"mesh.elements": 4, "gap.tip": 1e-3, "output": {}}
+BAND = {"low": 2.0, "high": 12.0}
+AT_POINT = {"acts_on": "force", "lamina": "thin", "position": 0.6}
 
 BASES: dict[str, tuple[str, dict[str, Any]]] = {
     "apart": ("default", CLAPS | {
@@ -84,6 +86,50 @@ BASES: dict[str, tuple[str, dict[str, Any]]] = {
     "table": ("paper", SECONDS | {
         "excitation": {"kind": "table", "file": "base.csv", "acts_on": "base"},
         "time": {"step": 4e-3},
+    }),
+    "accelerations": ("paper", SECONDS | {
+        "excitation": {"kind": "table", "file": "accelerations.csv", "acts_on": "base",
+                       "offset": "remove"},
+        "time": {"step": 4e-3},
+    }),
+    "random": ("paper", SECONDS | {
+        "excitation": {"kind": "random", **BAND, "rms": 3.0, "duration": 1.0},
+        "time": {"steps_per_period": 20},
+    }),
+    "burst": ("paper", SECONDS | {
+        "excitation": {"kind": "burst", **BAND, "rms": 1.0, "duration": 1.0, "share": 0.5,
+                       **AT_POINT},
+        "time": {"steps_per_period": 20},
+    }),
+    "multisine": ("paper", SECONDS | {
+        "excitation": {"kind": "multisine", **BAND, "spacing": 1.0, "rms": 3.0, "in": "velocity",
+                       "realisations": 2, "periods": 1, "lines": "odd-random"},
+        "time": {"steps_per_period": 20},
+    }),
+    "forced multisine": ("paper", SECONDS | {
+        "excitation": {"kind": "multisine", **BAND, "spacing": 1.0, "amplitude": 1.0, **AT_POINT},
+        "time": {"steps_per_period": 20, "periods": 1},
+    }),
+    "forced random": ("paper", SECONDS | {
+        "excitation": {"kind": "random", **BAND, "rms": 1.0, "duration": 1.0, **AT_POINT},
+        "time": {"steps_per_period": 20},
+    }),
+    "shaken burst": ("paper", SECONDS | {
+        "excitation": {"kind": "burst", **BAND, "rms": 3.0, "duration": 1.0},
+        "time": {"steps_per_period": 20},
+    }),
+    "record": ("paper", SECONDS | {
+        "excitation": {"kind": "record", "file": "base.csv", "channel": "a", "in": "displacement",
+                       "high_pass": 2.0},
+        "time": {"step": 4e-3},
+    }),
+    "forced record": ("paper", SECONDS | {
+        "excitation": {"kind": "record", "file": "force.csv", "channel": "a", **AT_POINT},
+        "time": {"step": 4e-3},
+    }),
+    "no drive": ("paper", SECONDS | {
+        "excitation": {"kind": "none"}, "time": {"step": 4e-3, "duration": 0.3},
+        "initial": [{"shape": "mode", "mode": 1, "velocity": 0.05}],
     }),
     "bonded": ("embedded", BONDED | {
         "delamination.1.shape": "half-cosine", "support": SUPPORTS,
@@ -122,6 +168,10 @@ CHOSEN: dict[str, tuple[object, ...]] = {
     "lamina.material": ("steel",), "lamina.mass_per_length": (0.2,), "lamina.name": ("other",),
     "gap.root": (2e-4,), "gap.exponent": (3.0,), "gap.file": ("gap.csv",),
     "mesh.file": ("mesh.msh",), "model.file": ("model.npz",), "model.modes": (9,),
+    "excitation.low": (3.5,), "excitation.high": (10.0,), "excitation.spacing": (0.5,),
+    "excitation.rms": (2.0,), "excitation.psd": ("density.csv",), "excitation.amplitude": (2.0,),
+    "excitation.in": ("displacement",), "excitation.channel": ("b",), "excitation.share": (0.7,),
+    "excitation.periods": (2,), "excitation.realisations": (3,), "excitation.high_pass": (4.0,),
     "excitation.file": ("other.csv",), "excitation.lamina": ("thick",),
     "excitation.position": (0.5,), "excitation.acceleration": (3.0,),
     "excitation.frequency": (4.0,), "excitation.duration": (0.5,), "excitation.start": (0.03,),
@@ -151,6 +201,7 @@ SHOWN_BY = {
     "time.gamma": "literal",
     "contact.threshold_velocity": "literal", "contact.penalty_damping": "penalty",
     "contact.penalty_stiffness": "penalty", "time.refine_velocity": "apart",
+    "excitation.lamina": "force", "excitation.position": "force",
     "time.most_periods": "apart", "model.poisson": "plane", "impactor.radius": "ball",
 }  # fmt: skip
 """Bases that show the effect of keys that do not always have one; of others the first base."""
@@ -165,6 +216,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         rows = np.column_stack([time, size * np.sin(100.0 * time / 3.0)]).tolist()
         text = "".join(f"{t!r}, {a!r}\n" for t, a in rows)
         (folder / name).write_text(f"time [s], a [mm]\n{text}", encoding="utf-8")
+    wave = np.sin(40.0 * time).tolist()
+    for name, unit, mean in (("force.csv", "N", 0.0), ("accelerations.csv", "m/s2", 2.0)):
+        text = "".join(f"{t!r}, {mean + a!r}\n" for t, a in zip(time.tolist(), wave, strict=True))
+        (folder / name).write_text(f"time [s], a [{unit}]\n{text}", encoding="utf-8")
+    (folder / "density.csv").write_text("f [Hz], S [m2/s4/Hz]\n1, 1\n20, 2\n", encoding="utf-8")
     (folder / "gap.csv").write_text("x [m], gap [m]\n0, 0.0005\n0.685, 0.001\n", encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
@@ -235,7 +291,7 @@ def entries_of(data: dict[str, Any], table: Table) -> list[dict[str, Any]]:
             return list(entries)
         return [entry for entry in entries if ("position" in entry) == table.is_array]
     entry = data.setdefault(table.name, {})
-    return [entry] if table.name != "excitation" or entry["kind"] == table.kind else []
+    return [entry] if table.name != "excitation" or entry.get("kind") == table.kind else []
 
 
 def others(table: Table, key: Key, entry: dict[str, Any]) -> tuple[object, ...]:

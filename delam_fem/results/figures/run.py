@@ -355,7 +355,7 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
     amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(periods["tip_displacement"]))
     n_periods = periods.sizes["time"] // case.steps_per_period
     orders = np.arange(amplitudes.shape[1]) / n_periods
-    is_harmonic = case.is_periodic
+    is_harmonic = case.is_harmonic
     motion = diagnostics.ProbeMotion.of(history)
     harmonic_amplitudes = motion.harmonics(case.steps_per_period) if is_harmonic else None
     n = len(amplitudes)

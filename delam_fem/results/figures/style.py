@@ -141,7 +141,7 @@ def seconds_below(axes: Axes, case: Case) -> None:
 
 def hertz_below(axes: Axes, case: Case) -> None:
     """Add an axis of frequencies in hertz below one of f/f₀; there is none without a period."""
-    if case.is_periodic:
+    if case.is_harmonic:
         _second_axis(axes, 1.0 / case.period, "frequency [Hz]")
 
 

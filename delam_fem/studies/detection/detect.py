@@ -155,7 +155,7 @@ def simulated(
         CaseError: the excitation is not harmonic, the lamina does not exist, the scan has no
             points, or the motion diverges.
     """
-    if not case.is_periodic:
+    if not case.is_harmonic:
         raise CaseError('detect: expected a harmonic excitation, given another "excitation.kind"')
     f = case.excitation.top_frequency
     tones = [case] if pump is None else [pump, case]

@@ -40,7 +40,7 @@ def pump_of(case: Case, frequency: float, amplitude: float) -> Case:
     Raises:
         CaseError: the excitation is not harmonic, or the frequencies do not go together.
     """
-    if not case.is_periodic or case.excitation.length is not None:
+    if not case.is_harmonic or case.excitation.length is not None:
         raise CaseError("modulate: expected a harmonic excitation, given another kind")
     probe = case.excitation.top_frequency
     if not 0.0 < frequency < probe or (probe / frequency).is_integer():

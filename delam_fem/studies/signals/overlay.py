@@ -353,7 +353,7 @@ class Overlay:
     @property
     def frequency(self) -> float | None:
         """Frequency of the drive of the run [Hz]; None: it has none."""
-        return 1.0 / self.case.period if self.case.is_periodic else None
+        return 1.0 / self.case.period if self.case.is_harmonic else None
 
     def _of_channel(self, own: Comparison) -> dict[str, Any]:
         """Return the numbers of one channel."""
@@ -459,7 +459,7 @@ def overlay(
     if "periodicity" not in summary:
         summary = diagnostics.summary(history, case)
     course, rate, frequency = _course(pairs, case, summary.get("periodicity"))
-    turn = case.period if case.is_periodic else None
+    turn = case.period if case.is_harmonic else None
     # most records are filtered before they are sampled, so that they cannot have all of the run
     step = rate * float(np.median(np.diff(pairs.time)))
     filtered = course.below(0.5 / step)
@@ -516,7 +516,7 @@ def _course(
     pairs: Pairs, case: Case, periodicity: int | None
 ) -> tuple[Course, float, float | None]:
     """Return the course of the run, a first rate s of the clock, the drive's measured frequency."""
-    if not case.is_periodic:
+    if not case.is_harmonic:
         return Course.of(pairs.run_time, pairs.computed, None), 1.0, None
     frequency = drive_frequency(pairs.time, pairs.measured, 1.0 / case.period)
     rate = 1.0 if frequency is None else frequency * case.period

@@ -655,14 +655,15 @@ def require_valid(sweep: Sweep) -> None:
         sweep.initial_of(trial)
     case = sweep.case_of(first, label)
     record = sweep.file.record
-    is_harmonic = case.is_periodic
     is_rest = sweep.file.start == "rest" and not sweep.file.initial
     if case.impactor and not (is_rest and not any(is_initial(d.key) for d in sweep.dimensions)):
         raise CaseError(f"{label}: start: expected rest beside impactors, which bring their own")
-    if not is_harmonic and (sweep.file.order != "independent" or record.lyapunov):
+    if not case.is_periodic and (sweep.file.order != "independent" or record.lyapunov):
         what = "order" if sweep.file.order != "independent" else "record.lyapunov"
-        raise CaseError(f'{label}: {what}: expected excitation.kind "harmonic" for it')
+        raise CaseError(f"{label}: {what}: expected an excitation that repeats for it")
     N, frames = case.steps_per_period, case.frames_per_period
+    if record.node_distortion and not case.is_harmonic:
+        raise CaseError(f"{label}: record.node_distortion: expected a harmonic excitation")
     if record.node_distortion and (frames < 4 or N % frames):
         raise CaseError(
             f"{label}: record.node_distortion: expected output.fields_per_period of at least 4 "
@@ -682,7 +683,7 @@ def require_valid(sweep: Sweep) -> None:
             " and output.fields_per_period of at least 5 that divides time.steps_per_period = "
             f"{N}, given {case.n_window_periods} and {frames}"
         )
-    if not case.is_periodic:
+    if not case.is_harmonic:
         raise CaseError(f"{label}: record.scan: expected a harmonic excitation")
     scan_positions(case.length, scan.spacing, scan.first)
     if any(d.key.endswith(".length") for d in sweep.dimensions):
