@@ -4,7 +4,8 @@
 
 The folder keeps finished levels, which are not computed again; `--only` computes some studies
 and leaves the document as it is. The script replaces each table of the
-document between the lines `<!-- table NAME -->` and `<!-- end -->`.
+document between the lines `<!-- table NAME -->` and `<!-- end -->`, or writes it to the file that
+the document names.
 """
 
 from __future__ import annotations
@@ -59,7 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
     with style.styled():
         for name, draw in content.figures.items():
             draw().savefig(FIGURES / f"convergence_{name}.png")
-    DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), content.tables), "utf-8")
+    text = fill(DOCUMENT.read_text("utf-8"), content.tables, DOCUMENT.parent)
+    DOCUMENT.write_text(text, "utf-8")
     return 0
 
 

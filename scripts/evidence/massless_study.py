@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
         "massless limits": limits(points, refine[-2:], *span),
         "massless noise": noise(points[:2], refine[-2], *span),
     }
-    page.write_text(fill(page.read_text("utf-8"), tables), "utf-8")
+    page.write_text(fill(page.read_text("utf-8"), tables, page.parent), "utf-8")
     return 0
 
 

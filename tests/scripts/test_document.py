@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from pathlib import Path
@@ -66,7 +67,7 @@ def test_tables_of_the_document(tables: dict[str, Table]) -> None:
         assert {len(row) for row in table.rows} == {len(table.heading)}
 
 
-def test_the_document_is_filled(tables: dict[str, Table]) -> None:
+def test_the_document_is_filled(tables: dict[str, Table], tmp_path: Path) -> None:
     text = "before\n\n<!-- table refined -->\nold\n<!-- end -->\n\nafter\n"
     some = {"refined": tables["refined"]}
     filled = fill(text, some)
@@ -74,14 +75,25 @@ def test_the_document_is_filled(tables: dict[str, Table]) -> None:
     assert filled.startswith("before\n\n<!-- table refined -->\n| r | stiffness: y1 [mm] | PETSc |")
     assert filled.endswith("<!-- end -->\n\nafter\n")
     assert fill(filled, some) == filled
+    assert (
+        fill("<!-- table refined in a.csv -->", some, tmp_path) == "<!-- table refined in a.csv -->"
+    )
+    with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:
+        heading, *rows = csv.reader(file)
+    assert (tuple(heading), len(rows)) == (some["refined"].heading, len(some["refined"].rows))
     with pytest.raises(KeyError, match="refined: expected one place in the document, found 0"):
         fill("before\n", some)
 
 
 def test_the_document_asks_for_what_there_is(tables: dict[str, Table]) -> None:
     text = (ROOT / "docs" / "evidence" / "convergence.md").read_text("utf-8")
-    asked = set(re.findall(r"<!-- table ([\w. -]+?) -->", text))
-    assert asked == {*tables, "trials"}
+    asked = re.findall(r"<!-- table ([\w. -]+?)(?: in (\S+))? -->", text)
+    assert {name for name, _ in asked} == {*tables, "trials"}
+    for name, file in asked:
+        if file:
+            assert f"]({file})" in text
+            with (ROOT / "docs" / "evidence" / file).open(encoding="utf-8", newline="") as stored:
+                assert tuple(next(csv.reader(stored))) == tables[name].heading
     pictures = re.findall(r"\]\(\.\./(figures/[\w.]+)\)", text)
     assert pictures
     assert [name for name in pictures if not (ROOT / "docs" / name).is_file()] == []

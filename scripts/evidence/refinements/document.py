@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -50,14 +52,16 @@ def document(found: dict[str, Convergence]) -> Document:
     return Document(document_tables(found), figures)
 
 
-def fill(text: str, tables: dict[str, Table]) -> str:
+def fill(text: str, tables: dict[str, Table], folder: Path | None = None) -> str:
     """Return the text of a document with new tables.
 
-    A table lies between the lines `<!-- table NAME -->` and `<!-- end -->`.
+    A table lies between the lines `<!-- table NAME -->` and `<!-- end -->`. Where the document says
+    `<!-- table NAME in FILE -->`, the table is written to this file, as CSV.
 
     Args:
         text: text of the document.
         tables: new tables by name.
+        folder: folder of the document, from which names of files count.
 
     Returns:
         The text in which these tables are replaced.
@@ -69,9 +73,20 @@ def fill(text: str, tables: dict[str, Table]) -> str:
         pattern = re.compile(rf"(<!-- table {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
         body = table.markdown().split("\n\n", 1)[1]
         text, places = pattern.subn(partial(_framed, body), text)
-        if places != 1:
-            raise KeyError(f"table {name}: expected one place in the document, found {places}")
+        files = re.findall(rf"<!-- table {re.escape(name)} in (\S+) -->", text)
+        if places + len(files) != 1:
+            n = places + len(files)
+            raise KeyError(f"table {name}: expected one place in the document, found {n}")
+        for file in files:
+            write_csv((folder or Path()) / file, table)
     return text
+
+
+def write_csv(path: Path, table: Table) -> None:
+    """Write a table to a file of comma-separated values."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = [[cell.replace("**", "") for cell in row] for row in table.rows]
+        csv.writer(file, lineterminator="\n").writerows([table.heading, *rows])
 
 
 def _framed(body: str, match: re.Match[str]) -> str:
