@@ -189,7 +189,6 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result as Result
     from delam_fem.results.netcdf import (
         open_dataset as open_dataset,
-        require_alone as require_alone,
         write_dataset as write_dataset,
     )
     from delam_fem.results.pages import html as html
@@ -238,7 +237,7 @@ if TYPE_CHECKING:
         frames_of as frames_of,
         steps_of as steps_of,
     )
-    from delam_fem.system import footprint as footprint
+    from delam_fem.system import footprint as footprint, hdf5 as hdf5
     from delam_fem.system.errors import (
         CaseError as CaseError,
         reason_of as reason_of,
@@ -247,6 +246,7 @@ if TYPE_CHECKING:
     from delam_fem.system.files import (
         atomic as atomic,
         atomic_file as atomic_file,
+        discard as discard,
         json_ready as json_ready,
         read_arrays as read_arrays,
         remove_kept as remove_kept,
@@ -255,12 +255,14 @@ if TYPE_CHECKING:
         write_json as write_json,
         write_text as write_text,
     )
+    from delam_fem.system.hdf5 import require_alone as require_alone
     from delam_fem.system.imports import (
         ONE_THREAD as ONE_THREAD,
         added as added,
         keep_garbage as keep_garbage,
     )
     from delam_fem.system.mpi import MPI as MPI
+    from delam_fem.system.written import listed as listed
 
 _HOMES = {
     # Cases
@@ -317,7 +319,7 @@ _HOMES = {
     "simulation.signals": "frames_of steps_of",
     # Results
     "results.folder": "Result",
-    "results.netcdf": "open_dataset require_alone write_dataset",
+    "results.netcdf": "open_dataset write_dataset",
     "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
     "results.reading": "load_numbers",
     "results.channels": "History histories_of offered",
@@ -332,18 +334,20 @@ _HOMES = {
     # House
     "system.errors": "CaseError reason_of require",
     "system.files": (
-        "atomic atomic_file json_ready read_arrays remove_kept rewritten write_arrays write_json "
-        "write_text"
+        "atomic atomic_file discard json_ready read_arrays remove_kept rewritten write_arrays "
+        "write_json write_text"
     ),
+    "system.hdf5": "require_alone",
     "system.imports": "ONE_THREAD added keep_garbage",
     "system.mpi": "MPI",
+    "system.written": "listed",
     "numerics.types": "BoolArray FloatArray IntArray",
     # Namespaces
     "numerics": "beams harmonics settling statistics",
     "results": "diagnostics netcdf record schema",
     "results.figures": "style",
     "results.pages": "html",
-    "system": "footprint",
+    "system": "footprint hdf5",
 }
 """Names by the module or folder that defines them, relative to the package."""
 _MODULES = {name: home for home, names in _HOMES.items() for name in names.split()}

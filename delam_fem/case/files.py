@@ -14,7 +14,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.identity import companions
 from delam_fem.case.toml import Data, apply_overrides, read_toml, set_key, shown, toml_text
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import OUTPUTS, atomic, write_text
+from delam_fem.system.files import atomic, write_text
+from delam_fem.system.written import OUTPUTS
 
 CaseSource: TypeAlias = Case | str | Path
 """A case, the name of a preset, or the path of a case file."""

@@ -20,7 +20,8 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import Data, set_key, toml_text
 from delam_fem.system.errors import CaseError, reason_of
-from delam_fem.system.files import IDENTITY, PREFIX, write_text
+from delam_fem.system.files import IDENTITY, write_text
+from delam_fem.system.written import PREFIX
 
 _CONTENT = "sha256-"
 """Beginning of the word that stands for a file; the digest of its content follows."""

@@ -161,6 +161,7 @@ def run_command(
             folder,
             inputs=[*case.files.values(), *case_files],
             may_hold_results=resume or overwrite or bool(extend),
+            is_replacing=overwrite,
         )
         with claim if is_first else nullcontext():
             if dry_run:

@@ -6,6 +6,7 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import MISSING
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -350,9 +351,8 @@ def overlay_command(
         raise CaseError(f"overlay: expected files and the folder of one run, given {names}")
     run = runs[0]
     result = overlay(run, *files, channels=assigned(channels), units=units, rate=rate)
-    folder = output or run / "overlay"
-    with claimed(folder, inputs=files, may_hold_results=True) as directory:
-        paths = result.save(directory)
+    with claimed(output or run, inputs=files, may_hold_results=True):
+        paths = result.save(output or run / "overlay")
     heading = ("channel", "gain", "phase [°]", "noise", "misfit", "d measured", "d run")
     said = f"{files[0].name} over {run}", heading, result.rows()
     say(quiet, paths, tables=[said], lines=result.sentences())
@@ -375,13 +375,15 @@ def export_command(
     from delam_fem.results.export import FORMATS, targets
     from delam_fem.results.folder import load_result
     from delam_fem.system.files import require_no_links, require_replaceable
+    from delam_fem.system.written import listed
 
     result = load_result(run, is_strict=True)
     if output is None:
         require_no_links(run)
     else:
         require_replaceable(targets(output), is_overwriting=overwrite)
-    written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
+    with listed(run) if output is None else nullcontext():
+        written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
     say(quiet, written, lines=[FORMATS[to]])
 
 

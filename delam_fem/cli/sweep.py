@@ -230,13 +230,15 @@ def sweep_command(
             return
         data = merge_shards(sweep, directory, inputs, is_partial=partial)
     from delam_fem.studies.diagrams import is_unsettled, write_page
+    from delam_fem.system.written import listed
 
     if moving := int(is_unsettled(data).sum()):
         tell(
             f"warning: {moving} of {data.attrs['n_completed']} completed points have not "
             'settled; try more time.periods, or time.periods = "settled"'
         )
-    page = write_page(data, directory)
+    with listed(directory):
+        page = write_page(data, directory)
     lost = _lost(data)
     data.close()
     say(quiet, [directory / "sweep.nc", page])
@@ -282,6 +284,7 @@ def diagram_command(
 ) -> None:
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
     from delam_fem.studies.diagrams import require_drawable, save_diagram, write_page
+    from delam_fem.system.written import listed
 
     if source.suffix == ".toml":
         data, directory = _computed(
@@ -297,9 +300,10 @@ def diagram_command(
                 f"warning: the sweep is not finished: the diagram shows {n_points - left} of "
                 f"{n_points} points; {_go_on(directory)} computes the others"
             )
-    paths = [save_diagram(kind, data, directory / f"{kind}.png")]
-    if (directory / "sweep.nc").is_file():
-        paths.append(write_page(data, directory))
+    with listed(directory):
+        paths = [save_diagram(kind, data, directory / f"{kind}.png")]
+        if (directory / "sweep.nc").is_file():
+            paths.append(write_page(data, directory))
     lost = _lost(data) if source.suffix == ".toml" else None
     data.close()
     say(quiet, paths)
@@ -330,7 +334,8 @@ def _computed(
 
     sweep, directory, inputs = _opened(sweep_file, output, overrides)
     resume = resume or (not again and not overwrite and dataset.is_complete(directory, sweep))
-    with claimed(directory, inputs=inputs, may_hold_results=resume or overwrite):
+    may = resume or overwrite
+    with claimed(directory, inputs=inputs, may_hold_results=may, is_replacing=overwrite):
         if check is not None:
             check(sweep)
         if overwrite:

@@ -186,24 +186,31 @@ def _remedy(path: Path, reason: str) -> str:
 
 
 def _require_alone(path: Path) -> None:
-    """Refuse an XDMF file whose numbers are in other files than HDF5 files beside it.
+    """Refuse an XDMF file whose numbers are elsewhere than in its HDF5 file, and that in this one.
 
     Raises:
-        CaseError: it names other files, or an HDF5 file that does.
+        CaseError: it names other files, or its HDF5 file does.
+        OSError: its HDF5 file is damaged.
     """
+    from delam_fem.system.hdf5 import require_alone
+
+    heavy = path.with_suffix(".h5")
     for item in ElementTree.parse(path).iter():
         kind = item.get("Format", "XML")
         if item.tag.endswith("include") or kind not in ("XML", "HDF"):
             raise CaseError(
-                f"mesh.file: {path}: expected numbers in this file or in an HDF5 file beside it, "
+                f"mesh.file: {path}: expected numbers in this file or in {heavy.name} beside it, "
                 "given another file"
             )
         if kind == "HDF":
             name = (item.text or "").strip().partition(":")[0]
-            if Path(name).name != name or (path.parent / name).is_symlink():
+            if name != heavy.name or heavy.is_symlink():
                 raise CaseError(
-                    f"mesh.file: {path}: expected an HDF5 file beside it, given {name[:60]!r}"
+                    f"mesh.file: {path}: expected numbers in {heavy.name} beside it, given "
+                    f"{name[:60]!r}"
                 )
+    if heavy.is_file():
+        require_alone(heavy)
 
 
 def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:

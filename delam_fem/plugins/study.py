@@ -184,7 +184,9 @@ class Study(Generic[Chosen, Found]):
         self.require_fit(case)
         may = resume or overwrite or not options.common
         inputs = [*case.files.values(), *options.inputs]
-        with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
+        with claimed(
+            folder, inputs=inputs, may_hold_results=may, is_replacing=overwrite
+        ) as directory:
             if overwrite and self.remove:
                 resolve_name(self.remove)(directory)
             checkpoints: AbstractContextManager[Path] = nullcontext(directory)

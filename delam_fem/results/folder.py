@@ -14,11 +14,18 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.model.discretise import has_dolfinx
 from delam_fem.results.netcdf import write_dataset
-from delam_fem.results.reading import RESULT, SOLID, SUMMARY, load_numbers
+from delam_fem.results.reading import OF_SUMMARY, RESULT, SOLID, SUMMARY, load_numbers
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import rewritten, write_arrays, write_json
+from delam_fem.system.files import (
+    digest_of_json,
+    discard,
+    rewritten,
+    write_arrays,
+    write_json,
+)
+from delam_fem.system.written import drop_made_of_result
 
 if TYPE_CHECKING:
     from delam_fem.results.fields.solids import Frames
@@ -114,7 +121,8 @@ class Result:
 
                 written.append(write_solid(self.solid, directory / "fields"))
             elif isinstance(self.case, Case) and not self.case.model.is_continuum:
-                (directory / "fields" / SOLID).unlink(missing_ok=True)
+                discard(directory / "fields" / SOLID)
+            drop_made_of_result(directory)
             if figures:
                 written += save_views(self._drawn, self.summary, self.case, directory)
         if self.checkpoint is not None:
@@ -154,13 +162,20 @@ class Result:
         """Write case.toml, result.nc, summary.json and the final state only."""
         directory = Path(directory)
         written = [save_case(self.case, directory)]
-        written.append(write_dataset(self.history, directory / RESULT))
-        written.append(write_json(directory / SUMMARY, self.summary))
+        written += self._write_histories(directory)
         if self.final is None:
-            final_in(directory).unlink(missing_ok=True)  # of another run
+            discard(final_in(directory))  # of another run
         else:
             written.append(write_arrays(final_in(directory), self.final))
         return written
+
+    def _write_histories(self, directory: Path) -> list[Path]:
+        """Write result.nc and summary.json; the former knows the latter by its digest."""
+        history = self.history.assign_attrs({OF_SUMMARY: digest_of_json(self.summary)})
+        return [
+            write_dataset(history, directory / RESULT),
+            write_json(directory / SUMMARY, self.summary),
+        ]
 
 
 AS_PROBES = {
@@ -218,11 +233,7 @@ class OperatorsResult(Result):
 
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write result.nc and summary.json only; several ranks have the same: let one write."""
-        directory = Path(directory)
-        return [
-            write_dataset(self.history, directory / RESULT),
-            write_json(directory / SUMMARY, self.summary),
-        ]
+        return self._write_histories(Path(directory))
 
     def export(self, to: str, path: str | Path) -> list[Path]:
         """Refuse to export: the formats of other programs are made for laminae."""
@@ -271,7 +282,7 @@ def save_views(
                 drawn.append(vtx.write_bodies(Series.read(solid), solid.parent))
             drawn.append(animation.render_solid(solid, history, case, target))
         else:
-            target.unlink(missing_ok=True)
+            discard(target)
         written += [path for path in drawn if path is not None]
     else:
         pictures.remove_fields(directory / "fields")
@@ -280,7 +291,7 @@ def save_views(
 
 def remove_views(directory: Path) -> None:
     """Remove page, figures and fields of a result, which would be taken for those of another."""
-    (directory / "report.html").unlink(missing_ok=True)
+    discard(directory / "report.html")
     if (directory / "figures").is_dir():
         from delam_fem.results.figures.run import remove_figures
 

@@ -2,8 +2,6 @@
 
 The digest is an attribute of the file. A file that was changed after it was written does not match
 it, whatever changed: a number, a text, an attribute, a name. Files of other programs have none.
-
-HDF5 files may name other files, from which HDF5 would read. Such files are refused.
 """
 
 from __future__ import annotations
@@ -11,23 +9,21 @@ from __future__ import annotations
 import hashlib
 import logging
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import h5netcdf
-import h5py
 import numpy as np
 import xarray as xr
 
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import atomic_file
-from delam_fem.system.footprint import bounded, require_room
+from delam_fem.system.footprint import bounded
+from delam_fem.system.hdf5 import opened
 
 DIGEST = "digest"
 """Attribute with the digest of all other content."""
-MOST_NODES = 100_000
-"""Largest number of groups and datasets of a file."""
 _log = logging.getLogger(__name__)
 
 
@@ -149,66 +145,3 @@ def _in_memory(path: Path) -> xr.Dataset:
 def _classic(path: Path) -> xr.Dataset:
     """Return the dataset of a file of NetCDF-3."""
     return xr.load_dataset(path, engine="scipy", decode_times=False)
-
-
-def require_alone(path: Path) -> None:
-    """Refuse a file of HDF5 that names other files, or is too large; see `opened`."""
-    opened(path).close()
-
-
-def opened(path: Path) -> Any:
-    """Open a file of HDF5 that holds all that it shows; the caller closes it.
-
-    Raises:
-        CaseError: it names other files, or is too large.
-        OSError: it is no file of HDF5, or damaged.
-    """
-    file = h5py.File(path, "r")
-    try:
-        size = 0
-        for number, (name, node) in enumerate(_nodes(file, path)):
-            if number > MOST_NODES:
-                raise CaseError(f"{path}: expected at most {MOST_NODES} groups and datasets")
-            if isinstance(node, h5py.Dataset):
-                if node.external or node.is_virtual:
-                    raise CaseError(_elsewhere(path, name))
-                size += node.size * max(node.dtype.itemsize, 1) if node.shape is not None else 0
-        require_room(path, size)
-    except BaseException:
-        file.close()
-        raise
-    return file
-
-
-def _nodes(file: h5py.File, path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield the name and the object of each group and dataset once.
-
-    Raises:
-        CaseError: a link leads to another file.
-    """
-    waiting: list[Any] = [file]
-    addresses = set()
-    while waiting:
-        group = waiting.pop()
-        for key in group:
-            link = group.get(key, getlink=True)
-            if isinstance(link, h5py.ExternalLink):
-                raise CaseError(_elsewhere(path, key))
-            if not isinstance(link, h5py.HardLink):
-                continue  # to a place in this file, which is found by itself
-            node = group[key]
-            address = h5py.h5o.get_info(node.id).addr
-            if address in addresses:
-                raise CaseError(f"{path}: damaged: {key!r} is in two places")
-            addresses.add(address)
-            yield key, node
-            if isinstance(node, h5py.Group):
-                waiting.append(node)
-
-
-def _elsewhere(path: Path, name: str) -> str:
-    """Return the message for a file that names other files."""
-    return (
-        f"{path}: {name[:40]!r} is in another file; expected a file that holds all of its data, "
-        "given one that names others"
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 from pathlib import Path
@@ -25,6 +26,8 @@ SOLID = "solid.vtkhdf"
 
 CASE, RESULT, SUMMARY = "case.toml", "result.nc", "summary.json"
 """Names of the files of a run with its case, with all its numbers and with a few."""
+OF_SUMMARY = "summary_digest"
+"""Attribute of a result with the digest of its summary, which is a file of its own."""
 
 
 def load_numbers(
@@ -52,7 +55,8 @@ def load_numbers(
         raise CaseError(f"{directory}: expected the folder of a run, found no {RESULT} there")
     history = read_dataset(path, is_ours=True)
     require_history(history, str(path))
-    summary = _read_summary(directory / SUMMARY, history.sizes["lamina"])
+    summary_digest = history.attrs.pop(OF_SUMMARY, None)
+    summary = _read_summary(directory / SUMMARY, history.sizes["lamina"], summary_digest)
     case, changes = _case_of(history, directory)
     if changes:
         said = f"{directory / 'case.toml'} is not the case of {RESULT}: {'; '.join(changes)}"
@@ -66,24 +70,31 @@ def load_numbers(
     return case, history, summary
 
 
-def _read_summary(path: Path, n_laminae: int) -> dict[str, Any]:
+def _read_summary(path: Path, n_laminae: int, digest: str | None) -> dict[str, Any]:
     """Return the numbers of a run; without the file there are none.
 
     Raises:
-        CaseError: the file is damaged, or it has other numbers.
+        CaseError: the file is damaged, was changed, or is of another result.
     """
     if not path.exists():
         return {}
     try:
         with bounded(path):
-            summary = json.loads(path.read_text("utf-8"))
+            content = path.read_bytes()
+            summary = json.loads(content.decode())
     except (OSError, ValueError, RecursionError) as error:
         if isinstance(error, CaseError):
             raise
         raise CaseError(
             f"{path}: damaged, or not the summary of a run ({reason_of(error)})"
         ) from None
-    return require_summary(summary, n_laminae, str(path))
+    summary = require_summary(summary, n_laminae, str(path))
+    if digest not in (None, hashlib.sha256(content).hexdigest()):
+        raise CaseError(
+            f"{path}: was changed after it was written, or is of another result than {RESULT} "
+            "beside it; copy it again from where it came, or remove it: no other file needs it"
+        )
+    return summary
 
 
 def _case_of(history: xr.Dataset, directory: Path) -> tuple[Case, list[str]]:

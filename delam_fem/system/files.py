@@ -29,10 +29,16 @@ import numpy as np
 
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.footprint import bounded, require_room
+from delam_fem.system.written import (
+    LIST,
+    OUTPUTS,
+    PREFIX,
+    enlist,
+    is_replaceable,
+    listed,
+    require_replaceable_outputs,
+)
 
-PREFIX = ".delam_fem-"
-"""Prefix of temporary names. No file of a user has it, so what a killed process left is removed.
-The suffix stays that of the final name, because writers choose the format by it."""
 _HOST = hashlib.sha256(platform.node().encode()).hexdigest()[:6]
 """The machine in temporary names."""
 _LEFT_SECONDS = 86400.0
@@ -58,6 +64,8 @@ def atomic(path: Path) -> Iterator[Path]:
         The path to write to.
 
     Raises:
+        CaseError: it lies in an output folder, and there is such a file that the program has not
+            written.
         OSError: the block wrote nothing, or the written file cannot be renamed. It names the file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -67,6 +75,7 @@ def atomic(path: Path) -> Iterator[Path]:
         yield temporary
         if not temporary.exists():
             raise OSError(0, "could not be written; is the disk full?", str(path))
+        enlist(path)
         if temporary.is_dir() and path.exists():
             _remove(path)  # a folder cannot be replaced in one step
         os.replace(temporary, path)
@@ -147,7 +156,17 @@ def write_text(path: Path, text: str) -> Path:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     """Write numbers and texts as JSON; see `json_ready` and `write_text`."""
-    return write_text(path, json.dumps(json_ready(content), indent=2, allow_nan=False) + "\n")
+    return write_text(path, _json_text(content))
+
+
+def digest_of_json(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 digest of the file that `write_json` writes."""
+    return hashlib.sha256(_json_text(content).encode()).hexdigest()
+
+
+def _json_text(content: Mapping[str, Any]) -> str:
+    """Return numbers and texts as JSON; see `json_ready`."""
+    return json.dumps(json_ready(content), indent=2, allow_nan=False) + "\n"
 
 
 def json_ready(value: Any, digits: int | None = None) -> Any:
@@ -255,6 +274,12 @@ class DiskFile(io.FileIO):
         return size
 
 
+def discard(path: Path) -> None:
+    """Remove an output of the program, if it exists; what somebody else has put there stays."""
+    if is_replaceable(path):
+        _remove(path)
+
+
 def _remove(path: Path) -> None:
     """Remove a file or a folder, if it exists."""
     if path.is_dir() and not path.is_symlink():
@@ -263,17 +288,9 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-OUTPUTS = frozenset({
-    "case.toml", "checkpoint.npz", "state.npz", "result.nc", "summary.json", "report.html",
-    "figures", "fields", "sweep.toml", "sweep.nc", "sweep.json", "sweep.journal",
-    "convergence.json", "tables.md", "detection.json",
-    "orbit.json", "orbit.npz", "branch.nc", "points", "checkpoints", "unfinished.txt",
-})  # fmt: skip
-"""Names that runs, sweeps, refinement studies, orbits and branches give to what they write."""
-
 IDENTITY = "identity.json"
 """Name of the file that says to which computation a folder of what is kept belongs."""
-LINKED = frozenset({*OUTPUTS, "export", "overlay"})
+LINKED = frozenset({*OUTPUTS, LIST, "export", "overlay"})
 """Names in an output folder that must not be links."""
 
 
@@ -301,10 +318,21 @@ def remove_kept(folder: Path) -> None:
         if path.is_dir() and not path.is_symlink():
             with suppress(OSError):
                 path.rmdir()  # if it is empty
-        elif path.suffix == ".npz" or path.name == IDENTITY or path.name.startswith(PREFIX):
+        elif _is_kept(path):
             path.unlink(missing_ok=True)
     with suppress(OSError):
         folder.rmdir()
+
+
+def _is_kept(path: Path) -> bool:
+    """Return whether a file among checkpoints or points is the program's, be it damaged or not."""
+    if path.suffix != ".npz":
+        return path.name == IDENTITY or path.name.startswith(PREFIX)
+    try:
+        with zipfile.ZipFile(path) as members:
+            return f"{_DIGEST}.npy" in members.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return True
 
 
 def require_replaceable(paths: Collection[Path], *, is_overwriting: bool) -> None:
@@ -363,7 +391,8 @@ def rewritten(directory: Path) -> Iterator[None]:
         "The files in this folder are of two results: they are being replaced, or a process that "
         "did so was ended. The same command with --resume or --overwrite replaces the others.\n",
     )
-    yield
+    with listed(directory):
+        yield
     note.unlink(missing_ok=True)
 
 
@@ -386,6 +415,7 @@ def claimed(
     *,
     inputs: Collection[Path] = (),
     may_hold_results: bool = False,
+    is_replacing: bool = False,
     is_shared: bool = False,
 ) -> Iterator[Path]:
     """Make and lock a folder; no other process can claim it until the context ends.
@@ -399,6 +429,7 @@ def claimed(
             be called like an output there.
         may_hold_results: whether the folder may hold files, because the user asked to go on with
             them or to replace them.
+        is_replacing: whether the results replace others, whose files are removed at the end.
         is_shared: whether other processes write to the folder at the same time, each to files of
             its own; nothing is locked then.
 
@@ -407,14 +438,19 @@ def claimed(
 
     Raises:
         CaseError: the folder cannot be made or written, another process has claimed it, it is not
-            empty, or an output would replace an input.
+            empty, or an output would replace an input or a file that the program has not written.
     """
     made = _make(directory)
     try:
-        with nullcontext() if is_shared else _locked(directory):
+        with (
+            nullcontext() if is_shared else _locked(directory),
+            listed(directory, is_replacing=is_replacing, inputs=inputs) as listing,
+        ):
             _spare(directory, inputs)
             require_no_links(directory)
-            if not (may_hold_results or is_shared):
+            if may_hold_results or is_shared:
+                require_replaceable_outputs(listing)
+            else:
                 known = {os.path.realpath(path) for path in inputs}
                 entries = sorted(
                     entry.name
@@ -422,9 +458,9 @@ def claimed(
                     if not entry.name.startswith(".") and os.path.realpath(entry) not in known
                 )
                 if entries:
-                    listing = ", ".join(entries[:3]) + (" …" if len(entries) > 3 else "")
+                    shown = ", ".join(entries[:3]) + (" …" if len(entries) > 3 else "")
                     raise CaseError(
-                        f"output folder {directory}: is not empty ({listing}); choose another with "
+                        f"output folder {directory}: is not empty ({shown}); choose another with "
                         "-o DIR, go on with --resume, or replace what is there with --overwrite"
                     )
             yield directory

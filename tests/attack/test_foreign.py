@@ -8,15 +8,29 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
+from attack.processes import command, ended, finish, start
 from support import invoke
 from synthetic import small_case, synthetic_history
 
-from delam_fem.api import CaseError, atomic, remove_kept, save_case, write_dataset, write_json
+from delam_fem.api import (
+    CaseError,
+    atomic,
+    listed,
+    remove_kept,
+    save_case,
+    write_arrays,
+    write_dataset,
+    write_json,
+    write_text,
+)
 from delam_fem.results.diagnostics import summary
 from delam_fem.results.export import export
+from delam_fem.results.figures.run import remove_figures
 from delam_fem.simulation.checkpoint import of_study
-from delam_fem.system.files import OUTPUTS, PREFIX, claimed
+from delam_fem.system.files import claimed
+from delam_fem.system.written import LIST, MADE_OF_RESULT, OUTPUTS, PREFIX, drop_made_of_result
 
 
 def told(*line: str) -> str:
@@ -89,6 +103,129 @@ def test_what_a_user_put_among_checkpoints_stays(tmp_path: Path) -> None:
         remove_kept(folder)
 
 
+def written_in(folder: Path) -> set[str]:
+    """Return the names on the list of a folder."""
+    lines = (folder / LIST).read_text("utf-8").splitlines()
+    return {line for line in lines if not line.startswith("#")}
+
+
+def files_in(folder: Path) -> set[str]:
+    """Return the names of all files in a folder but that of the list."""
+    names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    return {name for name in names if ".bp/" not in name} - {LIST}
+
+
+SHORT = ("--set=mesh.elements=3", "--set=time.periods=2", "--set=output.window_periods=2")
+
+
+@pytest.mark.slow
+def test_a_run_lists_what_it_writes_and_replaces_no_more(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    line = ["run", "paper", *SHORT, "-q", "-o", str(folder)]
+    assert invoke(*line).exit_code == 0
+    assert files_in(folder) <= written_in(folder)
+    assert invoke("show", "export", str(folder), "--to", "csv").exit_code == 0
+    (folder / "export" / "mine.csv").write_text("mine")
+    (folder / "figures" / "mine.png").write_text("mine")
+    assert files_in(folder) - written_in(folder) == {"export/mine.csv", "figures/mine.png"}
+    again = invoke(*line, "--no-figures", "--overwrite")
+    assert again.exit_code == 0, again.output
+    assert {"case.toml", "result.nc", "summary.json", "state.npz", "export/mine.csv"} < files_in(
+        folder
+    )
+    left = {name for name in files_in(folder) if name.split("/")[0] in ("export", "figures")}
+    assert left == {"export/mine.csv", "figures/mine.png"}
+    assert not (folder / "report.html").exists()
+    assert "export" in again.output  # which is older than the result
+
+
+@pytest.mark.parametrize("name", ["report.html", "tables.md", "case.toml", "fields/a.vtu"])
+def test_a_file_of_the_user_is_not_replaced(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("mine")
+    with pytest.raises(CaseError, match=name.split("/")[0]):
+        with claimed(tmp_path, may_hold_results=True, is_replacing=True):
+            raise AssertionError
+    assert path.read_text() == "mine"
+
+
+def test_a_file_that_comes_between_is_not_replaced(tmp_path: Path) -> None:
+    with claimed(tmp_path):
+        write_text(tmp_path / "result.nc", "ours")
+        (tmp_path / "figures").mkdir()
+        (tmp_path / "figures" / "spectra.png").write_text("mine")
+        with pytest.raises(CaseError, match=r"figures/spectra\.png"):
+            write_text(tmp_path / "figures" / "spectra.png", "ours")
+        remove_figures(tmp_path / "figures")
+    assert (tmp_path / "figures" / "spectra.png").read_text() == "mine"
+    assert written_in(tmp_path) == {"result.nc"}
+
+
+def test_results_of_earlier_versions_are_replaced(tmp_path: Path) -> None:
+    for name in ("result.nc", "report.html"):
+        (tmp_path / name).write_text("ours, before there were lists")
+    with claimed(tmp_path, may_hold_results=True, is_replacing=True):
+        write_text(tmp_path / "result.nc", "new")
+    assert files_in(tmp_path) == written_in(tmp_path) == {"result.nc"}
+
+
+def test_what_is_replaced_goes_at_the_end_also_after_a_kill(tmp_path: Path) -> None:
+    table = tmp_path / "tables.md"
+    for name in ("branch.nc", "tables.md", "notes.txt"):
+        with listed(tmp_path):
+            write_text(tmp_path / name, "old")
+    with (
+        pytest.raises(KeyboardInterrupt),
+        claimed(tmp_path, may_hold_results=True, is_replacing=True),
+    ):
+        write_text(tmp_path / "branch.nc", "new")
+        raise KeyboardInterrupt
+    assert files_in(tmp_path) == {"branch.nc", "tables.md", "notes.txt"}
+    with claimed(tmp_path, may_hold_results=True):
+        pass  # nothing is complete yet
+    assert table.exists()
+    with claimed(tmp_path, may_hold_results=True):
+        write_text(tmp_path / "orbit.json", "new")
+    assert files_in(tmp_path) == {"branch.nc", "orbit.json", "notes.txt"}  # no name of an output
+
+
+def test_nothing_goes_where_nothing_was_written(tmp_path: Path) -> None:
+    with claimed(tmp_path):
+        write_text(tmp_path / "orbit.json", "old")
+    with claimed(tmp_path, may_hold_results=True, is_replacing=True):
+        pass
+    assert (tmp_path / "orbit.json").read_text() == "old"
+
+
+def test_the_list_is_no_way_to_other_files(tmp_path: Path) -> None:
+    other, folder = tmp_path / "other", tmp_path / "out"
+    other.write_text("mine")
+    folder.mkdir()
+    (folder / "result.nc").touch()
+    (folder / LIST).write_text("../other\nexport/../../other\nresult.nc\n")
+    with claimed(folder, may_hold_results=True, is_replacing=True):
+        write_text(folder / "result.nc", "new")
+        drop_made_of_result(folder)
+    assert other.read_text() == "mine"
+    (folder / LIST).unlink()
+    (folder / LIST).symlink_to(other)
+    with pytest.raises(CaseError, match="is a link"), claimed(folder, may_hold_results=True):
+        raise AssertionError
+    assert other.read_text() == "mine"
+
+
+def test_an_archive_of_the_user_among_points_stays(tmp_path: Path) -> None:
+    folder = tmp_path / "points"
+    folder.mkdir()
+    (folder / "identity.json").write_text("{}")
+    write_arrays(folder / "ours.npz", {"a": 1.0})
+    (folder / "damaged.npz").write_bytes(b"PK ours, damaged")
+    np.savez(folder / "mine.npz", a=1.0)
+    remove_kept(folder)
+    assert [path.name for path in folder.iterdir()] == ["mine.npz"]
+
+
 @pytest.mark.parametrize("to", ["csv", "mat", "uff"])
 def test_an_export_replaces_nothing_unasked(run: Path, tmp_path: Path, to: str) -> None:
     path = tmp_path / f"tips.{to}"
@@ -139,6 +276,21 @@ def test_many_write_one_file_at_once(tmp_path: Path) -> None:
     assert len(lines) == 1 + history.sizes["time"]
 
 
+@pytest.mark.nightly
+def test_many_processes_write_one_file_at_once(run: Path) -> None:
+    """45 exports to one file: all end well, and the file is that of one of them."""
+    line = command("show", "export", run, "--to", "csv", "-q")
+    processes = [start(line) for _ in range(45)]
+    ends = [finish(process) for process in processes]
+    assert ends == [(0, "")] * 45
+    (path,) = (run / "export").glob("paper.csv")
+    at_once = path.read_bytes()
+    path.unlink()
+    assert ended(line) == (0, "")
+    assert path.read_bytes() == at_once
+    assert not list((run / "export").glob(f"{PREFIX}*"))
+
+
 def test_two_blocks_of_one_process_do_not_meet(tmp_path: Path) -> None:
     path = tmp_path / "a"
     with atomic(path) as first, atomic(path) as second:
@@ -150,7 +302,7 @@ def test_two_blocks_of_one_process_do_not_meet(tmp_path: Path) -> None:
 
 def test_names_of_outputs_are_listed_for_users() -> None:
     page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text("utf-8")
-    missing = [name for name in OUTPUTS if f"`{name}`" not in page]
+    missing = [name for name in (*OUTPUTS, *MADE_OF_RESULT, LIST) if f"`{name}`" not in page]
     assert missing == []
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -148,6 +149,34 @@ def test_other_formats_are_read(tmp_path: Path, suffix: str) -> None:
     meshio.Mesh(mesh.points, [("line", lines)], cell_data={"lamina": [tags]}).write(path)
     expected = node_coordinates(case_with(ROOT / "meshes" / "laminae_graded.msh"))
     assert np.array_equal(node_coordinates(case_with(path)), expected)
+
+
+@pytest.mark.parametrize("way", ["link", "storage", "another name", "symbolic link"])
+def test_an_xdmf_file_reads_its_own_numbers_alone(tmp_path: Path, way: str) -> None:
+    mesh = meshio.read(ROOT / "meshes" / "laminae_graded.msh", file_format="gmsh")
+    lines, tags = mesh.cells_dict["line"], mesh.cell_data_dict["gmsh:physical"]["line"]
+    path, heavy, other = (tmp_path / name for name in ("m.xdmf", "m.h5", "other.h5"))
+    meshio.Mesh(mesh.points, [("line", lines)], cell_data={"lamina": [tags]}).write(path)
+    if way in ("another name", "symbolic link"):
+        heavy.rename(other)
+    if way == "another name":
+        path.write_text(path.read_text().replace("m.h5", "other.h5"))
+    elif way == "symbolic link":
+        heavy.symlink_to(other)
+    else:
+        with h5py.File(heavy, "r+") as file:
+            values = file["data0"][:]
+            del file["data0"]
+            if way == "link":
+                with h5py.File(other, "w") as source:
+                    source["v"] = values
+                file["data0"] = h5py.ExternalLink("other.h5", "v")
+            else:
+                other.write_bytes(values.tobytes())
+                storage = [(str(other), 0, values.nbytes)]
+                file.create_dataset("data0", values.shape, values.dtype, external=storage)
+    with pytest.raises(CaseError, match=r"expected numbers in m\.h5|in another file"):
+        node_coordinates(case_with(path))
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,8 @@ from delam_fem.api import (
     write_text,
 )
 from delam_fem.system.errors import require_number
-from delam_fem.system.files import OUTPUTS, PREFIX, DiskFile, claimed
+from delam_fem.system.files import DiskFile, claimed
+from delam_fem.system.written import OUTPUTS, PREFIX
 
 
 def test_numbers_are_made_ready_for_json(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ with them. Deflections and gaps have a factor of their own, which is 1 if they c
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from delam_fem.results.reading import SOLID, load_numbers
 from delam_fem.simulation.recorder import HIT, RESTING
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic
+from delam_fem.system.written import listed
 
 FORMATS = (".gif", ".mp4")
 """Suffixes of the files that can be written."""
@@ -185,10 +186,11 @@ def animate(
             f'{run}: --solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
             f"with frames, found no fields/{SOLID}"
         )
-    written = write_film(
-        history, case, paths, solid=fields if solid else None, periods=periods, rate=rate,
-        stretch=stretch, progress=progress,
-    )  # fmt: skip
+    with nullcontext() if output else listed(run):
+        written = write_film(
+            history, case, paths, solid=fields if solid else None, periods=periods, rate=rate,
+            stretch=stretch, progress=progress,
+        )  # fmt: skip
     if not written:
         raise CaseError(f"{run}: no frame of the run is finite, so there is nothing to show")
     return written

@@ -12,7 +12,6 @@ faces touch where the gap is 0.
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -37,7 +36,7 @@ from delam_fem.results.fields.laminae import scalars_of
 from delam_fem.results.fields.vtkhdf import Grid
 from delam_fem.results.figures.style import DPI, save_figure
 from delam_fem.results.schema import by_interface
-from delam_fem.system.files import atomic, write_text
+from delam_fem.system.files import atomic, discard, write_text
 
 ENDS = np.array([-1.0, 1.0])
 BLOCK_LENGTH = 0.01
@@ -514,17 +513,16 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
         with atomic(directory / name) as temporary:
             bodies.grid(int(frame)).write(temporary, file_format="vtu")
     for path in set(directory.glob("fields_*.vtu")) - {directory / name for name in names}:
-        path.unlink()
+        discard(path)
     return [series, _write_collection(directory / "fields.pvd", times[last], names)]
 
 
 def remove_fields(directory: Path) -> None:
     """Remove the fields of an earlier run, which would be taken for those of this one."""
     single = [directory / name for name in ("fields.pvd", "fields.vtkhdf", "solid.vtkhdf")]
-    for path in (*single, *directory.glob("fields_*.vtu")):
-        path.unlink(missing_ok=True)
-    for name in ("fields.bp", "solid.bp"):
-        shutil.rmtree(directory / name, ignore_errors=True)
+    folders = [directory / name for name in ("fields.bp", "solid.bp")]
+    for path in (*single, *directory.glob("fields_*.vtu"), *folders):
+        discard(path)
 
 
 def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:

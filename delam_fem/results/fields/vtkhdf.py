@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.netcdf import opened
 from delam_fem.system.errors import CaseError, reason_of
 from delam_fem.system.files import atomic
 from delam_fem.system.footprint import bounded
+from delam_fem.system.hdf5 import opened
 
 TENSOR_CELLS = ("quadrilateral", "hexahedron")
 VTK_ORDER = {2: (0, 1, 3, 2), 3: (0, 1, 3, 2, 4, 5, 7, 6)}

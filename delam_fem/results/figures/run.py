@@ -51,6 +51,7 @@ from delam_fem.results.figures.style import (
 )
 from delam_fem.results.schema import SENSOR, by_interface, event_interfaces, sensors_of
 from delam_fem.simulation.recorder import RESTING
+from delam_fem.system.files import discard
 
 LINE_PERIODS = 2
 """Periods that the contact line shows: the fewest that show whether it repeats."""
@@ -508,7 +509,7 @@ def remove_figures(directory: Path, keep: Collection[str] = ()) -> None:
     """Remove the figures of an earlier run, but not those that are drawn anew."""
     drawn = {*FIGURES, *OF_PROBES, *OF_SENSORS, "laminae", "solid"}
     for name in drawn - set(keep):
-        (directory / f"{name}.png").unlink(missing_ok=True)
+        discard(directory / f"{name}.png")
 
 
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:

@@ -33,6 +33,7 @@ from delam_fem.api import (
     Cost,
     EngineName,
     RunContext,
+    discard,
     find_case,
     html,
     json_ready,
@@ -314,4 +315,4 @@ def refine(case: Case, options: Converge, context: RunContext) -> Convergence:
 
 def remove(folder: Path) -> None:
     """Remove the result of a refinement study."""
-    (folder / RESULT).unlink(missing_ok=True)
+    discard(folder / RESULT)

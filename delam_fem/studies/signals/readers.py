@@ -25,8 +25,8 @@ from delam_fem.api import (
     CaseError,
     Columns,
     footprint,
+    hdf5,
     heading,
-    netcdf,
     read_columns,
     reason_of,
 )
@@ -402,8 +402,8 @@ def _plain(value: Any) -> Any:
 
 def _of_hdf5(path: Path) -> Tree:
     """Return the variables of a MATLAB file of version 7.3."""
-    with netcdf.opened(path) as file:
-        budget = iter(range(netcdf.MOST_NODES))
+    with hdf5.opened(path) as file:
+        budget = iter(range(hdf5.MOST_NODES))
         named = {name: node for name, node in file.items() if not name.startswith("#")}
         return {name: _value(node, file, budget) for name, node in named.items()}
 
@@ -420,7 +420,7 @@ def _value(node: Any, file: Any, budget: Iterator[int]) -> Any:
         ValueError: there are too many.
     """
     if next(budget, None) is None:
-        raise ValueError(f"more than {netcdf.MOST_NODES} variables and cells")
+        raise ValueError(f"more than {hdf5.MOST_NODES} variables and cells")
     if isinstance(node, h5py.Group):
         return {name: _value(entry, file, budget) for name, entry in node.items()}
     kind = node.attrs.get("MATLAB_class", b"").decode()

@@ -540,14 +540,17 @@ def history_of(data: xr.Dataset, channel: int) -> Values:
     Returns:
         Values, shape (n,); a frequency response is complex.
     """
-    variable = data[str(data["channel_variable"][channel].item())]
-    labels = {
-        "lamina": str(data["channel_lamina"][channel].item()),
-        "interface": str(data["channel"][channel].item()),
-        "output": str(data["channel"][channel].item()),
+    table = data.variables  # a DataArray of each would gather all coordinates: n² for n channels
+    variable = table[str(table["channel_variable"].values[channel])]
+    name = str(table["channel"].values[channel])
+    labels = {"lamina": str(table["channel_lamina"].values[channel])}
+    labels |= {"interface": name, "output": name}
+    here = {
+        dim: table[dim].values.tolist().index(labels[str(dim)])
+        for dim in variable.dims
+        if dim in labels
     }
-    here = {dim: labels[str(dim)] for dim in variable.dims if dim in labels}
-    return np.asarray(variable.sel(here).to_numpy())
+    return np.asarray(variable.isel(here).values)
 
 
 HEADING = ("channel", "in measured.nc", "quantity", "smallest", "largest")
@@ -556,15 +559,18 @@ HEADING = ("channel", "in measured.nc", "quantity", "smallest", "largest")
 
 def rows(data: xr.Dataset) -> Iterator[tuple[str, ...]]:
     """Yield a table row for each channel; of complex responses the amplitudes are shown."""
-    for k, name in enumerate(data["channel"].to_numpy()):
+    columns = (
+        data[f"channel_{key}"].to_numpy() for key in ("position", "variable", "quantity", "units")
+    )
+    channels = zip(data["channel"].to_numpy(), *columns, strict=True)
+    for k, (name, position, variable, quantity, units) in enumerate(channels):
         history = history_of(data, k)
         values = np.abs(history) if np.iscomplexobj(history) else history
-        position = float(data["channel_position"][k])
-        place = f" at {position:g} m" if np.isfinite(position) else ""
+        place = f" at {float(position):g} m" if np.isfinite(position) else ""
         yield (
             f"{name}{place}",
-            str(data["channel_variable"][k].item()),
-            f"{data['channel_quantity'][k].item() or 'value'} [{data['channel_units'][k].item()}]",
+            str(variable),
+            f"{quantity or 'value'} [{units}]",
             f"{values.min():.4g}",
             f"{values.max():.4g}",
         )

@@ -29,6 +29,7 @@ from delam_fem.api import (
     IntArray,
     Layout,
     atomic_file,
+    discard,
     occasion,
     origin,
     require_same,
@@ -380,4 +381,4 @@ def remove_results(directory: Path) -> None:
     """Remove the result and the journal of a sweep, so that it is computed from the beginning."""
     remove_journal(directory / JOURNAL)
     for name in (RESULT, OCCASION):
-        (directory / name).unlink(missing_ok=True)
+        discard(directory / name)

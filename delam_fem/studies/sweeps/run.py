@@ -40,6 +40,7 @@ from delam_fem.api import (
     Cost,
     Layout,
     html,
+    listed,
     require_affordable,
     run_cost,
     step_hours,
@@ -307,7 +308,10 @@ def run_sweep(
     if not (resume and is_complete(directory, sweep)):
         options = (executor, workers, resume, is_confirmed, progress)
         Thread(target=_load_xarray).start()
-        with _computing(sweep, directory, WHOLE, *options) as (merged, layout, about):
+        with (
+            listed(directory),
+            _computing(sweep, directory, WHOLE, *options) as (merged, layout, about),
+        ):
             write_result(sweep, directory, merged, layout, about)
             has_all = merged.numbers.size == sweep.n_points
         if has_all:
