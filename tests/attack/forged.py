@@ -8,6 +8,7 @@ one process for each kind, and prints the counts.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import random
@@ -34,6 +35,7 @@ from delam_fem.results.fields.vtkhdf import Series
 from delam_fem.results.figures.run import save_figures
 from delam_fem.results.netcdf import read_dataset
 from delam_fem.results.pages.report import of_result
+from delam_fem.results.reading import OF_SUMMARY
 from delam_fem.studies.signals.reading import read_measured
 
 SEED = 20261127
@@ -150,6 +152,9 @@ def a_forged_summary(rng: random.Random, folder: Path) -> None:
         if rng.random() < 0.3:
             content["settling"] = {rng.choice(("decay", "transient")): value}
         path.write_text(json.dumps(content))
+    data = read_dataset(folder / "result.nc")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    write_dataset(data.assign_attrs({OF_SUMMARY: digest}), folder / "result.nc")
     use(folder, rng)
 
 

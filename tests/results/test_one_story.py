@@ -98,6 +98,29 @@ def test_a_table_that_was_edited_is_not_taken_for_that_of_the_result(
         (computed / "gap.csv").write_text(original)
 
 
+def test_a_summary_that_was_changed_or_is_of_another_result_is_refused(
+    computed: Path, run: Path
+) -> None:
+    summary = run / "summary.json"
+    original = summary.read_text("utf-8")
+    edit(summary, '"outcome": "completed"', '"outcome": "diverged"')
+    with pytest.raises(
+        df.CaseError, match=r"was changed .* or is of another result"
+    ):
+        load_numbers(run)
+    other = df.run(df.load_case(run / "case.toml", {"excitation.frequency": 4.75}))
+    other.save(computed / "other", figures=False)
+    shutil.copy(computed / "other" / "summary.json", summary)
+    status, said = invoke("show", "page", run)
+    assert status == 2 and "is of another result than result.nc beside it" in said
+    summary.unlink()
+    assert load_numbers(run)[2] == {}
+    summary.write_text(original, "utf-8")
+    _, history, numbers = load_numbers(run)
+    assert numbers["outcome"] == "completed"
+    assert "summary_digest" not in history.attrs
+
+
 @pytest.mark.parametrize("fails", ["write_dataset", "write_json", "save_views"])
 def test_a_folder_that_is_half_replaced_says_that_it_is_unfinished(
     fails: str, run: Path, monkeypatch: pytest.MonkeyPatch
