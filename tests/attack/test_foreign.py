@@ -190,6 +190,22 @@ def test_what_is_replaced_goes_at_the_end_also_after_a_kill(tmp_path: Path) -> N
     assert files_in(tmp_path) == {"branch.nc", "orbit.json", "notes.txt"}  # no name of an output
 
 
+def test_what_is_made_of_a_result_goes_with_it(tmp_path: Path) -> None:
+    files = {name if "." in name else f"{name}/a.csv" for name in MADE_OF_RESULT}
+    for name in files:
+        with listed(tmp_path):
+            write_text(tmp_path / name, "old")
+    (tmp_path / "solid.gif").unlink()
+    (tmp_path / "notes.txt").touch()
+    drop_made_of_result(tmp_path)
+    assert files_in(tmp_path) == {"notes.txt"}
+    assert written_in(tmp_path) == set()
+    write_text(tmp_path / "plane.png", "mine")
+    with pytest.raises(CaseError, match=r"plane\.png"), listed(tmp_path):
+        write_text(tmp_path / "plane.png", "ours")
+    assert (tmp_path / "plane.png").read_text() == "mine"
+
+
 def test_nothing_goes_where_nothing_was_written(tmp_path: Path) -> None:
     with claimed(tmp_path):
         write_text(tmp_path / "orbit.json", "old")

@@ -67,7 +67,13 @@ def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
     assert options == Excite(lowest=50.0, number=3)
     assert (place.folder, place.workers, place.resume) == (Path("out"), 2, False)
     written = {path.relative_to("out").as_posix() for path in Path("out").rglob("*.*")}
-    assert written == {"case.toml", "found.json", "figures/one.png", "report.html"}
+    assert written == {
+        ".delam_fem.txt",
+        "case.toml",
+        "found.json",
+        "figures/one.png",
+        "report.html",
+    }
     assert json.loads(Path("out/found.json").read_text("utf-8")) == {"value": None}
     assert Found.grid, "pictures have the style of the house"
     page = Path("out/report.html").read_text("utf-8")

@@ -104,9 +104,7 @@ def test_a_summary_that_was_changed_or_is_of_another_result_is_refused(
     summary = run / "summary.json"
     original = summary.read_text("utf-8")
     edit(summary, '"outcome": "completed"', '"outcome": "diverged"')
-    with pytest.raises(
-        df.CaseError, match=r"was changed .* or is of another result"
-    ):
+    with pytest.raises(df.CaseError, match=r"was changed .* or is of another result"):
         load_numbers(run)
     other = df.run(df.load_case(run / "case.toml", {"excitation.frequency": 4.75}))
     other.save(computed / "other", figures=False)
