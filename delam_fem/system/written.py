@@ -6,6 +6,7 @@ no file of its own unlisted. The list is hidden (`LIST`), so that it is not take
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import shutil
@@ -80,6 +81,7 @@ class Listing:
         self._adopted = () if lines else _of_earlier_version(folder)
         self.names.update(self._adopted)
         self._is_empty = not lines
+        self._is_torn = bool(lines) and not lines[-1].endswith("\n")
         self._has_new = False
         if is_replacing:
             self._begin_anew()
@@ -113,13 +115,26 @@ class Listing:
             added = _AGAIN + added
         if self._is_empty:
             added = _HEAD + "".join(f"{entry}\n" for entry in sorted(self._adopted)) + added
-        handle = os.open(self.folder / LIST, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
-        try:
-            os.write(handle, added.encode())  # in one piece: others may append too
-        finally:
-            os.close(handle)
+        if self._is_torn:  # by a full disk
+            added = "\n" + added
+        self._append(added.encode())
         self._is_marked, self._is_empty = True, False
         self.names.add(name)
+
+    def _append(self, added: bytes) -> None:
+        """Add lines to the list in one piece, as others may add some at the same time.
+
+        Raises:
+            OSError: not all of them fit on the disk.
+        """
+        handle = os.open(self.folder / LIST, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        try:
+            n_written = os.write(handle, added)
+        finally:
+            os.close(handle)
+        self._is_torn = n_written < len(added)
+        if self._is_torn:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.folder / LIST))
 
     def drop(self, names: Collection[str]) -> None:
         """Remove files on the list, and the folders that they leave empty.

@@ -190,6 +190,21 @@ def test_what_is_replaced_goes_at_the_end_also_after_a_kill(tmp_path: Path) -> N
     assert files_in(tmp_path) == {"branch.nc", "orbit.json", "notes.txt"}  # no name of an output
 
 
+def test_a_list_that_a_full_disk_has_cut_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with listed(tmp_path):
+        write_text(tmp_path / "case.toml", "ours")
+    with monkeypatch.context() as patch, listed(tmp_path):
+        patch.setattr(os, "write", lambda handle, data: os.pwrite(handle, data[:4], 0))
+        with pytest.raises(OSError, match="No space"):
+            write_text(tmp_path / "result.nc", "ours")
+    assert not (tmp_path / "result.nc").exists()
+    with listed(tmp_path):
+        write_text(tmp_path / "summary.json", "ours")
+    assert {"case.toml", "summary.json"} <= written_in(tmp_path)
+
+
 def test_what_is_made_of_a_result_goes_with_it(tmp_path: Path) -> None:
     files = {name if "." in name else f"{name}/a.csv" for name in MADE_OF_RESULT}
     for name in files:
