@@ -89,8 +89,9 @@ PART_OF = {  # modules that another distribution pins and brings
     "pydantic_core": "pydantic",
     "sdypy": "sdypy-FRF",
 }
-PUBLISHING = {"system.files", "system.caches"}
-"""Modules that rename: the writer of results; libraries in private folders of their own."""
+PUBLISHING = {"system.files", "system.caches", "system.written"}
+"""Modules that rename: the writer of results; libraries in private folders of their own; the list
+of an output folder."""
 RENAMING = {"rename", "renames", "write_text", "write_bytes"}
 WRITING = {"savefig", "to_netcdf", "savez", "screenshot", "copyfile", "write_vtx"}
 """Methods that only system/files.py may call; functions that write to its temporaries."""

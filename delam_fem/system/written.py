@@ -78,7 +78,7 @@ class Listing:
                 self._begin_anew()
             elif not line.startswith("#"):
                 self.names.add(line.rstrip("\n"))
-        self._adopted = () if lines else _of_earlier_version(folder)
+        self._adopted = () if lines else _adoptable(folder)
         self.names.update(self._adopted)
         self._is_empty = not lines
         self._is_torn = bool(lines) and not lines[-1].endswith("\n")
@@ -297,7 +297,7 @@ def _foreign(folder: Path, names: list[str]) -> str:
     )
 
 
-def _of_earlier_version(folder: Path) -> tuple[str, ...]:
+def _adoptable(folder: Path) -> tuple[str, ...]:
     """Return the names of outputs in a folder that has results, but no list."""
     if not any((folder / mark).exists() for mark in _MARKS):
         return ()
