@@ -458,9 +458,9 @@ def claimed(
                     if not entry.name.startswith(".") and os.path.realpath(entry) not in known
                 )
                 if entries:
-                    listing_text = ", ".join(entries[:3]) + (" …" if len(entries) > 3 else "")
+                    names = ", ".join(entries[:3]) + (" …" if len(entries) > 3 else "")
                     raise CaseError(
-                        f"output folder {directory}: is not empty ({listing_text}); choose another with "
+                        f"output folder {directory}: is not empty ({names}); choose another with "
                         "-o DIR, go on with --resume, or replace what is there with --overwrite"
                     )
             yield directory
