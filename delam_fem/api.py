@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         SweptMotion as SweptMotion,
         base_motion as base_motion,
         drive as drive,
+        parts_of as parts_of,
         swept_motion as swept_motion,
     )
     from delam_fem.case.files import (
@@ -269,7 +270,7 @@ _HOMES = {
     "case.definition": "Case",
     "case.excitation": (
         "Excitation ForceExcitation HarmonicExcitation SweepExcitation SweptMotion base_motion "
-        "drive swept_motion"
+        "drive parts_of swept_motion"
     ),
     "case.files": "PRESETS CaseSource find_case load_case preset save_case",
     "case.gap": "initial_gap",

@@ -28,6 +28,7 @@ from delam_fem.case.excitation import (
     SweepExcitation,
     TableExcitation,
     drive,
+    parts_of,
 )
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
@@ -210,7 +211,10 @@ class Case(Section):
             ],
         }
         changed = {key: tables for key, tables in changed.items() if tables}
-        return {**data, **changed, "excitation": _placed(data.get("excitation"), end)}
+        drives = data.get("excitation")
+        if isinstance(drives, list | tuple):
+            return {**data, **changed, "excitation": [_placed(table, end) for table in drives]}
+        return {**data, **changed, "excitation": _placed(drives, end)}
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -252,7 +256,8 @@ class Case(Section):
 
     def _check_places(self) -> None:
         """Check that what acts on laminae names one of them and a place on it."""
-        self._check_place("excitation", self.excitation)
+        for key, drive_table in self._drives():
+            self._check_place(key, drive_table)
         for section in ("point_mass", "sensor", "stop", "impactor", "initial"):
             tolerance = 0.0 if section in ("point_mass", "sensor") else EDGE_TOLERANCE
             for number, entry in enumerate(getattr(self, section), start=1):
@@ -281,27 +286,35 @@ class Case(Section):
 
     def _check_time(self) -> None:
         """Check that time is in periods, or in seconds if the excitation does not repeat."""
-        kind = self.excitation.kind
+        kinds = [drive_table.kind for _, drive_table in self._drives()]
+        needs: dict[str, str] = {key: kind for kind in kinds for key in _NEEDS.get(kind, ())}
+        has_length = self.excitation.length is not None or {"table", "record"} & set(kinds)
+        if len(kinds) > 1 and not (self.is_periodic or has_length):
+            needs.setdefault("duration", "several, without a common period")
         for key, other in (("step", "steps_per_period"), ("duration", "periods")):
             value = getattr(self.time, key)
-            if value is None and key in _NEEDS.get(kind, ()):
+            if value is None and key in needs:
                 raise inconsistent(
-                    f"time.{key}", f'missing, but required [s] with excitation.kind = "{kind}"'
+                    f"time.{key}",
+                    f'missing, but required [s] with excitation.kind = "{needs[key]}"',
                 )
             if value is not None and (self.is_periodic or other in self.time.model_fields_set):
                 reason = ", because the excitation repeats" if self.is_periodic else ", not both"
                 raise inconsistent(
                     f"time.{key}", f"expected time.{other} instead{reason}; given {value:g} s"
                 )
-        blow = self.excitation
-        if not isinstance(blow, HammerExcitation):
-            return
+        for key, drive_table in self._drives():
+            if isinstance(drive_table, HammerExcitation):
+                self._check_blow(key, drive_table)
+
+    def _check_blow(self, key: str, blow: HammerExcitation) -> None:
+        """Check that a blow is within the window."""
         end = self.n_periods * self.period
         begin = end - self.n_window_periods * self.period
         margin = ROUND_OFF * end
         if blow.start < begin - margin or blow.start + blow.duration > end + margin:
             raise inconsistent(
-                "excitation.start",
+                f"{key}.start",
                 f"expected a blow within the window, {begin:g} to {end:g} s, given {blow.start:g} "
                 f"to {blow.start + blow.duration:g} s",
             )
@@ -895,7 +908,13 @@ class Case(Section):
         for key, file in self.files.items():
             if not file.is_file():
                 raise CaseError(f"{label}: {key}: no such file: {file}")
-        excitation = self.excitation
+        case = self
+        for key, excitation in self._drives():
+            case = case._with_series_checked(f"{label}: {key}", excitation)
+        return case
+
+    def _with_series_checked(self, label: str, excitation: Excitation) -> Self:
+        """Return the case after a check of the table of a drive; see `with_files_checked`."""
         if isinstance(excitation, RandomExcitation | BurstExcitation):
             drive(excitation)  # a table of its density can be used
         if not isinstance(excitation, TableExcitation | RecordExcitation):
@@ -907,7 +926,7 @@ class Case(Section):
             drift = abs(mean) * length**2 / 8.0
             if drift > OFFSET_DRIFT * self.length:
                 raise CaseError(
-                    f"{label}: excitation.file: expected accelerations without an offset with "
+                    f"{label}.file: expected accelerations without an offset with "
                     f'excitation.offset = "refuse", given the mean {mean:.3g} m/s2, from which the '
                     f'base drifts by {drift:.3g} m; take "remove", or filter the record'
                 )
@@ -917,7 +936,7 @@ class Case(Section):
             return self.model_copy(update={"time": section})
         if duration > length * (1.0 + ROUND_OFF):
             raise CaseError(
-                f"{label}: excitation.file: expected times up to time.duration = {duration:g} s, "
+                f"{label}.file: expected times up to time.duration = {duration:g} s, "
                 f"given {length:g} s"
             )
         return self
@@ -932,11 +951,19 @@ class Case(Section):
         }
         return {key: file for key, file in named.items() if file is not None}
 
+    def _drives(self) -> Iterator[tuple[str, Excitation]]:
+        """Yield the tables of the excitation with their places, as overrides name them."""
+        tables_of = parts_of(self.excitation)
+        for number, table in enumerate(tables_of, start=1):
+            yield "excitation" if len(tables_of) == 1 else f"excitation.{number}", table
+
     def _placed(self) -> Iterator[tuple[str, Section]]:
         """Yield the tables of the case with their places, as overrides name them."""
         for name in type(self).model_fields:
             value = getattr(self, name)
-            if isinstance(value, Section):
+            if name == "excitation":
+                yield from self._drives()
+            elif isinstance(value, Section):
                 yield name, value
             elif isinstance(value, tuple):
                 for number, entry in enumerate(value, start=1):

@@ -12,13 +12,21 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import scipy  # loads its parts when they are used
-from pydantic import Field, create_model, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    create_model,
+    model_serializer,
+    model_validator,
+)
 
 from delam_fem.case import broadband
 from delam_fem.case.broadband import Faded, Gridded, Lines, Realisations, Still, product
@@ -107,6 +115,11 @@ class _Kind(Section):
         """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
         keys = ("frequency", "start_frequency", "end_frequency")
         return max(getattr(self, key, None) or 0.0 for key in keys)
+
+    @property
+    def repeat_rate(self) -> Fraction:
+        """Reciprocal of the time after which it repeats, as it is written [Hz]."""
+        return Fraction(repr(self.top_frequency)) / self.turns
 
     @property
     def length(self) -> float | None:
@@ -551,6 +564,11 @@ class MultisineExcitation(_OfBand):
         return int(self.numbers[-1])
 
     @property
+    def repeat_rate(self) -> Fraction:
+        """Reciprocal of the time after which it repeats, as it is written [Hz]."""
+        return Fraction(repr(self.spacing))
+
+    @property
     def length(self) -> float | None:
         """Time that a run must cover [s]; None: that of the section `time`."""
         return None if self.periods is None else self.realisations * self.periods / self.spacing
@@ -786,6 +804,8 @@ class RecordExcitation(_Prescribed):
         return time, broadband.high_passed(time, value, self.high_pass), unit
 
 
+MOST_TURNS = 10_000
+"""Longest common period of several drives, in periods of the highest frequency."""
 _MOST_LINES = 100_000
 """Most lines of a multisine."""
 _MOST_RANDOM_LINES = 1e6
@@ -913,7 +933,7 @@ def _of_netcdf(path: Path, channel: str, name: str) -> tuple[Columns, tuple[int,
     return Columns(lines, values[:, is_known], headings), (0, 1)
 
 
-Excitation: TypeAlias = Annotated[
+Single: TypeAlias = Annotated[
     HarmonicExcitation
     | SweepExcitation
     | ForceExcitation
@@ -926,7 +946,171 @@ Excitation: TypeAlias = Annotated[
     | NoExcitation,
     Field(discriminator="kind"),
 ]
-"""The section `[excitation]`; its key `kind` says which."""
+"""A table `[excitation]`; its key `kind` says which."""
+
+
+class SeveralExcitations(_Kind):
+    """Drives that act at once at one place, the base or a point: [[excitation]] tables.
+
+    They repeat if all of them do and their periods have a common multiple of at most `MOST_TURNS`
+    periods of the highest frequency.
+
+    Attributes:
+        kind: "several"; not written in a case file.
+        each: the drives.
+    """
+
+    is_written: ClassVar[bool] = False
+
+    kind: Literal["several"] = "several"
+    each: tuple[Single, ...]
+
+    @model_validator(mode="after")
+    def _at_one_place(self) -> Self:
+        """Check that all drives act on the base, or on one point."""
+        if not self.each:
+            raise inconsistent("kind", "expected one or more [[excitation]] tables, given none")
+        first = self.each[0]
+        for number, other in enumerate(self.each[1:], start=2):
+            if isinstance(first, NoExcitation) or isinstance(other, NoExcitation):
+                raise inconsistent(f"{number}.kind", 'expected no "none" among several drives')
+            if _place_of(other) != _place_of(first):
+                raise inconsistent(
+                    str(number),
+                    f"expected all drives at one place, because a run has one load: that of the "
+                    f"first is {_said(first)}, given {_said(other)}",
+                )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _to_tables(self, handler: SerializerFunctionWrapHandler) -> object:
+        """Return the tables."""
+        return handler(self)["each"]
+
+    @property
+    def acts_on(self) -> Target:
+        """What they act on."""
+        target: Target = self.each[0].acts_on
+        return target
+
+    @property
+    def lamina(self) -> str | None:
+        """Name of the lamina on which forces act."""
+        return getattr(self.each[0], "lamina", None)
+
+    @property
+    def position(self) -> float | None:
+        """Place of the point at which forces act [m]."""
+        return getattr(self.each[0], "position", None)
+
+    @property
+    def is_harmonic(self) -> bool:
+        """Whether the excitation is one sine."""
+        return False
+
+    @property
+    def _common(self) -> int | None:
+        """Number of periods of the highest frequency in the common period; None: there is none."""
+        if not all(drive.is_periodic for drive in self.each):
+            return None
+        rates = [drive.repeat_rate for drive in self.each]
+        below = math.lcm(*(rate.denominator for rate in rates))
+        divisor = Fraction(math.gcd(*(int(rate * below) for rate in rates)), below)
+        turns = max(rate * drive.turns for rate, drive in zip(rates, self.each, strict=True))
+        turns /= divisor
+        return int(turns) if turns <= MOST_TURNS else None
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return self._common is not None
+
+    @property
+    def turns(self) -> int:
+        """Number of periods of `top_frequency` that make a period of a run."""
+        return self._common or max(drive.turns for drive in self.each)
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]; NaN if one of them has none."""
+        return float(np.max([drive.top_frequency for drive in self.each]))
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: that of the section `time`."""
+        return max((drive.length for drive in self.each if drive.length), default=None)
+
+    @property
+    def size(self) -> str:
+        """The sizes in words."""
+        return " + ".join(drive.size for drive in self.each)
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles: what they are, and the common period."""
+        text = " + ".join(drive.words for drive in self.each)
+        if not self.is_periodic:
+            return f"{text}, no common period"
+        return f"{text}, common period {self.turns / self.top_frequency:.6g} s"
+
+
+def _place_of(given: Any) -> tuple[Any, ...]:
+    """Return where a drive acts."""
+    return (given.acts_on, *(getattr(given, key, None) for key in ("lamina", "position")))
+
+
+def _said(given: Any) -> str:
+    """Return where a drive acts, in words."""
+    if given.acts_on == "base":
+        return "the base"
+    return f"{given.lamina} at {given.position:g} m"
+
+
+def _gathered(value: object) -> object:
+    """Return [[excitation]] tables as one; a single one stands for itself."""
+    if not isinstance(value, list | tuple):
+        return value
+    return value[0] if len(value) == 1 else {"kind": "several", "each": value}
+
+
+Excitation: TypeAlias = Annotated[
+    Annotated[
+        HarmonicExcitation
+        | SweepExcitation
+        | ForceExcitation
+        | HammerExcitation
+        | TableExcitation
+        | RandomExcitation
+        | MultisineExcitation
+        | BurstExcitation
+        | RecordExcitation
+        | NoExcitation
+        | SeveralExcitations,
+        Field(discriminator="kind"),
+    ],
+    BeforeValidator(_gathered),
+]
+"""The section `[excitation]`, or [[excitation]] tables that add up."""
+
+
+def parts_of(given: Excitation) -> tuple[Excitation, ...]:
+    """Return the drives of an excitation: itself, or those that add up."""
+    return given.each if isinstance(given, SeveralExcitations) else (given,)
+
+
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """Drives that add up.
+
+    Attributes:
+        each: the drives.
+    """
+
+    each: tuple[Drive, ...]
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return value and two derivatives, shape (k, 3); see `Drive`."""
+        return np.asarray(np.sum([drive.states(times) for drive in self.each], axis=0))
 
 
 _LAST = 1e-9
@@ -1127,6 +1311,8 @@ def drive(given: Excitation) -> Drive:
         return given.course()
     if isinstance(given, NoExcitation):
         return Still()
+    if isinstance(given, SeveralExcitations):
+        return Sum(tuple(drive(each) for each in given.each))
     if isinstance(given, HammerExcitation):
         return HalfSine(given.amplitude, given.duration, given.start)
     if given.frequency is not None:

@@ -67,8 +67,11 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
         raise CaseError(f"case {path}: is a sweep; compute it with delam-fem sweep {path}")
     for tables in data.values():
         for table in tables if isinstance(tables, list) else [tables]:
-            if isinstance(table, dict) and isinstance(table.get("file"), str):
-                table["file"] = os.path.join(path.absolute().parent, table["file"])
+            if not isinstance(table, dict):
+                continue
+            for key in ("file", "psd"):
+                if isinstance(table.get(key), str):
+                    table[key] = os.path.join(path.absolute().parent, table[key])
     return _case(data, overrides, f"case {path}")
 
 

@@ -163,7 +163,8 @@ def _parts(annotation: Any) -> Iterator[Any]:
 
 def _models(annotation: Any) -> list[type[Section]]:
     """Return the models of tables in the type of a field."""
-    return [p for p in _parts(annotation) if isinstance(p, type) and issubclass(p, Section)]
+    parts = [p for p in _parts(annotation) if isinstance(p, type) and issubclass(p, Section)]
+    return [part for part in parts if part.is_written]
 
 
 def _is_array(annotation: Any) -> bool:
@@ -219,6 +220,11 @@ def case_schema() -> Schema:
     several = {"type": "array", "items": {"anyOf": [ends, inner]}}
     del made["$defs"]["Support"]["properties"]["inside"]
     made["properties"]["support"] = {"anyOf": [ends, several]}
+    del made["$defs"]["SeveralExcitations"]
+    drive = made["properties"]["excitation"]
+    del drive["discriminator"]["mapping"]["several"]
+    drive["oneOf"] = [entry for entry in drive["oneOf"] if "Several" not in entry["$ref"]]
+    made["properties"]["excitation"] = {"anyOf": [drive, {"type": "array", "items": drive}]}
     return {"$schema": DIALECT, **_described(made, listed[0]), "title": "A case of delam_fem"}
 
 

@@ -16,6 +16,7 @@ import scipy  # loads its parts when they are used
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import (
     BurstExcitation,
+    Excitation,
     ForceExcitation,
     HammerExcitation,
     HarmonicExcitation,
@@ -27,6 +28,7 @@ from delam_fem.case.excitation import (
     TableExcitation,
     Tabulated,
     drive,
+    parts_of,
 )
 from delam_fem.case.sections import DISAGREEING, MATERIALS, Lamina
 
@@ -197,7 +199,12 @@ def _of_gaps(case: Case) -> Iterator[str]:
 
 def _of_excitation(case: Case) -> Iterator[str]:
     """Yield warnings about amplitude and frequency."""
-    excitation = case.excitation
+    for excitation in parts_of(case.excitation):
+        yield from _of_one_excitation(excitation, case)
+
+
+def _of_one_excitation(excitation: Excitation, case: Case) -> Iterator[str]:
+    """Yield warnings about one of the drives of a case."""
     if (
         isinstance(excitation, HammerExcitation)
         and excitation.duration < BLOW_STEPS * case.time_step

@@ -40,7 +40,7 @@ _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 
 _UNION_TAGS = (
     "harmonic", "sweep", "force", "hammer", "table", "random", "multisine", "burst", "record",
-    "none",
+    "none", "several", "each",
 )  # fmt: skip
 """Names that pydantic inserts into the path of an error although the case file has no such
 level."""
@@ -222,7 +222,7 @@ def _problem(details: ErrorDetails, data: Mapping[str, object]) -> str:
     elif kind == "union_tag_invalid":
         path = [*path, "kind"]
         suffix = f", given {context['tag']!r}"
-        text = f"expected {context['expected_tags']}"
+        text = f"expected {context['expected_tags']}".removesuffix(", 'several'")
     elif kind in ("model_type", "model_attributes_type", "dict_type"):
         text = "expected a table"
     elif kind == "inconsistent":

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from delam_fem.case.excitation import MultisineExcitation
+from delam_fem.case.excitation import Excitation, MultisineExcitation, parts_of
 from delam_fem.case.sections import Contact, Lamina, Model
 from delam_fem.contact.laws import SCHEMES, combination
 
@@ -31,11 +31,14 @@ def idle_keys(case: Case) -> Iterator[tuple[str, str]]:
     for section, keys in (
         ("contact", sorted(set(Contact.model_fields) - read_of_contact(case))),
         ("damping", ["rayleigh"] if case.is_of_points else []),
-        ("excitation", _of_excitation(case)),
         ("model", sorted(set(Model.model_fields) - _read_of_model(case))),
         ("time", _of_time(case)),
     ):
         yield from ((section, key) for key in keys)
+    drives = parts_of(case.excitation)
+    for number, excitation in enumerate(drives, start=1):
+        place = "excitation" if len(drives) == 1 else f"excitation.{number}"
+        yield from ((place, key) for key in _of_excitation(excitation))
     for number, opening in enumerate(case.delamination, start=1):
         if not opening.opening:
             yield from ((f"delamination.{number}", key) for key in ("shape", "exponent"))
@@ -89,10 +92,9 @@ def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
         yield "young_modulus"
 
 
-def _of_excitation(case: Case) -> list[str]:
-    """Return the keys of the excitation that have no effect."""
-    excitation = case.excitation
-    if excitation.kind == "force" and case.is_periodic:
+def _of_excitation(excitation: Excitation) -> list[str]:
+    """Return the keys of an excitation that have no effect."""
+    if excitation.kind == "force" and excitation.is_periodic:
         return ["spacing"]
     if isinstance(excitation, MultisineExcitation) and excitation.phases == "schroeder":
         return [] if excitation.lines == "odd-random" else ["seed"]

@@ -157,11 +157,13 @@ class Section(BaseModel):
     Attributes:
         also_written: keys of the file, positive numbers, that become other fields when it is read.
         never_written: fields that are no keys of the file.
+        is_written: whether it is a table of a file; otherwise it stands for several of them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     also_written: ClassVar[tuple[str, ...]] = ()
     never_written: ClassVar[tuple[str, ...]] = ()
+    is_written: ClassVar[bool] = True
 
     @model_validator(mode="before")
     @classmethod

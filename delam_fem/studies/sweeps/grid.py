@@ -42,6 +42,7 @@ from delam_fem.api import (
     inconsistent,
     load_case,
     message,
+    parts_of,
     preset,
     read_toml,
     settling,
@@ -346,7 +347,10 @@ def units_of(key: str, kind: str = "") -> list[str]:
 
 def unit_of(key: str, case: Case) -> str:
     """Return the unit of a key of a case, "1" of a pure number."""
-    return next(iter(units_of(key, case.excitation.kind)), "1")
+    number = key.split(".")[1] if key.startswith("excitation.") else ""
+    drives = parts_of(case.excitation)
+    one = drives[int(number) - 1] if number.isdecimal() else drives[0]
+    return next(iter(units_of(key, one.kind)), "1")
 
 
 @dataclass(frozen=True)
