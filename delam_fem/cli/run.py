@@ -245,6 +245,14 @@ def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
 def page_command(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or a sweep.")],
     *,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Channel of a run of which histories, spectrum and portrait are drawn; "
+            "repeatable.",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Make figures, fields and page of a run or a sweep from its numbers, without computing."""
@@ -260,9 +268,14 @@ def page_command(
         )
     with claimed(directory, may_hold_results=True):
         if (directory / RESULT).is_file():
+            if channel:
+                raise CaseError(
+                    f"show page {directory}: expected the folder of a run beside --channel, given "
+                    "that of a sweep; record.channels of a sweep file keeps measures of channels"
+                )
             with open_result(directory / RESULT, is_loaded=True) as data:
                 paths = [write_page(data, directory)]
         else:
             case, history, summary = load_numbers(directory)
-            paths = save_views(history, summary, case, directory)
+            paths = save_views(history, summary, case, directory, channel or ())
     say(quiet, paths)

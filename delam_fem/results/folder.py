@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -244,7 +244,11 @@ class OperatorsResult(Result):
 
 
 def save_views(
-    history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory: Path
+    history: xr.Dataset,
+    summary: Mapping[str, Any],
+    case: Case,
+    directory: Path,
+    channels: Sequence[str] = (),
 ) -> list[Path]:
     """Write figures, fields and report: all files that can be made from the numbers of a run.
 
@@ -253,6 +257,7 @@ def save_views(
         summary: its numbers.
         case: its case.
         directory: the folder.
+        channels: channels of which further figures are drawn.
 
     Returns:
         The files and folders written.
@@ -264,7 +269,7 @@ def save_views(
     from delam_fem.results.figures.run import save_figures
     from delam_fem.results.pages.report import write_report
 
-    written = save_figures(history, case, directory / "figures")
+    written = save_figures(history, case, directory / "figures", channels)
     if history.sizes.get("frame", 0) and "node" in history.sizes:
         written += pictures.write_fields(history, case, directory / "fields")
         drawn = [pictures.render(history, case, directory / "figures" / "laminae.png")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +19,7 @@ from delam_fem.case.definition import Case
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
+from delam_fem.results.figures import channels
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
@@ -41,7 +42,6 @@ from delam_fem.results.figures.style import (
     powers_of_ten,
     save_figure,
     seconds_below,
-    shown_unit,
     side_by_side,
     stacked,
     steps,
@@ -49,7 +49,7 @@ from delam_fem.results.figures.style import (
     symbol,
     time_axis,
 )
-from delam_fem.results.schema import SENSOR, by_interface, event_interfaces, sensors_of
+from delam_fem.results.schema import by_interface, event_interfaces, sensors_of
 from delam_fem.simulation.recorder import RESTING
 from delam_fem.system.files import discard
 
@@ -424,38 +424,7 @@ def _mark_harmonics(axes: Axes, amplitudes: FloatArray) -> str:
     return f":  d = {d:.2f} %,  THD = {thd:.1f} %;  dots: harmonics of the excitation"
 
 
-_DOTS_BELOW = 400
-"""Samples up to which they are drawn as dots too."""
-
-
-def sensors(history: xr.Dataset, case: Case) -> Figure:
-    """Draw the signal of each sensor over the last periods, one below the other."""
-    names = sensors_of(history)
-    start = float(diagnostics.last_periods(history, case, HISTORY_PERIODS)["time"][0])
-    figure, panels = stacked(len(names), max(4.2, 1.0 + 2.1 * len(names)))
-    for axes, name in zip(panels, names, strict=True):
-        values = history[name]
-        unit, factor = shown_unit(values.attrs["units"])
-        time = values[str(values.dims[0])].to_numpy()
-        is_late = time >= start
-        is_sparse = is_late.sum() <= _DOTS_BELOW
-        axes.plot(
-            time[is_late] / time_axis(case)[0],
-            factor * finite(values)[is_late],
-            color=BLACK,
-            linewidth=0.9,
-            marker="." if is_sparse and "sampling_rate" in values.attrs else None,
-            markersize=3.0,
-        )
-        axes.set_title(
-            f"{name.removeprefix(SENSOR)}: {values.attrs['long_name']}", fontsize=9, loc="left"
-        )
-        axes.set_ylabel(f"[{unit}]")
-        axes.margins(x=0.0)
-    return over_time(figure, panels, case)
-
-
-FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
+FIGURES: dict[str, Callable[..., Figure]] = {
     "tip_histories": tip_histories,
     "phase_portraits": phase_portraits,
     "spectra": spectra,
@@ -468,12 +437,16 @@ OF_PROBES = {"probe_histories": probe_histories} | {
     name: FIGURES[name] for name in ("phase_portraits", "spectra", "energy_ledger", "envelope")
 }
 """The figures of runs of operators, of whose structure nothing is known but probes."""
-OF_SENSORS = {"sensors": sensors}
-"""The figures of runs with sensors."""
+OF_CHANNELS: dict[str, Callable[..., Figure]] = {
+    "channels": channels.histories,
+    "channel_spectra": channels.spectra,
+    "channel_portraits": channels.portraits,
+}
+"""The figures of channels by name; the first one is drawn of every run with sensors."""
 
 
 class Plots:
-    """The figures of one run as methods without arguments: `plots.tip_histories()`.
+    """The figures of one run as methods: `plots.tip_histories()`, `plots.channels("a1", "base")`.
 
     The methods return matplotlib's figures, which a notebook shows. `dir(plots)` lists them.
     """
@@ -490,16 +463,17 @@ class Plots:
     def __getattr__(self, name: str) -> Callable[[], Figure]:
         """Return the function that draws the figure of this name."""
         figures = {} if name.startswith("_") else figures_of(self._history)
+        figures = OF_CHANNELS | figures if name in OF_CHANNELS else figures
         if name not in figures:
             raise AttributeError(f"no figure {name!r}; there are {', '.join(figures)}")
         return styled()(partial(figures[name], self._history, self._case))
 
 
-def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Figure]]:
+def figures_of(history: xr.Dataset) -> dict[str, Callable[..., Figure]]:
     """Return the figures of a run by the names of their files."""
     if "tip_node" not in history:
         return OF_PROBES if history.sizes["lamina"] else {"energy_ledger": energy_ledger}
-    figures = FIGURES | (OF_SENSORS if sensors_of(history) else {})
+    figures = FIGURES | ({"channels": channels.histories} if sensors_of(history) else {})
     if history.sizes["lamina"] == 1 and "stop" not in history.sizes:
         del figures["contact_line"]
     return figures
@@ -507,12 +481,14 @@ def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Fi
 
 def remove_figures(directory: Path, keep: Collection[str] = ()) -> None:
     """Remove the figures of an earlier run, but not those that are drawn anew."""
-    drawn = {*FIGURES, *OF_PROBES, *OF_SENSORS, "laminae", "solid"}
+    drawn = {*FIGURES, *OF_PROBES, *OF_CHANNELS, "laminae", "solid"}
     for name in drawn - set(keep):
         discard(directory / f"{name}.png")
 
 
-def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
+def save_figures(
+    history: xr.Dataset, case: Case, directory: str | Path, names_of_channels: Sequence[str] = ()
+) -> list[Path]:
     """Draw all figures and write them as PNG.
 
     A spectrum needs a whole period in the window; without one it is left out.
@@ -521,6 +497,8 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
         history: dataset of a run, however short; see `schema.VARIABLES`.
         case: its case.
         directory: folder, which is made where it does not exist.
+        names_of_channels: channels of which histories, spectra and portraits are drawn; none: the
+            histories of the sensors.
 
     Returns:
         The files, in the order of `figures_of`.
@@ -531,9 +509,12 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     directory = Path(directory)
     has_period = history.sizes["time"] >= case.steps_per_period
     figures = figures_of(history)
+    if names_of_channels:
+        figures |= OF_CHANNELS
     names = [name for name in figures if has_period or name != "spectra"]
     remove_figures(directory, keep=names)
     paths = [directory / f"{name}.png" for name in names]
     for name, path in zip(names, paths, strict=True):
-        save_figure(partial(figures[name], history, case), path)
+        of_channels = names_of_channels if name in OF_CHANNELS else ()
+        save_figure(partial(figures[name], history, case, *of_channels), path)
     return paths

@@ -24,7 +24,7 @@ from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
 from delam_fem.results.fields import laminae
 from delam_fem.results.fields.pictures import drawable_frames, marks, middle_lines
 from delam_fem.results.figures.run import FLOWS
-from delam_fem.results.figures.style import lamina_colours
+from delam_fem.results.figures.style import finite, lamina_colours, shown_unit
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (
     Block,
@@ -36,7 +36,8 @@ from delam_fem.results.pages.html import (
     Table,
     embedded,
 )
-from delam_fem.results.schema import SENSOR, contact_heading, contact_rows, rows, sensors_of
+from delam_fem.results.record import of_run
+from delam_fem.results.schema import CHANNEL_MEASURES, contact_heading, contact_rows, rows, shown
 from delam_fem.system.files import write_text
 
 WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
@@ -303,7 +304,9 @@ CAPTIONS = {
     ),
     "probe_histories": "Displacements of the probes over the last periods; ticks are impacts.",
     "phase_portraits": "Phase portraits of the reference probes.",
-    "sensors": "Signals of the sensors over the last periods.",
+    "channels": "Channels over the last periods, a panel for each unit.",
+    "channel_spectra": "Amplitude spectra of channels, over whole periods of the window.",
+    "channel_portraits": "Time derivatives of channels over the channels themselves.",
     "spectra": "Amplitude spectra of the displacements at the reference probes.",
     "contact_line": "Where and when neighbouring laminae touch, and the power that contact takes.",
     "energy_ledger": "What changed the energy in each period, and what was stored at its end.",
@@ -373,8 +376,8 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     warnings = [Paragraph(str(text), "warning") for text in texts if text]
     drawn = ((directory / "figures" / f"{name}.png", text) for name, text in CAPTIONS.items())
     figures = [(picture, text) for picture, text in drawn if picture.is_file()]
-    heading = ("sensor", "what it measures", "smallest", "largest", "rms")
-    signals = sensor_rows(history)
+    heading = ("channel", "what it is", "smallest", "largest", "rms")
+    channels = channel_rows(history, case)
     touched = contact_rows(summary)
     sections = [
         Section("", [Paragraph(sentence(history, summary, case), "verdict"), *warnings]),
@@ -386,7 +389,7 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
         Section("Numbers", [Paragraph(about, "about"), table]),
         *([Section("Contacts", [Table(contact_heading(), touched)])] if touched else []),
         Section("Figures", [Gallery([embedded(p)], text, text) for p, text in figures]),
-        *([Section("Sensors", [Table(heading, signals)])] if signals else []),
+        Section("Channels", [Table(heading, channels)]),
         Section("Energy", [Paragraph(flows, "about"), energy]),
         Section("Files", [html.files(directory, FILES)]),
         *([Section("Case", [Preformatted(case.to_toml())])] if has_laminae else []),
@@ -398,16 +401,17 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
 NO_FRAMES = "There is no film, because output.fields_per_period is 0 or the motion is not finite."
 
 
-def sensor_rows(history: xr.Dataset) -> list[tuple[str, ...]]:
-    """Return table rows of all sensors over the window: name, meaning, smallest, largest, rms."""
+def channel_rows(history: xr.Dataset, case: Case) -> list[tuple[str, ...]]:
+    """Return table rows of all channels over the window: name, meaning, smallest, largest, rms."""
     rows = []
-    for name in sensors_of(history):
-        variable = history[name]
-        values = variable.to_numpy()
-        unit = str(variable.attrs["units"])
-        numbers_of = (values.min(), values.max(), np.sqrt(np.mean(values**2)))
-        texts = (f"{value:.4g} {unit}".replace("-", "−") for value in numbers_of)
-        rows.append((name.removeprefix(SENSOR), str(variable.attrs["long_name"]), *texts))
+    for name, channel in of_run(history, case).data_vars.items():
+        unit, factor = shown_unit(channel.attrs["units"])
+        values = finite(channel)
+        if not values.size:
+            continue
+        numbers = (CHANNEL_MEASURES[key].of(values) for key in ("min", "max", "rms"))
+        texts = (f"{shown(float(number), factor)} {unit}" for number in numbers)
+        rows.append((str(name), str(channel.attrs["long_name"]), *texts))
     return rows
 
 

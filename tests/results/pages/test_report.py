@@ -111,7 +111,7 @@ def test_files_beside_the_page_are_linked_if_they_are_there(case: Case, tmp_path
 def test_every_figure_has_a_caption() -> None:
     of_fields = {"laminae", "solid"}
     assert set(report.CAPTIONS) == {
-        *figures.FIGURES, *figures.OF_PROBES, *figures.OF_SENSORS, *of_fields,
+        *figures.FIGURES, *figures.OF_PROBES, *figures.OF_CHANNELS, *of_fields,
     }  # fmt: skip
 
 
@@ -146,14 +146,15 @@ def test_energy_rows_add_up(case: Case) -> None:
     assert [label for label, _, _ in rows if "dampers" in label] == []  # nothing flowed there
 
 
-def test_sensors_have_their_extremes_and_rms(case: Case, tmp_path: Path) -> None:
+def test_channels_have_their_extremes_and_rms(case: Case, tmp_path: Path) -> None:
     history = synthetic_history(case)
-    assert report.sensor_rows(history) == []
     history["sensor_mid"] = ("sensor_mid_time", np.array([3.0, -4.0, 0.0]), ABOUT_MID)
-    assert report.sensor_rows(history) == [
-        ("mid", "velocity of thin at 0.2 m", "−4 m/s", "3 m/s", "2.887 m/s")
-    ]
-    assert "<h2>Sensors</h2>" in re.sub(
+    rows = {row[0]: row[1:] for row in report.channel_rows(history, case)}
+    assert rows["mid"] == ("velocity of thin at 0.2 m", "−4 m/s", "3 m/s", "2.887 m/s")
+    assert [*rows][:4] == ["tip_thick", "tip_thick_velocity", "tip_thin", "tip_thin_velocity"]
+    size = 1e3 * float(np.abs(history["base_displacement"]).max())
+    assert rows["base"][2] == f"{size:.4g} mm"
+    assert "<h2>Channels</h2>" in re.sub(
         r"<h2[^>]*>", "<h2>", report.page(history, {}, case, tmp_path)
     )
 
