@@ -69,10 +69,7 @@ class Listing:
         self.earlier: set[str] = set()
         self.names: set[str] = set()
         self._is_marked = not is_replacing
-        try:
-            lines = (folder / LIST).read_text("utf-8", errors="replace").splitlines(keepends=True)
-        except OSError:
-            lines = []
+        lines = _lines_of(folder)
         for line in lines:
             if line == _AGAIN:
                 self._begin_anew()
@@ -109,7 +106,8 @@ class Listing:
         if name in self.names:
             return
         if name not in self.earlier and (path.exists() or path.is_symlink()):
-            raise CaseError(_foreign(self.folder, [name]))
+            if f"{name}\n" not in _lines_of(self.folder):  # another process may have added it
+                raise CaseError(_foreign(self.folder, [name]))
         added = f"{name}\n"
         if not self._is_marked:
             added = _AGAIN + added
@@ -193,6 +191,15 @@ class Listing:
         _say_removed(self.folder, gone)
 
 
+def _lines_of(folder: Path) -> list[str]:
+    """Return the lines of the list of a folder, each with its end."""
+    try:
+        with (folder / LIST).open(encoding="utf-8", errors="replace", newline="\n") as file:
+            return list(file)
+    except OSError:
+        return []
+
+
 _listings: ContextVar[tuple[Listing, ...]] = ContextVar("_listings", default=())
 """The lists of the folders into which this thread writes."""
 
@@ -212,7 +219,7 @@ def listed(
     Yields:
         The list.
     """
-    real = Path(os.path.abspath(folder))
+    real = Path(os.path.realpath(folder))
     for listing in _listings.get():
         if listing.folder == real:
             yield listing
@@ -227,21 +234,33 @@ def listed(
 
 
 def enlist(path: Path) -> None:
-    """Put a file on the list of the innermost folder that is listed; see `Listing.enlist`."""
-    if not _listings.get():
-        return
-    real = Path(os.path.abspath(path))
-    inner = [listing for listing in _listings.get() if listing.folder in real.parents]
-    if inner:
-        listing = max(inner, key=lambda listing: len(listing.folder.parts))
+    """Put a file on the list of the folder to which it belongs; see `Listing.enlist`."""
+    real = Path(os.path.realpath(path.parent), path.name)
+    if listing := _listing_of(real):
         listing.enlist(path, real.relative_to(listing.folder).as_posix())
 
 
 def is_replaceable(path: Path) -> bool:
-    """Return whether a file may be removed: it lies in no folder that is listed, or is listed."""
-    real = Path(os.path.abspath(path))
-    inner = [listing for listing in _listings.get() if listing.folder in real.parents]
-    return all(listing.lists(real.relative_to(listing.folder).as_posix()) for listing in inner)
+    """Return whether a file may be removed: it belongs to no folder with a list, or is on it."""
+    real = Path(os.path.realpath(path.parent), path.name)
+    listing = _listing_of(real)
+    return listing is None or listing.lists(real.relative_to(listing.folder).as_posix())
+
+
+def _listing_of(path: Path) -> Listing | None:
+    """Return the list of the innermost folder around a file into which this thread writes.
+
+    A folder in it may have a list of its own, as those of sweeps that a study computes.
+    """
+    listings = {listing.folder: listing for listing in _listings.get()}
+    if listings.keys().isdisjoint(path.parents):
+        return None
+    for folder in path.parents:
+        if folder in listings:
+            return listings[folder]
+        if (folder / LIST).is_file() or _adoptable(folder):
+            return Listing(folder, is_replacing=False)
+    return None
 
 
 def require_replaceable_outputs(listing: Listing) -> None:

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from attack.processes import command, ended, finish, start
+from attack.test_kills import KILLS, files_of, victims
 from support import invoke
 from synthetic import small_case, synthetic_history
 
 from delam_fem.api import (
     CaseError,
     atomic,
+    discard,
     listed,
     remove_kept,
     save_case,
@@ -139,6 +141,27 @@ def test_a_run_lists_what_it_writes_and_replaces_no_more(tmp_path: Path) -> None
     assert "export" in again.output  # which is older than the result
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", sorted({*KILLS} - {"shard", "extend"}))
+def test_each_command_lists_what_it_writes_and_replaces_it(kind: str, tmp_path: Path) -> None:
+    inputs, folder = files_of(tmp_path), tmp_path / "out"
+    victim = victims()[kind]
+    words = [str(word).replace("FOLDER", str(tmp_path)) for word in victim.words]
+    line = command(*words, "-q", "-o", folder, keys=victim.keys)
+    assert ended(line)[0] == 0
+    before = {path: path.stat().st_ino for path in folder.rglob("*") if path.is_file()}
+    unlisted = files_in(folder) - written_in(folder)
+    nested = {name for name in unlisted if (folder / name).with_name(LIST).exists()}
+    assert {Path(name).name for name in nested} <= {LIST, *OUTPUTS}
+    assert unlisted - nested == set()
+    status, errors = ended([*line, "--overwrite"])
+    assert status == 0, errors
+    assert {path for path in folder.rglob("*") if path.is_file()} == before.keys()
+    data = [path for path in before if path.suffix == ".nc" and path.parent == folder]
+    assert all(path.stat().st_ino != before[path] for path in data)
+    assert all(path.exists() for path in inputs)
+
+
 @pytest.mark.parametrize("name", ["report.html", "tables.md", "case.toml", "fields/a.vtu"])
 def test_a_file_of_the_user_is_not_replaced(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
@@ -188,6 +211,25 @@ def test_what_is_replaced_goes_at_the_end_also_after_a_kill(tmp_path: Path) -> N
     with claimed(tmp_path, may_hold_results=True):
         write_text(tmp_path / "orbit.json", "new")
     assert files_in(tmp_path) == {"branch.nc", "orbit.json", "notes.txt"}  # no name of an output
+
+
+def test_a_sweep_in_the_folder_of_a_study_has_its_own_list(tmp_path: Path) -> None:
+    inner = tmp_path / "simulations" / "3-Hz"
+    for folder in (tmp_path, inner):
+        with listed(folder):
+            write_text(folder / "sweep.nc", "ours")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "sweep.json").write_text("mine")
+    earlier = tmp_path / "finer"
+    earlier.mkdir()
+    (earlier / "sweep.nc").write_text("ours, before there were lists")
+    with claimed(tmp_path, may_hold_results=True):
+        write_text(inner / "sweep.json", "ours")
+        for folder in (inner, earlier, tmp_path / "other"):
+            discard(folder / "sweep.nc")
+            discard(folder / "sweep.json")
+    assert files_in(tmp_path) - {f"simulations/3-Hz/{LIST}"} == {"sweep.nc", "other/sweep.json"}
+    assert written_in(tmp_path) == {"sweep.nc"}
 
 
 def test_a_list_that_a_full_disk_has_cut_goes_on(

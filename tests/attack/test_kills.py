@@ -279,13 +279,19 @@ def lasting(value: Any) -> Any:
 ORIGIN = ("created", "command", "host", "processor", "revision", "blas")
 
 
-def attack(kind: str, most: int, tmp_path: Path) -> dict[str, int]:
-    """Kill a command `most` times in several trials; return the stages that were hit."""
-    (tmp_path / "s.toml").write_text(sweep_text(periods=20, count=100))
+def files_of(folder: Path) -> list[Path]:
+    """Write the files that the commands read, and return them."""
+    (folder / "s.toml").write_text(sweep_text(periods=20, count=100))
     blow = {"lamina": "upper", "position": 0.2, "mass": 0.01, "gap": 1e-4, "velocity": 0.5,
             "stiffness": 1e5, "side": "above"}  # fmt: skip
     sections = tomllib.loads(df.preset("embedded", BLOW).to_toml())
-    (tmp_path / "blow.toml").write_text(df.Case(**sections, impactor=[blow]).to_toml())
+    (folder / "blow.toml").write_text(df.Case(**sections, impactor=[blow]).to_toml())
+    return [folder / "s.toml", folder / "blow.toml"]
+
+
+def attack(kind: str, most: int, tmp_path: Path) -> dict[str, int]:
+    """Kill a command `most` times in several trials; return the stages that were hit."""
+    files_of(tmp_path)
     victim = victims()[kind]
 
     def line(words: Iterable[object], folder: Path, keys: dict[str, Any]) -> list[str]:
