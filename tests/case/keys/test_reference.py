@@ -1,14 +1,43 @@
 """The list of keys follows the models: nothing is missing, nothing is undocumented."""
 
+import csv
+import io
+import json
+
+import golden
 import pytest
+from project import ROOT
 
 from delam_fem.api import PRESETS, preset, tables
-from delam_fem.case.keys import Table
+from delam_fem.case.keys import Key, Table
+
+TABLE = ROOT / "docs" / "reference" / "keys.csv"
 
 
 def table(name: str, kind: str = "") -> Table:
     match, *_ = (t for t in tables() if (t.name, t.kind) == (name, kind))
     return match
+
+
+def default_of(key: Key) -> str:
+    if key.is_required:
+        return "required"
+    return "" if key.default is None else json.dumps(key.default, default=str, ensure_ascii=False)
+
+
+@pytest.mark.stored
+def test_the_table_of_the_documentation_has_all_keys(request: pytest.FixtureRequest) -> None:
+    """`--store` writes it, as it writes texts of tests/golden."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("table", "kind", "key", "takes", "unit", "default", "meaning"))
+    for section in tables():
+        place = section.heading, section.kind
+        rows.writerows(
+            (*place, key.name, key.type, key.unit, default_of(key), key.meaning)
+            for key in section.keys
+        )
+    golden.check(TABLE, text.getvalue(), store=bool(request.config.getoption("store")))
 
 
 def test_every_key_has_a_meaning_and_every_number_a_unit() -> None:
