@@ -32,6 +32,7 @@ from delam_fem.case.excitation import (
 )
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
+    ENDS,
     POINT_LENGTH,
     Contact,
     Damping,
@@ -200,6 +201,7 @@ class Case(Section):
         first = laminae[0]
         if not isinstance(first, Mapping) or "mass" not in first:
             return data
+        data = {"mesh": {"elements": 1}, **data}
         end = in_si(first.get("length", POINT_LENGTH), "m", "length")
         changed = {
             "sensor": [_placed(table, end) for table in _listed(data, "sensor")],
@@ -347,8 +349,15 @@ class Case(Section):
                 "support",
                 'expected a structure that is held with time.mass = "massless", and springs that '
                 "hold impactors, given "
-                f'"{self.support.start}" and "{self.support.end}" ends',
+                f'"{self.support.kind("start")}" and "{self.support.kind("end")}" ends',
             )
+        for number, support in enumerate(self.support.placed, start=1):
+            if support.damping:
+                raise inconsistent(
+                    f"support.{number}.damping",
+                    'expected 0 with time.mass = "massless", which takes C = alpha M + beta K '
+                    f"alone, given {support.damping:g}",
+                )
         is_rigid = self.contact.law == "newton" and not self.contact.restitution
         if self.contact.law != "none" and not is_rigid:
             raise inconsistent(
@@ -471,7 +480,8 @@ class Case(Section):
         expected = {
             "model.kind": self.model.kind == "beam",
             "delamination": self.gap is not None or n_open == len(self.lamina) - 1,
-            "support": not self.support.inside and self.support.rotational_stiffness is None,
+            "support": self.support.rotational_stiffness is None
+            and not any(support.rotational_stiffness for support in self.support.placed),
             "contact.points_per_element": self.contact.points_per_element == 1,
             "sensor": all(sensor.quantity != "strain" for sensor in self.sensor),
         }
@@ -479,8 +489,8 @@ class Case(Section):
             if not is_there:
                 raise inconsistent(
                     key,
-                    "expected of bars: apart over their whole length, pairs at nodes, supports at "
-                    'the ends alone, no strain, model.kind = "beam"',
+                    "expected of bars: apart over their whole length, pairs at nodes, supports "
+                    'without rotational_stiffness, no strain, model.kind = "beam"',
                 )
 
     def _check_openings(self) -> None:
@@ -498,29 +508,15 @@ class Case(Section):
                 "missing, but required for laminae that are apart; give [[delamination]] tables "
                 "for a bonded stack, or [support] alone for one without delaminations",
             )
-        elif self.gap is not None and self.support.inside:
-            raise inconsistent(
-                "support.position",
-                "expected no [[support]] inside the span beside [gap], whose laminae are "
-                "cantilevers, given "
-                f"{', '.join(f'{entry.position:g} m' for entry in self.support.inside)}; give a "
-                "[[delamination]] from 0 to the length in place of [gap]",
-            )
-        elif self.gap is not None and self.support != Support():
-            raise inconsistent(
-                "support",
-                'expected start = "clamped" and end = "free" beside a gap, both rigid; give a '
-                "[[delamination]] from 0 to the length for other supports",
-            )
-        self._check_inner_supports()
-        is_clamped = "clamped" in (self.support.start, self.support.end)
+        self._check_placed_supports()
+        kinds = [self.support.kind("start"), self.support.kind("end")]
         if self.support.rotational_stiffness is not None and (
-            self.model.is_continuum or not is_clamped
+            self.model.is_continuum or "clamped" not in kinds
         ):
             raise inconsistent(
                 "support.rotational_stiffness",
                 'expected only with a clamped end and model.kind = "beam", given '
-                f'"{self.support.start}" and "{self.support.end}" ends, "{self.model.kind}"',
+                f'"{kinds[0]}" and "{kinds[1]}" ends, "{self.model.kind}"',
             )
 
     @property
@@ -540,23 +536,26 @@ class Case(Section):
         ]
         return springs[0] if springs else (1.0, 0.0)
 
-    def _check_inner_supports(self) -> None:
+    def _check_placed_supports(self) -> None:
         """Check that supports inside the span are apart from the ends and from one another."""
-        inside = self.support.inside
         margin = EDGE_TOLERANCE * self.length
         taken = [0.0, self.length]
-        for support in sorted(inside, key=lambda own: own.position):
+        for support in self.support.placed:
             self._check_place("support", support, math.inf)
-            if (
-                support.position >= self.length
-                or min(abs(support.position - x) for x in taken) <= margin
-            ):
+            is_yielding_clamp = support.kind == "clamped" and support.rotational_stiffness
+            if is_yielding_clamp and self.model.is_continuum:
+                raise inconsistent(
+                    "support.rotational_stiffness",
+                    'expected kind = "pinned" beside it with laminae as solids, given "clamped"',
+                )
+        for place in sorted(support.position or 0.0 for support in self.support.inside):
+            if place >= self.length or min(abs(place - x) for x in taken) <= margin:
                 raise inconsistent(
                     "support.position",
                     f"expected places from 0 to the length {self.length!r} m, apart from the ends "
-                    f"and from one another, given {support.position!r}",
+                    f"and from one another, given {place!r}",
                 )
-            taken.append(support.position)
+            taken.append(place)
 
     @property
     def is_of_points(self) -> bool:
@@ -575,11 +574,11 @@ class Case(Section):
 
     @property
     def is_apart(self) -> bool:
-        """Whether all laminae are cantilevers of their own, apart over their whole length."""
+        """Whether all laminae are bodies of their own, apart over their whole length."""
         if self.gap is not None:
             return True
         open_everywhere = {d.between for d in self.delamination if d.spans(self.length)}
-        return self.support == Support() and len(open_everywhere) == len(self.lamina) - 1
+        return self.support.is_cantilever and len(open_everywhere) == len(self.lamina) - 1
 
     @property
     def is_massless(self) -> bool:
@@ -650,14 +649,33 @@ class Case(Section):
 
     @property
     def n_rigid(self) -> int:
-        """Number of rigid motions that the supports leave to a stack kept closed."""
-        inner = [
-            "clamped" if support.kind == "clamped" or support.rotational_stiffness else "pinned"
-            for support in self.support.inside
-            if support.stiffness != 0.0
-        ]
-        kinds = [self.support.start, self.support.end, *inner]
-        return 0 if "clamped" in kinds else max(0, 2 - kinds.count("pinned"))
+        """Number of rigid motions that supports leave to a stack kept closed.
+
+        Of laminae that are apart, the sum of all.
+        """
+        if self.is_of_points:
+            return 0
+        names = [lamina.name for lamina in self.lamina]
+        if not self.is_apart:
+            return self._n_rigid_of(names)
+        return sum(self._n_rigid_of([name]) for name in names)
+
+    def _n_rigid_of(self, names: Sequence[str]) -> int:
+        """Return the number of rigid motions that supports leave to a body of some laminae."""
+        x, length, support = [], self.length, self.support
+        n_turns = 0
+        for end, place in zip(ENDS, (0.0, length), strict=True):
+            if support.holds(end):
+                x.append(place)
+                n_turns += support.kind(end) == "clamped"
+        for point in support.points(length):
+            if point.lamina is None or point.lamina in names:
+                x += [point.position or 0.0] * point.holds_deflections
+                n_turns += point.holds_slopes
+        if self.is_axial:
+            return int(not x)
+        held = [[1.0, place / length] for place in x] + [[0.0, 1.0]] * bool(n_turns)
+        return 2 - (int(np.linalg.matrix_rank(np.array(held))) if held else 0)
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -759,7 +777,8 @@ class Case(Section):
         """Return the damping coefficients of one lamina, C = alpha M + beta K.
 
         The damping ratio holds at the modes of the lamina alone, as it is held. Where it carries
-        point masses, and in a bonded stack, these modes follow from the matrices, see
+        point masses or has other supports, and in a bonded stack, these modes follow from the
+        matrices, see
         `model.beams.network`.
 
         Args:
@@ -768,13 +787,34 @@ class Case(Section):
         Returns:
             alpha [1/s], beta [s].
         """
-        is_even = (self.support.start == "free") == (self.support.end == "free")
+        is_even = self.support.holds("start") == self.support.holds("end")
         first, second = self.lamina[i].angular_frequencies(2, is_even=is_even).tolist()
         if self.is_of_points:
             return 0.0, 2.0 * self.lamina[i].damping_ratio / first if first else 0.0
         return harmonics.coefficients(
             self.lamina[i].damping_ratio, first, second, self.damping.kind
         )
+
+    def has_exact_modes(self, i: int) -> bool:
+        """Return whether the modes of a lamina that is apart are those of `angular_frequencies`.
+
+        Args:
+            i: index of the lamina from 0.
+        """
+        name = self.lamina[i].name
+        if any(mass.lamina == name for mass in self.point_mass):
+            return False
+        if not self.is_axial:
+            return self.support.is_cantilever
+        return not any(
+            point.lamina in (None, name) and (point.side is None or point.kind == "spring")
+            for point in self.support.placed
+        )
+
+    @property
+    def has_exact_laminae(self) -> bool:
+        """Whether the laminae are apart, and the modes of each are known exactly."""
+        return self.is_apart and all(map(self.has_exact_modes, range(len(self.lamina))))
 
     def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:
         """Return the exact tip amplitude of one lamina without contact on the moving base.

@@ -216,15 +216,16 @@ def case_schema() -> Schema:
     definitions = {table.model.__name__: table for table in listed if table.name}
     for name, table in definitions.items():
         made["$defs"][name] = _described(made["$defs"][name], table)
-    ends, inner = ({"$ref": f"#/$defs/{name}"} for name in ("Support", "InnerSupport"))
+    ends, inner = ({"$ref": f"#/$defs/{name}"} for name in ("Support", "PointSupport"))
     several = {"type": "array", "items": {"anyOf": [ends, inner]}}
-    del made["$defs"]["Support"]["properties"]["inside"]
+    del made["$defs"]["Support"]["properties"]["placed"]
     made["properties"]["support"] = {"anyOf": [ends, several]}
     del made["$defs"]["SeveralExcitations"]
     drive = made["properties"]["excitation"]
     del drive["discriminator"]["mapping"]["several"]
     drive["oneOf"] = [entry for entry in drive["oneOf"] if "Several" not in entry["$ref"]]
     made["properties"]["excitation"] = {"anyOf": [drive, {"type": "array", "items": drive}]}
+    made["required"].remove("mesh")  # points need none
     return {"$schema": DIALECT, **_described(made, listed[0]), "title": "A case of delam_fem"}
 
 

@@ -552,20 +552,29 @@ Neighbours = Annotated[
 ]
 
 
-class InnerSupport(Section):
-    """A support inside the span; what holds the laminae there moves with the base.
+End = Literal["start", "end"]
+ENDS: tuple[End, End] = ("start", "end")
+"""The ends of the structure, x = 0 and x = length."""
+
+
+class PointSupport(Section):
+    """A support at an end, or inside the span; what holds the laminae there moves with the base.
 
     Attributes:
-        position: x of the support [m].
-        kind: "pinned", "clamped" or "spring".
-        lamina: name of the lamina that it holds; all laminae, each by itself, if not given.
-        stiffness: stiffness of a spring [N/m].
-        rotational_stiffness: moment over slope of a spring or beside a pin [N m].
+        side: of a support at an end: "start" (x = 0) or "end" (x = length).
+        position: of a support inside the span: its x [m].
+        kind: "clamped", "pinned", "free" (of an end alone) or "spring".
+        lamina: name of the lamina that it holds, at an end of a spring alone; all laminae, each by
+            itself, if not given.
+        stiffness: stiffness of a spring [N/m]; may be 0.
+        rotational_stiffness: moment over slope of a spring, beside a pin, or of a clamped end that
+            yields [N m].
         damping: damping of a spring [N s/m].
     """
 
-    position: Annotated[Positive, Unit("m")]
-    kind: Literal["pinned", "clamped", "spring"]
+    side: End | None = None
+    position: Annotated[Positive, Unit("m")] | None = None
+    kind: Literal["pinned", "clamped", "free", "spring"]
     lamina: Label | None = None
     stiffness: Annotated[NotNegative | None, Unit("N/m")] = None
     rotational_stiffness: Annotated[NotNegative, Unit("N m")] = 0.0
@@ -573,63 +582,154 @@ class InnerSupport(Section):
 
     @model_validator(mode="after")
     def _fitting_keys(self) -> Self:
-        """Check that the keys are those of the kind."""
+        """Check that there is one place, and that the keys are those of the kind."""
         is_spring = self.kind == "spring"
+        if (self.side is None) == (self.position is None):
+            raise inconsistent("position", "expected either position, or side of an end")
+        if self.kind == "free" and self.side is None:
+            raise inconsistent("kind", 'expected "free" only with side, of an end')
         self.require_just("stiffness", is_spring, "kind")
         if self.damping and not is_spring:
             raise inconsistent("damping", f'expected none with kind = "{self.kind}"')
-        if self.rotational_stiffness and self.kind == "clamped":
-            raise inconsistent("rotational_stiffness", 'expected none with kind = "clamped"')
+        is_rigid = self.kind == "clamped" and self.side is None
+        if self.rotational_stiffness and (is_rigid or self.kind == "free"):
+            raise inconsistent("rotational_stiffness", f'expected none with kind = "{self.kind}"')
+        if self.lamina is not None and self.side is not None and not is_spring:
+            raise inconsistent("lamina", 'expected only with kind = "spring" at an end')
         return self
+
+    @property
+    def holds_slopes(self) -> bool:
+        """Whether it resists turns."""
+        return self.kind == "clamped" or self.rotational_stiffness > 0.0
+
+    @property
+    def holds_deflections(self) -> bool:
+        """Whether it resists deflections."""
+        return self.kind in ("clamped", "pinned") or bool(self.stiffness)
 
 
 class Support(Section):
     """The supports of the structure; held points move with the base.
 
-    A case file with supports inside the span has [[support]] tables: one with the keys of the ends,
-    which may be left out, and one with a position for each of the others.
+    A case file with springs at ends or with supports inside the span has [[support]] tables: one
+    with the keys of the ends, which may be left out, and one with a side or a position for each of
+    the others.
 
     Attributes:
         start: support at x = 0: "clamped", "pinned" or "free".
         end: support at x = length: the same words.
         rotational_stiffness: moment over slope of each clamped end of a bonded beam [N m]; rigid
             if not given.
-        inside: supports inside the span.
+        placed: supports with a side or a position.
     """
 
-    never_written: ClassVar[tuple[str, ...]] = ("inside",)
+    never_written: ClassVar[tuple[str, ...]] = ("placed",)
 
     start: SupportKind = "clamped"
     end: SupportKind = "free"
     rotational_stiffness: Annotated[Positive | None, Unit("N m")] = None
-    inside: tuple[InnerSupport, ...] = ()
+    placed: tuple[PointSupport, ...] = ()
 
     @property
-    def held(self) -> tuple[InnerSupport, ...]:
+    def inside(self) -> tuple[PointSupport, ...]:
+        """The supports inside the span."""
+        return tuple(support for support in self.placed if support.position is not None)
+
+    @property
+    def held(self) -> tuple[PointSupport, ...]:
         """The supports inside the span at which a node is held: all but springs."""
         return tuple(support for support in self.inside if support.kind != "spring")
+
+    def kind(self, end: End) -> str:
+        """Return the word for an end: "clamped", "pinned", "free" or "spring"."""
+        words = (support.kind for support in self.placed if support.side == end)
+        return next(words, getattr(self, end))
+
+    def holds(self, end: End) -> bool:
+        """Return whether an end follows the base, so that its deflection is no unknown."""
+        return self.kind(end) in ("clamped", "pinned")
+
+    def turns(self, end: End) -> bool:
+        """Return whether an end can turn: it is no clamp, or one that yields."""
+        yields = any(support.rotational_stiffness for support in self.placed if support.side == end)
+        return self.kind(end) != "clamped" or yields or bool(self.clamp_stiffness(end))
+
+    def clamp_stiffness(self, end: End) -> float:
+        """Return the rotational stiffness of the table at an end, 0 where another counts [N m]."""
+        has_another = any(
+            support.rotational_stiffness for support in self.placed if support.side == end
+        )
+        is_clamped = self.kind(end) == "clamped"
+        return (self.rotational_stiffness or 0.0) if is_clamped and not has_another else 0.0
+
+    @property
+    def is_cantilever(self) -> bool:
+        """Whether the start is clamped, rigidly, and nothing else holds the laminae."""
+        is_elastic = any(support.kind == "spring" for support in self.placed) or bool(self.inside)
+        return not (self.turns("start") or self.holds("end") or is_elastic)
+
+    def points(self, length: float) -> tuple[PointSupport, ...]:
+        """Return the supports with a side or a position, all with their places.
+
+        Args:
+            length: of the structure [m].
+        """
+        ends = dict(zip(ENDS, (0.0, length), strict=True))
+        return tuple(
+            support
+            if support.side is None
+            else support.model_copy(update={"position": ends[support.side]})
+            for support in self.placed
+        )
 
     @model_validator(mode="before")
     @classmethod
     def _from_tables(cls, data: object) -> object:
         """Sort [[support]] tables into the ends and the others."""
         for table in data if isinstance(data, list) else [data]:
-            if isinstance(table, Mapping) and "inside" in table:
-                raise cls.unknown("inside")
+            if isinstance(table, Mapping) and "placed" in table:
+                raise cls.unknown("placed")
+        if isinstance(data, Mapping) and {"side", "position"} & set(data):
+            raise inconsistent("side" if "side" in data else "position", "expected in [[support]]")
         if not isinstance(data, list):
             return data
-        ends = [entry for entry in data if not (isinstance(entry, Mapping) and "position" in entry)]
+        placed = [
+            isinstance(entry, Mapping) and bool({"side", "position"} & set(entry)) for entry in data
+        ]
+        ends = [entry for entry, is_placed in zip(data, placed, strict=True) if not is_placed]
         if len(ends) > 1:
-            raise inconsistent("position", "missing, but required of all [[support]] but one")
-        inner = [entry for entry in data if isinstance(entry, Mapping) and "position" in entry]
-        return {**(ends[0] if ends else {}), "inside": inner}
+            raise inconsistent(
+                "position", "missing, but required of all [[support]] but one, or side in its place"
+            )
+        others = [entry for entry, is_placed in zip(data, placed, strict=True) if is_placed]
+        return {**(ends[0] if ends else {}), "placed": others}
+
+    @model_validator(mode="after")
+    def _one_at_each_end(self) -> Self:
+        """Check that an end has one support, or springs of different laminae."""
+        for end in ENDS:
+            at = [support for support in self.placed if support.side == end]
+            if at and end in self.model_fields_set:
+                raise inconsistent(end, f'expected none beside a table with side = "{end}"')
+            names = {support.lamina for support in at}
+            if len(names) < len(at) or (len(at) > 1 and None in names):
+                raise inconsistent(
+                    "side",
+                    f'expected one [[support]] with side = "{end}", or springs that name '
+                    f"different laminae, given {len(at)}",
+                )
+        return self
 
     @model_serializer(mode="wrap")
     def _to_tables(self, handler: SerializerFunctionWrapHandler) -> object:
-        """Return one table, or several if there are supports inside the span."""
+        """Return one table, or several if supports have a side or a position."""
         data = handler(self)
-        inner = data.pop("inside", ())
-        return [*([data] if data else []), *inner] if inner else data
+        placed = data.pop("placed", ())
+        for support in self.placed:
+            if support.side is not None:
+                data.pop(support.side, None)
+        return [*([data] if data else []), *placed] if placed else data
 
 
 class Delamination(Section):
@@ -739,9 +839,9 @@ def require_neighbours(key: str, between: tuple[str, str], laminae: tuple[Lamina
 
 def open_ends(delamination: Delamination, length: float, support: Support) -> tuple[str, ...]:
     """Return at which ends of the structure a delamination is open: "start", "end"."""
-    ends = (("start", 0.0, support.start), ("end", length, support.end))
+    ends = zip(ENDS, (0.0, length), strict=True)
     return tuple(
-        name for name, x, kind in ends if kind == "free" and delamination.reaches(x, length)
+        name for name, x in ends if not support.holds(name) and delamination.reaches(x, length)
     )
 
 

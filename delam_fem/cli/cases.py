@@ -29,7 +29,7 @@ from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
-    from delam_fem.case.sections import Impactor, InnerSupport, Lamina, PointMass, Stop
+    from delam_fem.case.sections import Impactor, Lamina, PointMass, PointSupport, Stop
     from delam_fem.engines.session import EngineName
     from delam_fem.model.reduction import Reduction
     from delam_fem.studies.sweeps.grid import Sweep
@@ -257,8 +257,8 @@ def _law_numbers(case: Case) -> Iterator[str]:
 
 def _attached(case: Case) -> Iterator[tuple[str, str]]:
     """Yield rows of what acts on the laminae: supports, masses, stops, impactors, sensors."""
-    for number, support in enumerate(case.support.inside, start=1):
-        yield f"support {number}", _inner_support(case, support)
+    for number, support in enumerate(case.support.points(case.length), start=1):
+        yield f"support {number}", _point_support(case, support)
     for number, mass in enumerate(case.point_mass, start=1):
         yield f"point mass {number}", f"{mass.mass:g} kg on {_place(case, mass)}"
     for number, stop in enumerate(case.stop, start=1):
@@ -283,8 +283,8 @@ def _attached(case: Case) -> Iterator[tuple[str, str]]:
         yield f"sensor {sensor.name}", f"{sensor.words}{rate}{noise}"
 
 
-def _inner_support(case: Case, support: InnerSupport) -> str:
-    """Return in words what a support inside the span is."""
+def _point_support(case: Case, support: PointSupport) -> str:
+    """Return in words what a support with a side or a position is."""
     numbers = [
         f"{value:g} {unit}"
         for value, unit in (
@@ -362,14 +362,21 @@ def _structure(case: Case) -> str:
     if case.is_of_points:
         return "points"
     if case.is_apart:
-        return f"apart, clamped at x = 0, {mesh} each"
+        held = "clamped at x = 0" if case.support.is_cantilever else _ends(case)
+        return f"apart, {held}, {mesh} each"
     delaminated = ", ".join(f"{1e3 * d.start:g} to {1e3 * d.end:g} mm" for d in case.delamination)
-    yields = case.support.rotational_stiffness
-    soft = "" if yields is None else f", clamps of {yields:g} N m"
     joined = (
         "" if len(case.lamina) == 1 else f"bonded, delaminated at {delaminated or 'no place'}; "
     )
-    return f"{joined}start {case.support.start}, end {case.support.end}{soft}; {mesh}"
+    return f"{joined}{_ends(case)}; {mesh}"
+
+
+def _ends(case: Case) -> str:
+    """Return in words how the ends are held."""
+    support = case.support
+    yields = support.rotational_stiffness
+    soft = "" if yields is None else f", clamps of {yields:g} N m"
+    return f"start {support.kind('start')}, end {support.kind('end')}{soft}"
 
 
 def reduce_command(

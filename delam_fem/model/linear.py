@@ -167,7 +167,7 @@ def first_shapes(case: Case, structure: Structure) -> FloatArray:
 
     Shape (n_dofs,).
     """
-    if case.is_apart:
+    if case.is_apart and not case.n_rigid:
         numbers = range(len(structure.layout.parts))
         return np.asarray(np.sum([first_mode(structure, i) for i in numbers], axis=0))
     o = structure.operators
@@ -181,7 +181,7 @@ def openings(case: Case, structure: Structure) -> FloatArray:
     Laminae that are apart move against one another, each in its first mode φ₁ with 1 at the tip;
     the opening is the mean of both. A bonded stack moves as in `first_shapes`.
     """
-    if case.is_apart:
+    if case.is_apart and not case.n_rigid:
         n = len(structure.layout.parts)
         shape = np.sum([0.5 * (-1.0) ** i * first_mode(structure, i) for i in range(n)], axis=0)
     else:

@@ -71,7 +71,7 @@ def edges(case: Case) -> FloatArray:
     are no springs.
     """
     length = case.length
-    support_places = {support.position for support in case.support.held}
+    support_places = {support.position or 0.0 for support in case.support.held}
     places = sorted(
         {
             edge

@@ -247,6 +247,8 @@ def point_masses(case: Case, name: str, x: FloatArray) -> list[tuple[int, FloatA
     return blocks
 
 
+RIGID_SHARE = 1e-11
+"""Square of a frequency over the largest, below which a motion is rigid but for round-off."""
 HELD, MOVED = -1, -2
 """Numbers in place of that of a free dof: the dof is zero, or it moves with the base. Matrices and
 rows are summed over the free dofs, the base and a last column for what is held, which is cut off:
@@ -255,7 +257,52 @@ so these numbers are indices."""
 
 def _ends(case: Case, x: FloatArray) -> dict[int, str]:
     """Return the supports at the first and the last node."""
-    return {0: case.support.start, x.size - 1: case.support.end}
+    words = {0: case.support.start, x.size - 1: case.support.end}
+    nodes = {"start": 0, "end": x.size - 1}
+    return words | {nodes[s.side]: s.kind for s in case.support.placed if s.side is not None}
+
+
+def _yields(case: Case, node: int) -> bool:
+    """Return whether a clamp at the first node (0) or at the last one yields."""
+    side = "start" if node == 0 else "end"
+    own = any(s.rotational_stiffness for s in case.support.placed if s.side == side)
+    return own or case.support.rotational_stiffness is not None
+
+
+def _elastic_ends(
+    stack: Stack, only: Sequence[int] | None = None
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Return stiffness and damping of springs at the ends, of free dofs and base.
+
+    A spring between the base and a lamina has the energy k (w - q)²/2, one against turns k w'²/2.
+    Laminae that share their dofs share one spring.
+
+    Args:
+        stack: the laminae.
+        only: numbers of the laminae whose springs count; None: all.
+    """
+    case, n = stack.case, stack.n_free
+    K, C = np.zeros((2, n + 2, n + 2))  # the last is what is held
+    pull = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    last = stack.x.size - 1
+    counted = range(len(case.lamina)) if only is None else only
+    for support in case.support.placed:
+        numbers = [i for i in counted if support.lamina in (None, case.lamina[i].name)]
+        node = 0 if support.side == "start" else last
+        for w, turn in {tuple(stack.dofs[i, node].tolist()) for i in numbers}:
+            K[turn, turn] += support.rotational_stiffness
+            if support.kind == "spring":
+                to_base = np.ix_([w, MOVED], [w, MOVED])
+                K[to_base] += (support.stiffness or 0.0) * pull
+                C[to_base] += support.damping * pull
+    clamps = [node for node, kind in _ends(case, stack.x).items() if kind == "clamped"]
+    for node in clamps:
+        side = "start" if node == 0 else "end"
+        own = any(s.rotational_stiffness for s in case.support.placed if s.side == side)
+        if case.support.rotational_stiffness is not None and not own:
+            for turn in np.unique(stack.dofs[counted, node, 1]).tolist():
+                K[turn, turn] += case.support.rotational_stiffness
+    return sp.csr_matrix(K[:-1, :-1]), sp.csr_matrix(C[:-1, :-1])
 
 
 @dataclass(frozen=True)
@@ -296,9 +343,10 @@ class Stack:
                 dofs[i, node] = dofs[i - 1, node]
                 continue
             kind = kinds.get(node, "free")
-            dofs[i, node, 0] = n if kind == "free" else MOVED
-            n += kind == "free"
-            turns = kind != "clamped" or case.support.rotational_stiffness is not None
+            is_free = kind in ("free", "spring")
+            dofs[i, node, 0] = n if is_free else MOVED
+            n += is_free
+            turns = kind != "clamped" or _yields(case, node)
             dofs[i, node, 1] = n if turns else HELD
             n += turns
         return cls(case, x, is_bonded, dofs, n)
@@ -341,6 +389,11 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     p = case.contact.points_per_element
     if p != 1 and case.gap is None:
         raise CaseError("reference: expected contact.points_per_element = 1 for a bonded stack")
+    ends = [kind in ("clamped", "pinned") for kind in _ends(case, np.zeros(2)).values()]
+    if case.gap is not None and ends != [True, False]:
+        raise CaseError("reference: expected beside [gap] a start that is held, and no such end")
+    if case.support.inside:
+        raise CaseError("reference: expected supports at the ends alone")
     stack = Stack.of(case, np.asarray(x, dtype=np.float64))
     rhoA, EI = stack.sections[:2]
     places = [(i, k, h) for i in range(len(rhoA)) for k, h in enumerate(np.diff(stack.x).tolist())]
@@ -356,10 +409,9 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     K = stack.summed(bending)
     if stack.is_bonded.any():
         K = sp.csr_matrix(K + axial_stiffness(stack))
-    if case.support.rotational_stiffness is not None:
-        clamps = [node for node, kind in _ends(case, stack.x).items() if kind == "clamped"]
-        for slope in np.unique(stack.dofs[:, clamps, 1]).tolist():
-            K[slope, slope] += case.support.rotational_stiffness
+    elastic, dampers = _elastic_ends(stack)
+    if elastic.nnz:
+        K = sp.csr_matrix(K + elastic)
     H, gap0, weights = _pairs(stack)
     if case.is_apart:
         damping_pairs = [
@@ -369,9 +421,14 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
             [(i, k, damping_pairs[i][0] * block) for i, k, block in inertia]
             + [(i, k, damping_pairs[i][1] * block) for i, k, block in bending]
         )
+        for i, (_, beta) in enumerate(damping_pairs):
+            if elastic.nnz:
+                C = sp.csr_matrix(C + beta * _elastic_ends(stack, [i])[0])
     else:
         alpha, beta = _rayleigh(stack, M, K, H)
         C = sp.csr_matrix(alpha * M + beta * K)
+    if dampers.nnz:
+        C = sp.csr_matrix(C + dampers)
     n = stack.n_free
     m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
     m_aa, c_aa, k_aa = (float(matrix[n, n]) for matrix in (M, C, K))
@@ -401,7 +458,8 @@ def _of_lamina(
         blocks: lamina, element and matrix of the inertia and of the bending of all laminae.
     """
     lamina = case.lamina[i]
-    if all(mass.lamina != lamina.name for mass in case.point_mass):
+    has_masses = any(mass.lamina == lamina.name for mass in case.point_mass)
+    if not has_masses and case.support.is_cantilever:
         return rayleigh(case, lamina)
     dofs = np.unique(stack.dofs[i])
     dofs = dofs[dofs >= 0]
@@ -409,8 +467,10 @@ def _of_lamina(
         stack.summed([block for block in each if block[0] == i]).toarray()[np.ix_(dofs, dofs)]
         for each in blocks
     )
-    squares = eigh(K, M, eigvals_only=True, subset_by_index=(0, 1))
-    return coefficients(case, lamina.damping_ratio, np.sqrt(squares))
+    K = K + _elastic_ends(stack)[0].toarray()[np.ix_(dofs, dofs)]
+    squares = eigh(K, M, eigvals_only=True)
+    elastic = squares[squares > RIGID_SHARE * squares[-1]]
+    return coefficients(case, lamina.damping_ratio, np.sqrt(elastic[:2]))
 
 
 def lowest_frequencies(operators: Operators, n: int) -> FloatArray:
@@ -473,7 +533,7 @@ def _constraints(stack: Stack) -> tuple[FloatArray, FloatArray]:
                 rows[int(j), 2 * k + point] = u, d
     constraints = list(rows.values())
     for node, kind in _ends(stack.case, stack.x).items():
-        if kind == "free":
+        if kind in ("free", "spring"):
             continue
         element = 0 if node == 0 else node - 1
         cuts = [0, *(np.flatnonzero(~stack.is_bonded[:, element]) + 1).tolist(), n_laminae]
@@ -493,8 +553,12 @@ def _pairs(stack: Stack) -> tuple[sp.csr_matrix, FloatArray, FloatArray | None]:
     case, n_interfaces = stack.case, len(stack.case.lamina) - 1
     if case.gap is not None:
         places, shapes, shares = _contact_points(stack.x, case.contact.points_per_element)
-        on_lamina = sp.csr_matrix(shapes[:, DOFS:])
-        H = sp.kron(np.diff(np.eye(n_interfaces + 1), axis=0), on_lamina, format="csr")
+        on = []
+        for dofs in stack.dofs:
+            row = np.zeros((len(shapes), stack.n_free + 2))
+            row[:, dofs.ravel()] = shapes  # held dofs of one kind overwrite each other: cut off
+            on.append(row[:, :-2])
+        H = sp.csr_matrix(np.vstack([upper - lower for lower, upper in pairwise(on)]))
         gap0 = np.tile(gap_at_rest(case.gap, places, case.lamina[0].length), n_interfaces)
         is_plain = case.contact.points_per_element == 1
         return H, gap0, None if is_plain else np.tile(shares, n_interfaces)
@@ -521,7 +585,7 @@ def _opening(case: Case, interface: int, x: float) -> float:
         return float(PchipInterpolator(*tabulated(delamination.file))(x))
     s = (x - delamination.start) / (delamination.end - delamination.start)
     if delamination.shape == "power":
-        if case.support.start == "free" and delamination.start == 0.0:
+        if _ends(case, np.zeros(2))[0] in ("free", "spring") and delamination.start == 0.0:
             s = 1.0 - s
         return float(delamination.opening * s ** (delamination.exponent or 2.0))
     return float(delamination.opening * np.cos(np.pi * (s - 0.5)))
@@ -541,7 +605,6 @@ def _rayleigh(
     _, sizes, V = np.linalg.svd(np.vstack([together, slopes]))
     closed = V[np.count_nonzero(sizes > 1e-12) :].T
     small = [closed.T @ matrix[:n, :n].toarray() @ closed for matrix in (M, K)]
-    kinds = (case.support.start, case.support.end)
-    rigid = 0 if "clamped" in kinds else 2 - kinds.count("pinned")
+    rigid = case.n_rigid
     squares = eigh(small[1], small[0], eigvals_only=True)[rigid : rigid + 2]
     return coefficients(case, D, np.sqrt(squares))

@@ -80,7 +80,7 @@ def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -
 
 def _is_exact(case: Case) -> bool:
     """Return whether the laminae are the uniform cantilevers whose solution is exact."""
-    return case.is_apart and not (case.point_mass or case.is_axial) and case.model.kind == "beam"
+    return case.has_exact_laminae and not case.is_axial and case.model.kind == "beam"
 
 
 def _size(given: Excitation, frequency: float) -> float:
@@ -99,7 +99,7 @@ def first_frequencies(case: Case) -> list[float]:
         return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
     fine = _fine(case.without_impactors.to_toml())
     o = fine.operators
-    if case.is_apart:
+    if case.is_apart and not case.n_rigid:
         shapes = [first_mode(fine, i) for i in range(len(case.lamina))]
         return [math.sqrt((v @ (o.stiffness @ v)) / (v @ (o.mass @ v))) for v in shapes]
     frequencies, _ = elastic(o.stiffness, o.mass, 1, case.n_rigid)

@@ -185,7 +185,7 @@ def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes:
     o = model.structure.operators
     count = len(model.structure.layout.parts)
     factor = factored(o.stiffness, o.mass)
-    if model.case.is_apart and not model.case.point_mass:
+    if model.case.has_exact_laminae:
         natural = modes_of(model.structure, model.case, modes).frequencies.ravel()
         owners = [f", {lamina.name}" for lamina in model.case.lamina]
     else:

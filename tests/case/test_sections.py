@@ -16,8 +16,8 @@ from delam_fem.case.sections import (
     SENSOR_UNITS,
     Delamination,
     Impactor,
-    InnerSupport,
     Model,
+    PointSupport,
     Sensor,
     Stop,
     Support,
@@ -118,8 +118,8 @@ def test_reaches_and_elastic_keys() -> None:
     assert [Impactor(**blow | keys).elastic_by for keys in (  # type: ignore[arg-type]
         {}, {"stiffness": 1.0}, {"radius": 1.0})] == [None, "stiffness", "radius"]  # fmt: skip
     pin, spring = (
-        InnerSupport(position=0.1, kind="pinned"),
-        InnerSupport(position=0.2, kind="spring", stiffness=1.0),
+        PointSupport(position=0.1, kind="pinned"),
+        PointSupport(position=0.2, kind="spring", stiffness=1.0),
     )
     support = Support.model_validate([{"start": "free"}, pin.model_dump(), spring.model_dump()])
     assert support.held == (pin,)

@@ -21,13 +21,12 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.model.beams.network import (
     Network,
-    clamped_parts,
+    apart_parts,
     network,
-    parts_of,
     side_by_side,
     structure,
 )
-from delam_fem.model.layout import BASE, FIXED, Structure
+from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates, require_edges
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
@@ -52,16 +51,19 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     if not case.is_apart:
         return _stack(case, network(case, x))
     h = np.diff(x)
-    at_middles = case.is_at_middles
+    masses = {
+        "at_middles": case.is_at_middles,
+        "is_tied": case.support.holds("start") and case.support.holds("end"),
+    }
     M, K, lumped = zip(
         *(
-            beam(lamina.flexural_rigidity, lamina.mass_per_length, h, at_middles=at_middles)
+            beam(lamina.flexural_rigidity, lamina.mass_per_length, h, **masses)
             for lamina in case.lamina
         ),
         strict=True,
     )
     return side_by_side(
-        case, clamped_parts(case, x), (sp.block_diag(M), sp.block_diag(K)), np.concatenate(lumped)
+        case, apart_parts(case, x), (sp.block_diag(M), sp.block_diag(K)), np.concatenate(lumped)
     )
 
 
@@ -270,8 +272,6 @@ def axial(case: Case, x: FloatArray) -> Structure:
     h = np.diff(x)
     last = x.size - 1
     count = len(case.lamina)
-    ends = ((0, case.support.start), (last, case.support.end))
-    free = np.delete(np.arange(x.size), [node for node, kind in ends if kind != "free"])
     start, end = (sp.eye(last, x.size, k=k, format="csr") for k in (0, 1))  # nodes of cells
     laminae = []
     lumped = []
@@ -287,12 +287,9 @@ def axial(case: Case, x: FloatArray) -> Structure:
         K = (end - start).T @ sp.diags(k) @ (end - start)
         laminae.append((M, K))
         lumped.append(diagonal)
-    dofs = np.full((count, x.size, 2), FIXED)
-    dofs[..., 0] = BASE
-    dofs[:, free, 0] = np.arange(count * free.size).reshape(count, free.size)
     sections = np.zeros((2, count, last))
     sections[1] = [[lamina.mass_per_length] for lamina in case.lamina]
-    parts = parts_of(case, x, dofs, sections)
+    parts = apart_parts(case, x, sections)
     straight = np.diag([1.0, 0.0])  # the slopes have no stiffness and no mass
     M, K = (sp.kron(sp.block_diag(blocks), straight) for blocks in zip(*laminae, strict=True))
     return side_by_side(case, parts, (M, K), np.kron(np.concatenate(lumped), straight[0]))

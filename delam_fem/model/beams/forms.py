@@ -47,7 +47,7 @@ from delam_fem.model.beams.network import (
     Group,
     Network,
     Segment,
-    clamped_parts,
+    apart_parts,
     network,
     side_by_side,
     structure,
@@ -192,7 +192,7 @@ def assemble(
     numbers = range(len(case.lamina))
     sections = [[np.broadcast_to(profile(i, middle), n) for i in numbers] for profile in (EI, rhoA)]
     M, K, lumped, C = _matrices(case, comm, [x] * len(numbers), (EI, rhoA))
-    return side_by_side(case, clamped_parts(case, x, np.array(sections)), (M, K), lumped, C)
+    return side_by_side(case, apart_parts(case, x, np.array(sections)), (M, K), lumped, C)
 
 
 def _matrices(

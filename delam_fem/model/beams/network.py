@@ -17,7 +17,8 @@ that they leave behind couples the slopes at the edges of a delamination.
 Source: P. M. Mujumdar, S. Suryanarayan, "Flexural vibrations of beams with delaminations", J. Sound
 Vib. 125 (1988), for one delamination in a homogeneous beam.
 
-Laminae side by side, as in the paper, are clamped at x = 0 and free at x = L (`clamped_parts`).
+Laminae side by side, as in the paper, are beams of their own with supports of their own
+(`apart_parts`).
 Both discretisations (closed_form.py and forms.py) number their dofs in the order of this layout:
 lamina by lamina, node by node from the clamp to the tip, displacement before slope. The clamped
 nodes are left out.
@@ -49,9 +50,10 @@ from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap, opening_at_rest
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
-    InnerSupport,
+    ENDS,
     Lamina,
     PointMass,
+    PointSupport,
     open_ends,
 )
 from delam_fem.model.layout import (
@@ -152,8 +154,8 @@ class Network:
 
     def ties(self, segment: Segment, case: Case) -> bool:
         """Return whether both ends of a segment are held or bonded."""
-        is_free = case.support.start == "free" and segment.first == 0
-        is_free |= case.support.end == "free" and segment.last == self.x.size - 1
+        is_free = not case.support.holds("start") and segment.first == 0
+        is_free |= not case.support.holds("end") and segment.last == self.x.size - 1
         return not is_free
 
     def neutral_axis(self, group: Sequence[int]) -> float:
@@ -223,22 +225,19 @@ def network(case: Case, x: FloatArray) -> Network:
     dofs = np.full((len(case.lamina), n + 1, 2), FIXED, dtype=np.int64)
     axial: dict[tuple[int, int], int] = {}
     n_free = n_axial = 0
-    supports = {0: case.support.start, n: case.support.end}
-    inner = {node_at(x, support.position): support for support in case.support.held}
+    ends = {0: ENDS[0], n: ENDS[1]}
     junctions = {0, *(s.last for s in segments)}
     for node in range(n + 1):
-        kind = supports.get(node, "free")
+        end = ends.get(node)
         for cluster in clusters(segments, node):
+            turns = turns_at(case, x, node, cluster)
             node_dofs = [n_free, n_free + 1]
-            if kind != "free":
-                is_rigid = kind == "clamped" and case.support.rotational_stiffness is None
-                node_dofs = [BASE, FIXED if is_rigid else n_free]
-            elif node in inner and holds(inner[node], case, cluster):
-                node_dofs = [BASE, FIXED if inner[node].kind == "clamped" else n_free]
+            if turns is not None:
+                node_dofs = [BASE, n_free if turns else FIXED]
             dofs[list(cluster), node] = node_dofs
             n_free += sum(dof >= 0 for dof in node_dofs)
             if node in junctions:
-                number = n_axial if kind == "free" else FIXED
+                number = FIXED if end is not None and case.support.holds(end) else n_axial
                 axial |= {(node, i): number for i in cluster}
                 n_axial += number != FIXED
     return Network(x, case.lamina, segments, dofs, axial, n_free, n_axial)
@@ -272,9 +271,21 @@ def clusters(segments: Sequence[Segment], node: int) -> tuple[Group, ...]:
     return joined([segment.groups for segment in segments if segment.first <= node <= segment.last])
 
 
-def holds(support: InnerSupport, case: Case, cluster: Group) -> bool:
+def holds(support: PointSupport, case: Case, cluster: Group) -> bool:
     """Return whether a support inside the span holds the laminae of a cluster."""
     return support.lamina in (None, *(case.lamina[i].name for i in cluster))
+
+
+def turns_at(case: Case, x: FloatArray, node: int, cluster: Group) -> bool | None:
+    """Return whether laminae that are bonded at a node can turn there; None: nothing holds them."""
+    support = case.support
+    ends = {0: ENDS[0], x.size - 1: ENDS[1]}
+    if node in ends:
+        return support.turns(ends[node]) if support.holds(ends[node]) else None
+    for inner in support.held:
+        if node_at(x, inner.position or 0.0) == node and holds(inner, case, cluster):
+            return inner.kind != "clamped"
+    return None
 
 
 def joined(groupings: Sequence[Sequence[Group]]) -> tuple[Group, ...]:
@@ -574,16 +585,23 @@ def side_by_side(
         added.append(matrix)
         M = sp.csr_matrix(M + matrix)
         lumped = lumped + diagonal
+    springs = [_springs(case, layout, n, i) for i in range(len(parts))]
+    for stiffness, _ in springs if has_springs(case) else ():
+        K = sp.csr_matrix(K + stiffness)
     if case.damping.rayleigh == "every mode":
         C = _of_every_mode(case, layout, M, K)
-    elif damping is None or case.point_mass:
+    elif damping is None or not all(map(case.has_exact_modes, range(len(parts)))):
         each = [lamina_damping(case, layout, i, M, K) for i in range(len(parts))]
         sizes = [part.dofs.size for part in parts]
         alpha, beta = map(sp.diags, np.repeat(each, sizes, axis=0).T)
         C = to.T @ (alpha @ of_points[0] + beta @ of_points[1]) @ to
         C = C + sum(factor * matrix for (factor, _), matrix in zip(each, added, strict=True))
+        for (_, factor), (stiffness, _) in zip(each, springs, strict=True):
+            C = C + factor * stiffness if stiffness.nnz else C
     else:
         C = to.T @ damping @ to
+    for _, dampers in springs:
+        C = C + dampers if dampers.nnz else C
     return completed(Structure(_operators(case, layout, (M, C, K), lumped), layout), case)
 
 
@@ -601,7 +619,7 @@ def lamina_damping(
     """
     lamina = case.lamina[i]
     dofs = layout.parts[i].own_dofs
-    if all(point_mass.lamina != lamina.name for point_mass in case.point_mass):
+    if case.has_exact_modes(i):
         return case.rayleigh(i)
     K = K[dofs][:, dofs]
     M = M[dofs][:, dofs]
@@ -632,7 +650,7 @@ def _of_every_mode(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matri
         among = momenta * (2.0 * lamina.damping_ratio * np.sqrt(squares)) @ momenta.T
         relative = np.zeros((dofs.size, n + 1))
         relative[np.arange(dofs.size), dofs] = 1.0
-        if (part.dofs == BASE).any():
+        if K[dofs, n].count_nonzero():
             relative[:, n] = -1.0
         C = C + sp.csr_matrix(relative.T @ among @ relative)
     return C
@@ -679,8 +697,8 @@ def structure(
         mass = sp.diags(lumped)
     added, diagonal = added_mass(case, layout, n, case.point_mass)
     M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
-    of_supports = _inner_springs(case, layout, n)
-    K = eliminated(stiffness, n + 1) + _springs(case, network) + of_supports[0]
+    of_supports = _springs(case, layout, n)
+    K = eliminated(stiffness, n + 1) + of_supports[0]
     alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
     C = alpha * M + beta * K + of_supports[1]
     operators = _operators(case, layout, (M, C, K), lumped[: n + 1] + diagonal)
@@ -689,23 +707,31 @@ def structure(
     )
 
 
-def _springs(case: Case, network: Network) -> sp.csr_matrix:
-    """Return the stiffness of the slopes at clamped ends that yield, with the base as last row."""
-    ends = ((0, case.support.start), (-1, case.support.end))
-    slopes = [network.dofs[:, node, 1] for node, kind in ends if kind == "clamped"]
-    diagonal = np.zeros(network.n_free + 1)
-    if slopes and case.support.rotational_stiffness is not None:
-        diagonal[np.concatenate(slopes)] = case.support.rotational_stiffness
-    return sp.csr_matrix(sp.diags(diagonal))
+def _springs(
+    case: Case, layout: Layout, n: int, only: int | None = None
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Return stiffness and damping of the springs of supports, with the base as last row.
 
-
-def _inner_springs(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return stiffness and damping of springs inside the span, with the base as last row."""
+    Args:
+        case: the case.
+        layout: of its laminae as beams, bars or points.
+        n: number of free dofs.
+        only: number of the lamina whose springs count; None: all.
+    """
     K, C = (sp.csr_matrix((n + 1, n + 1)) for _ in range(2))
+    diagonal = np.zeros(n + 1)
+    parts = layout.parts if only is None else (layout.parts[only],)
+    for end, node in zip(ENDS, (0, -1), strict=True):
+        if size := case.support.clamp_stiffness(end):
+            diagonal[[part.dofs[node, SLOPE] for part in parts]] = size
+    if diagonal.any():
+        K = sp.csr_matrix(sp.diags(diagonal))
     base = sp.csr_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
-    for support, number in inner_supports(case, layout, n):
+    for support, number in point_supports(case, layout, n):
+        if only not in (None, number):
+            continue
         part = layout.parts[number]
-        place = place_of(part, support.position)
+        place = place_of(part, support.position or 0.0)
         row, turn = (columns_of(part, place, n, kind) for kind in (DISPLACEMENT, SLOPE))
         K = K + support.rotational_stiffness * turn.T @ turn
         if support.kind == "spring":
@@ -714,11 +740,19 @@ def _inner_springs(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, s
     return K, C
 
 
-def _require_spring(support: InnerSupport, order: int, part: Part) -> None:
+def has_springs(case: Case) -> bool:
+    """Return whether supports of a case are elastic or damp."""
+    yields = any(map(case.support.clamp_stiffness, ENDS))
+    return yields or any(
+        support.kind == "spring" or support.rotational_stiffness for support in case.support.placed
+    )
+
+
+def _require_spring(support: PointSupport, order: int, part: Part) -> None:
     """Refuse a spring so stiff that the elements beside it are lost in its round-off.
 
     Args:
-        support: a support inside the span.
+        support: a support with a side or a position.
         order: its number among these.
         part: the part that it holds.
     """
@@ -731,14 +765,14 @@ def _require_spring(support: InnerSupport, order: int, part: Part) -> None:
         value = getattr(support, key) or 0.0
         if value > limit:
             raise CaseError(
-                f"support.inside.{order}.{key}: expected at most {limit:.2g}, {RIGID:.0e} times "
+                f"support.{order}.{key}: expected at most {limit:.2g}, {RIGID:.0e} times "
                 f"that of two elements of {part.name}, given {value:g}; for what is rigid take "
                 f"{rigid[key]}"
             )
 
 
-def inner_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[InnerSupport, int]]:
-    """Yield each support inside the span with each part that it holds, of bonded parts the lowest.
+def point_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[PointSupport, int]]:
+    """Yield each [[support]] with each part that it holds, of bonded parts the lowest.
 
     Args:
         case: the case.
@@ -748,16 +782,19 @@ def inner_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[InnerSu
     Raises:
         CaseError: a spring is rigid beside the elements.
     """
-    for order, support in enumerate(case.support.inside, start=1):
-        turns: set[bytes] = set()
+    for order, support in enumerate(case.support.points(case.length), start=1):
+        rows: set[tuple[bytes, ...]] = set()
         for number, part in enumerate(layout.parts):
             if support.lamina in (None, part.name):
-                _require_spring(support, order, part)
-                turn = columns_of(
-                    part, place_of(part, support.position), n, SLOPE
-                ).indices.tobytes()
-                if turn not in turns:  # otherwise bonded to the one before
-                    turns.add(turn)
+                if not case.is_axial:
+                    _require_spring(support, order, part)
+                place = place_of(part, support.position or 0.0)
+                row = tuple(
+                    columns_of(part, place, n, kind).indices.tobytes()
+                    for kind in (DISPLACEMENT, SLOPE)
+                )
+                if row not in rows:  # otherwise bonded to the one before
+                    rows.add(row)
                     yield support, number
 
 
@@ -780,15 +817,21 @@ def parts_of(
     return tuple(Part(lamina.name, x, *numbers) for lamina, *numbers in laminae)
 
 
-def clamped_parts(
-    case: Case, x: FloatArray, sections: FloatArray | None = None
-) -> tuple[Part, ...]:
-    """Return laminae side by side, clamped at x = 0, as parts; see `parts_of`."""
-    count = len(case.lamina)
-    n = x.size - 1
-    dofs = np.empty((count, n + 1, 2), dtype=np.int64)
-    dofs[:, 0] = BASE, FIXED
-    dofs[:, 1:] = np.arange(2 * n * count).reshape(count, n, 2)
+def apart_parts(case: Case, x: FloatArray, sections: FloatArray | None = None) -> tuple[Part, ...]:
+    """Return laminae side by side, each held by the supports of its own, as parts; see `parts_of`.
+
+    What does not bend has no free slopes.
+    """
+    dofs = np.empty((len(case.lamina), x.size, 2), dtype=np.int64)
+    n_free = 0
+    for i, of_lamina in enumerate(dofs):
+        for node, of_node in enumerate(of_lamina):
+            turns = turns_at(case, x, node, (i,))
+            of_node[DISPLACEMENT] = n_free if turns is None else BASE
+            n_free += turns is None
+            is_free = turns is not False and not case.is_axial
+            of_node[SLOPE] = n_free if is_free else FIXED
+            n_free += is_free
     return parts_of(case, x, dofs, sections)
 
 
@@ -837,12 +880,12 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
 def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
     """Return node and name of the reference probes."""
     L = case.length
-    kinds = {"start": case.support.start, "end": case.support.end}
+    free_ends = tuple(end for end in ENDS if not case.support.holds(end))
     spans = [
         (delamination.start, delamination.end, open_ends(delamination, L, case.support))
         for delamination in case.delamination
     ]
-    full_span = 0.0, L, tuple(end for end, kind in kinds.items() if kind == "free")
+    full_span = 0.0, L, free_ends
     start, end, free = max(spans or [full_span], key=lambda span: span[1] - span[0])
     if free:
         return {"start": 0, "end": x.size - 1}[free[-1]], "tip"
@@ -852,7 +895,8 @@ def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
 def _nearest(x: FloatArray, place: float, case: Case) -> int:
     """Return the inner node nearest to a place that no support holds."""
     distance = np.abs(x[1:-1] - place)
-    distance[[node_at(x, support.position) - 1 for support in case.support.held]] += case.length
+    held = [node_at(x, support.position or 0.0) - 1 for support in case.support.held]
+    distance[held] += case.length
     return 1 + int(np.argmin(distance))
 
 

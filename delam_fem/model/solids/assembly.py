@@ -274,21 +274,21 @@ def _with_product(
 
 
 def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float, float]]:
-    """Return the springs of supports inside the span.
+    """Return the springs of supports at ends and inside the span.
 
     Returns:
         For each of them what it strains, a functional of own free dofs and base, shape
         (1, n_own + 1); the number of the lamina that it holds; stiffness and damping.
     """
-    if not case.support.inside:
+    if not case.support.placed:
         return []
     springs = []
     n = layout.n_numbered(0)
     beams = closed_form.assemble(case.as_beams)
-    for support, number in network.inner_supports(case, beams.layout, beams.operators.n_dofs):
+    for support, number in network.point_supports(case, beams.layout, beams.operators.n_dofs):
         part = layout.parts[number]
         row, turn = (
-            layout.of_dofs(columns_of(part, place_of(part, support.position), n, kind))
+            layout.of_dofs(columns_of(part, place_of(part, support.position or 0.0), n, kind))
             for kind in (DISPLACEMENT, SLOPE)
         )
         springs.append((turn, number, support.rotational_stiffness, 0.0))
@@ -307,8 +307,9 @@ def _damping(
     """
     if case.is_apart:
         laminae = range(len(case.lamina))
-        of_lamina = np.array([case.rayleigh(i) for i in laminae])
-        if case.point_mass:
+        if all(map(case.has_exact_modes, laminae)):
+            of_lamina = np.array([case.rayleigh(i) for i in laminae])
+        else:
             beam = closed_form.assemble(case.as_beams)
             inertia, rigidity = beam.operators.mass, beam.operators.stiffness
             of_lamina = np.array(

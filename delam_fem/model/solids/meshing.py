@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import ENDS
 from delam_fem.model.mesh import NODE_TOLERANCE, node_coordinates, read_file
 from delam_fem.model.solids.mesh import (
     FACETS,
@@ -269,10 +270,10 @@ class _Reader:
         plain = SolidMesh(points, cells, self.cell, lamina)
         place = np.full(len(self.given.points), -1, dtype=np.int64)
         place[used] = np.arange(len(used))
-        supports = {
+        supports: dict[str, IntArray] = {
             end: self._facets(plain, place, end, None)
-            for end, kind in (("start", self.case.support.start), ("end", self.case.support.end))
-            if kind != "free"
+            for end in ENDS
+            if self.case.support.holds(end)
         }
         between = {delamination.between for delamination in self.case.delamination}
         sides = tuple(

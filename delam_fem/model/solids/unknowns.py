@@ -49,7 +49,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import InnerSupport
+from delam_fem.case.sections import ENDS, PointSupport
 from delam_fem.model import _dolfinx, operators
 from delam_fem.model.beams.network import clusters, holds, network, node_at
 from delam_fem.model.mesh import NODE_TOLERANCE, edges
@@ -97,14 +97,13 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
         CaseError: an end that is held has no facets.
     """
     blocks = [_at(solid, np.zeros(0, dtype=np.int64))]
-    for name in ("start", "end"):
-        kind = getattr(case.support, name)
-        if kind == "free":
+    for name in ENDS:
+        if not case.support.holds(name):
             continue
         facets = solid.mesh.supports.get(name)
         if facets is None or len(facets) == 0:
             raise CaseError(f'support.{name}: the mesh has no facets "{name}" to hold')
-        if kind == "clamped":
+        if not case.support.turns(name):
             blocks.append(_at(solid, solid.nodes_on(facets)))
             continue
         for cluster in _clusters(facets):
@@ -121,25 +120,26 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
     return Held(dofs, *(values[first] for values in others))
 
 
-def _inside(case: Case, solid: Solid, support: InnerSupport) -> Iterator[Held]:
+def _inside(case: Case, solid: Solid, support: PointSupport) -> Iterator[Held]:
     """Yield the held dofs of a support inside the span, bonded laminae together (collective).
 
     Raises:
         CaseError: a mesh from a file has no nodes there.
     """
     lowest, highest = _of_nodes(solid, solid.mesh.lamina)
-    is_there = np.abs(solid.coordinates[:, X] - support.position) <= NODE_TOLERANCE * case.length
+    position = support.position or 0.0
+    is_there = np.abs(solid.coordinates[:, X] - position) <= NODE_TOLERANCE * case.length
     numbers = solid.first_node + np.flatnonzero(is_there)
     pieces = solid.comm.allgather((numbers, lowest[is_there], highest[is_there]))
     nodes, low, high = (np.concatenate(values) for values in zip(*pieces, strict=True))
     at = edges(case)
-    for cluster in clusters(network(case, at).segments, node_at(at, support.position)):
+    for cluster in clusters(network(case, at).segments, node_at(at, position)):
         if not holds(support, case, cluster):
             continue
         chosen = nodes[(high >= cluster[0]) & (low <= cluster[-1])]
         if not chosen.size:
             raise CaseError(
-                f"support.position: expected nodes of the mesh at {support.position:g} m in lamina "
+                f"support.position: expected nodes of the mesh at {position:g} m in lamina "
                 f"{case.lamina[cluster[0]].name}; refine it there, or give a spring"
             )
         none = np.full(chosen.size, -1, dtype=np.int64)

@@ -109,4 +109,4 @@ def curvature(history: xr.Dataset) -> FloatArray:
 
 def held_ends(case: Case) -> list[bool]:
     """Return whether a support holds the start and the end, so that they move with the base."""
-    return [kind != "free" for kind in (case.support.start, case.support.end)]
+    return [case.support.holds("start"), case.support.holds("end")]

@@ -29,6 +29,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import ENDS
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics
 from delam_fem.results.fields import vtkhdf
@@ -38,7 +39,7 @@ from delam_fem.results.figures.style import DPI, save_figure
 from delam_fem.results.schema import by_interface
 from delam_fem.system.files import atomic, discard, write_text
 
-ENDS = np.array([-1.0, 1.0])
+OUTWARDS = np.array([-1.0, 1.0])
 BLOCK_LENGTH = 0.01
 """Half the length of the block of a stop or an impactor, in lengths of the laminae."""
 CORNERS = 4
@@ -87,7 +88,7 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
 
 @dataclass(frozen=True)
 class Mark:
-    """A contact point of a stop or of an impactor, or a support inside the span.
+    """A contact point of a stop or of an impactor, a support inside the span or a spring.
 
     Attributes:
         lamina: number of the lamina beside the mark, from 0.
@@ -143,10 +144,12 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
         heat = float(stop.get("stop_heat", 0.0))
         result.append(Mark(lamina, node, float(x[node]), side, face, motion, state, heat))
     names = [lamina.name for lamina in case.lamina]
-    for support in case.support.inside:
+    for support in case.support.points(case.length):
+        if support.side is not None and support.kind != "spring":
+            continue
         lamina = names.index(support.lamina) if support.lamina else 0
-        place = support.position
-        node = int(np.abs(x - support.position).argmin())
+        place = support.position or 0.0
+        node = int(np.abs(x - place).argmin())
         face = float(np.interp(place, x, middle[lamina])) - half[lamina]
         result.append(Mark(lamina, node, place, -1, face, base, np.zeros(base.size, np.int8)))
     return result
@@ -183,7 +186,7 @@ class Ribbons:
         blocks = np.empty((len(all_marks), 2, CORNERS, 3))
         for mark, block in zip(all_marks, blocks, strict=True):
             block[:] = rest_positions[mark.lamina, mark.node]
-            block[..., 0] = mark.x + BLOCK_LENGTH * case.length * ENDS[:, None]
+            block[..., 0] = mark.x + BLOCK_LENGTH * case.length * OUTWARDS[:, None]
             block[..., 1] = mark.rest + mark.side * half.sum() * (1.0 + mark.side * UPWARDS)
         return cls(
             rest_positions,
@@ -378,7 +381,7 @@ def draw(history: xr.Dataset, case: Case) -> Figure:
     bar.set_title("lateral velocity [m/s]", pad=12.0)
     centre = (np.array([0.48 * length, 0.0, 0.0]) + 0.1 * length * RIGHT) @ SCREEN
     half = 0.65 * length * np.array([SIZE[0] / SIZE[1], 1.0])
-    axes.set(xlim=centre[0] + half[0] * ENDS, ylim=centre[1] + half[1] * ENDS)
+    axes.set(xlim=centre[0] + half[0] * OUTWARDS, ylim=centre[1] + half[1] * OUTWARDS)
     axes.set_axis_off()
     return figure
 
@@ -448,12 +451,11 @@ def _supports(
     side = np.array([0.0, block, 0.6 * max(lamina.width for lamina in case.lamina)])
     section = side * np.column_stack([np.zeros(4), UPWARDS, [-1.0, -1.0, 1.0, 1.0]])
     blocks: list[list[tuple[FloatArray, FloatArray]]] = []
-    ends = ((0, case.support.start, 0.0, -1.0), (-1, case.support.end, length, 1.0))
-    for node, kind, x, outwards in ends:
-        depth = (0.05 if kind == "clamped" else 0.01) * length
+    for end, node, x, outwards in zip(ENDS, (0, -1), (0.0, length), (-1.0, 1.0), strict=True):
+        depth = (0.05 if case.support.kind(end) == "clamped" else 0.01) * length
         along = [[[reached, moved[node], 0.0]] for reached in sorted((x, x + outwards * depth))]
         body = section + along + place, np.full((2, 4), BLOCK)
-        blocks.append([] if kind == "free" else [body])
+        blocks.append([body] if case.support.holds(end) else [])
     return blocks
 
 

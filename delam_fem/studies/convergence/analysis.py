@@ -377,7 +377,7 @@ def free_table(found: Convergence, levels: list[Level], direction: Direction, wh
     for name in names:
         heading += [name, "order"]
     case = found.refinement.case
-    is_exact = case.is_apart and not case.model.is_continuum
+    is_exact = case.has_exact_laminae and not case.model.is_continuum
     exact = "the exact cantilever" if is_exact else "the same on a fine mesh"
     rows = []
     for k, level in enumerate(levels):

@@ -115,7 +115,7 @@ def run_refinement(
             )
 
     name: executors.ExecutorName = "serial" if workers == 1 else executor
-    if refinement.case.is_apart:
+    if refinement.case.has_exact_laminae:
         for text in refinement_warnings(refinement.case, (level.points for level in levels)):
             _log.warning(text)
     take_in(set())

@@ -331,7 +331,7 @@ def compute(case: Case, options: Infer, context: RunContext) -> Inferred:
     parameters = statistics.uniform(prior, number, 7)
     drawn_keys = drawn(uncertain, case, number, 8)
     also = {key: np.tile(values, len(frequencies)) for key, values in drawn_keys.items()}
-    specimens = specimens_of(parameters, case.support.end, frequencies)
+    specimens = specimens_of(parameters, case.support.kind("end"), frequencies)
     spacing, first, n_points = _grid(measured)
     runs = population(
         case, specimens, context.folder, spacing=spacing, first=first, also=also, **context.sweeping
@@ -405,4 +405,4 @@ def truth_of(case: Case) -> FloatArray:
 def observed(case: Case, frequencies: tuple[float, ...]) -> list[Specimen]:
     """Return the case itself as specimens, one for each frequency."""
     start, end, depth = truth_of(case).tolist()
-    return [Specimen(start, end, depth, case.support.end, f) for f in frequencies]
+    return [Specimen(start, end, depth, case.support.kind("end"), f) for f in frequencies]

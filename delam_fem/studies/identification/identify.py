@@ -149,7 +149,8 @@ def of_rig(case: Case) -> tuple[Unknown, ...]:
         Unknown(f"{EVERY}{modulus}", *STIFFNESS, is_relative=True),
         Unknown(f"{EVERY}damping_ratio", *DAMPING, is_relative=True),
     ]
-    if not case.is_apart and "clamped" in (case.support.start, case.support.end):
+    is_clamped = "clamped" in (case.support.kind("start"), case.support.kind("end"))
+    if not case.is_apart and is_clamped:
         section = network(case, np.array([0.0, case.length])).section(
             tuple(range(len(case.lamina)))
         )

@@ -498,6 +498,11 @@ def identified(case: Case, options: Options, context: RunContext | None = None) 
             'excitation.kind: expected "sweep" with an amplitude for a resonance, given '
             f'"{excitation.kind}"'
         )
+    if case.is_apart and not case.support.is_cantilever:
+        raise CaseError(
+            "support: resonance: expected laminae clamped at x = 0 alone, whose bending stiffness "
+            "follows from a frequency; take identify keys"
+        )
     ratios: list[float] = []
     if options.measured is None:
         time, tips, ratios = _simulated(case, None if context is None else context.kept)

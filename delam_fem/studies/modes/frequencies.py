@@ -397,8 +397,8 @@ def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Mode
 
     Returns:
         For laminae that are apart over their whole length, the modes of each beside the exact
-        cantilever, and those of the structure. For a bonded stack, and with point masses, those of
-        the structure alone.
+        cantilever, and those of the structure. For a bonded stack, and with point masses or other
+        supports, those of the structure alone.
 
     Raises:
         CaseError: n is below 1 or above the number of dofs, or `delaminations` is another word.
@@ -409,7 +409,7 @@ def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Mode
     if len(case.lamina) == 1 and not case.n_rigid:  # the lamina is the structure
         factor = factored(structure.operators.stiffness, structure.operators.mass)
     of_structure = structure_modes(structure, case, n, kind=delaminations, factor=factor)
-    if not case.is_apart or case.point_mass:
+    if not case.has_exact_laminae:
         return of_structure
     return replace(modes_of(structure, case, n, factor), structure=of_structure)
 
