@@ -674,8 +674,8 @@ class Case(Section):
                 n_turns += point.holds_slopes
         if self.is_axial:
             return int(not x)
-        held = [[1.0, place / length] for place in x] + [[0.0, 1.0]] * bool(n_turns)
-        return 2 - (int(np.linalg.matrix_rank(np.array(held))) if held else 0)
+        rows = [[1.0, place / length] for place in x] + [[0.0, 1.0]] * bool(n_turns)
+        return 2 - (int(np.linalg.matrix_rank(np.array(rows))) if rows else 0)
 
     @property
     def unread(self) -> tuple[str, ...]:

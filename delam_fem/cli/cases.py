@@ -362,8 +362,8 @@ def _structure(case: Case) -> str:
     if case.is_of_points:
         return "points"
     if case.is_apart:
-        held = "clamped at x = 0" if case.support.is_cantilever else _ends(case)
-        return f"apart, {held}, {mesh} each"
+        ends = "clamped at x = 0" if case.support.is_cantilever else _ends(case)
+        return f"apart, {ends}, {mesh} each"
     delaminated = ", ".join(f"{1e3 * d.start:g} to {1e3 * d.end:g} mm" for d in case.delamination)
     joined = (
         "" if len(case.lamina) == 1 else f"bonded, delaminated at {delaminated or 'no place'}; "

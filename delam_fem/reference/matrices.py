@@ -265,8 +265,8 @@ def _ends(case: Case, x: FloatArray) -> dict[int, str]:
 def _yields(case: Case, node: int) -> bool:
     """Return whether a clamp at the first node (0) or at the last one yields."""
     side = "start" if node == 0 else "end"
-    own = any(s.rotational_stiffness for s in case.support.placed if s.side == side)
-    return own or case.support.rotational_stiffness is not None
+    has_another = any(s.rotational_stiffness for s in case.support.placed if s.side == side)
+    return has_another or case.support.rotational_stiffness is not None
 
 
 def _elastic_ends(
@@ -298,8 +298,8 @@ def _elastic_ends(
     clamps = [node for node, kind in _ends(case, stack.x).items() if kind == "clamped"]
     for node in clamps:
         side = "start" if node == 0 else "end"
-        own = any(s.rotational_stiffness for s in case.support.placed if s.side == side)
-        if case.support.rotational_stiffness is not None and not own:
+        has_another = any(s.rotational_stiffness for s in case.support.placed if s.side == side)
+        if case.support.rotational_stiffness is not None and not has_another:
             for turn in np.unique(stack.dofs[counted, node, 1]).tolist():
                 K[turn, turn] += case.support.rotational_stiffness
     return sp.csr_matrix(K[:-1, :-1]), sp.csr_matrix(C[:-1, :-1])

@@ -895,8 +895,8 @@ def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
 def _nearest(x: FloatArray, place: float, case: Case) -> int:
     """Return the inner node nearest to a place that no support holds."""
     distance = np.abs(x[1:-1] - place)
-    held = [node_at(x, support.position or 0.0) - 1 for support in case.support.held]
-    distance[held] += case.length
+    pins = [node_at(x, support.position or 0.0) - 1 for support in case.support.held]
+    distance[pins] += case.length
     return 1 + int(np.argmin(distance))
 
 
