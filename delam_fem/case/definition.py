@@ -662,7 +662,9 @@ class Case(Section):
 
     def _n_rigid_of(self, names: Sequence[str]) -> int:
         """Return the number of rigid motions that supports leave to a body of some laminae."""
-        x, length, support = [], self.length, self.support
+        support = self.support
+        length = self.length
+        x: list[float] = []
         n_turns = 0
         for end, place in zip(ENDS, (0.0, length), strict=True):
             if support.holds(end):
