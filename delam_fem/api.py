@@ -50,10 +50,14 @@ if TYPE_CHECKING:
         require_same as require_same,
     )
     from delam_fem.case.keys import tables as tables
-    from delam_fem.case.sections import Contact as Contact, Gap as Gap, Lamina as Lamina
+    from delam_fem.case.sections import (
+        Contact as Contact,
+        InitialGap as InitialGap,
+        Lamina as Lamina,
+    )
     from delam_fem.case.tables import (
         DAY as DAY,
-        Columns as Columns,
+        TableColumns as TableColumns,
         heading as heading,
         read_columns as read_columns,
     )
@@ -95,7 +99,11 @@ if TYPE_CHECKING:
         run_cost as run_cost,
         step_hours as step_hours,
     )
-    from delam_fem.engines.massless import Drive as Drive, Period as Period, Periods as Periods
+    from delam_fem.engines.massless import (
+        Period as Period,
+        PeriodDrive as PeriodDrive,
+        Periods as Periods,
+    )
     from delam_fem.engines.session import (
         EngineName as EngineName,
         ImpactTable as ImpactTable,
@@ -276,8 +284,8 @@ _HOMES = {
     "case.gap": "initial_gap",
     "case.identity": "belong content_of identity require_same",
     "case.keys": "tables",
-    "case.sections": "Contact Gap Lamina",
-    "case.tables": "Columns DAY heading read_columns",
+    "case.sections": "Contact InitialGap Lamina",
+    "case.tables": "DAY TableColumns heading read_columns",
     "case.toml": "Data apply_overrides message read_toml shown toml_text",
     "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
     # Laws
@@ -306,7 +314,7 @@ _HOMES = {
         "FILE_BYTES POINT_SECONDS STUDY_SECONDS WORKER_BYTES Cost require_affordable run_cost "
         "step_hours"
     ),
-    "engines.massless": "Drive Period Periods",
+    "engines.massless": "Period PeriodDrive Periods",
     "engines.session": (
         "EngineName ImpactTable Prescribed Session Solution by_period engine_of "
         "initialise_petsc_alone law_of modes_of motion_of scheme_of session session_of solve "

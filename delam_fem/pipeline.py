@@ -46,7 +46,7 @@ from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.model.stops_sensors import overlap_at_start
 from delam_fem.results import contacts, dataset, diagnostics, quality, record
 from delam_fem.results.fields import solids
-from delam_fem.results.folder import AS_PROBES, OperatorsResult, Problem, Result
+from delam_fem.results.folder import AS_PROBES, OperatorsResult, ProblemView, Result
 from delam_fem.results.overlap import overlap_warnings
 from delam_fem.results.pages.html import reporting
 from delam_fem.results.schema import solvers
@@ -153,7 +153,7 @@ def run(what: Any, engine: EngineName = "petsc", **options: Any) -> Result:
     With operators also:
         name: name of the run in the titles of figures and page.
         periods, steps_per_period, time_step, refinement, window_periods, frames_per_period, limit,
-            stop: see `engines.session.solve`.
+            stop: called after each period; True ends the run. None: nothing ends it early.
 
     Returns:
         The result. `history.attrs["outcome"]` is "completed", "diverged", "interrupted" (Ctrl-C) or
@@ -365,7 +365,7 @@ def _run_operators(
         "law": law if isinstance(law, str) else law.name,
         "scheme": scheme if isinstance(scheme, str) else scheme.name,
     }
-    case: Any = Problem(  # has all that numbers read of a case
+    case: Any = ProblemView(  # has all that numbers read of a case
         f"{name}: {said}, contact: {combined_name(about['law'], about['scheme'])}",
         recorder.time_step,
         recorder.steps_per_period,

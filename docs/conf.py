@@ -14,7 +14,7 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 import delam_fem
-from delam_fem.case.keys import Key, Table, case_schema, tables
+from delam_fem.case.keys import Key, KeyTable, case_schema, tables
 
 project = "delam_fem"
 author = "the authors of delam_fem"
@@ -66,7 +66,7 @@ def _default(key: Key) -> str:
     return "–" if key.default is None else f"`{json.dumps(key.default, default=str)}`"
 
 
-def _section(table: Table) -> str:
+def _section(table: KeyTable) -> str:
     """Return the section of a table: its heading, its meaning and its keys."""
     name = f"`{table.heading}`" if table.name else "Before the first table"
     kind = f' with `kind = "{table.kind}"`' if table.kind else ""

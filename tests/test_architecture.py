@@ -78,3 +78,9 @@ def test_docstrings_point_to_names_that_are_there() -> None:
         if last not in {"cfg", "json", "py", "toml"}
         and (first not in words or (words[first] and last not in words[first]))
     } == set()
+
+
+def test_the_glossary_is_short() -> None:
+    rows = re.findall(r"^\| (?!word )[^|]+ \|", TEXT.split("## Glossary")[1], re.MULTILINE)
+    words = [word for row in rows for word in row.strip("| ").split(",")]
+    assert 20 < len(rows) <= 40 and len(set(words)) == len(words)

@@ -13,7 +13,7 @@ PRONOUNS = {"own", "found", "given", "whole", "kept", "rest", "seen", "shown", "
 SOURCES = [path for folder in ("delam_fem", "scripts") for path in (ROOT / folder).rglob("*.py")]
 MEMBERS = {
     "Memory.kept", "Memory.seen", "System.rest", "Unknowns.own", "Unknowns.held",
-    "RunContext.kept", "Mark.rest", "Ribbons.rest", "DiagramAxis.shown",
+    "RunContext.kept", "ObstacleMark.rest", "Ribbons.rest", "DiagramAxis.shown",
 }  # fmt: skip
 """Members of classes that have such a name still."""
 
@@ -112,6 +112,15 @@ def test_unrelated_assignments_have_lines_of_their_own() -> None:
 )
 def test_what_belongs_together(line: str, is_joined: bool) -> None:
     assert bool(list(joined(ast.parse(line)))) == is_joined
+
+
+def test_a_class_name_stands_for_one_thing() -> None:
+    places: dict[str, list[str]] = {}
+    for path in (ROOT / "delam_fem").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 def test_pronouns_are_seen(tmp_path: Path) -> None:

@@ -63,67 +63,6 @@ def test_the_page_tells_survivors_with_their_reasons() -> None:
     assert "– **open" in mutation.page(drawn, results, 400, {}, {})
 
 
-def test_a_line_is_judged_by_the_tests_that_run_it_the_mirror_first(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    alike = staticmethod(lambda mutant, files: dict.fromkeys(files, 0.0))
-    monkeypatch.setattr(mutation.Lines, "mentions", alike)
-    seconds = {
-        "tests/cli/test_run.py::test_quick": 0.1,
-        "tests/cli/test_run.py::test_long": 90.0,
-        "tests/cli/test_run.py::test_beside": 0.2,
-        "tests/contact/test_laws.py::test_own": 3.0,
-        "tests/contact/test_rules.py::test_near": 2.0,
-        "tests/numerics/test_beams.py::test_far": 0.1,
-    }
-    near = set(list(seconds)[:2]) | set(list(seconds)[3:5])
-    tests = {(LAWS, 7): near, (LAWS, 0): near | {"tests/numerics/test_beams.py::test_far"}}
-    lines = mutation.Lines(tests, seconds)
-    expected = [
-        *("tests/contact/test_laws.py::test_own", "tests/contact/test_rules.py::test_near"),
-        *("tests/cli/test_run.py::test_quick", "tests/cli/test_run.py::test_beside"),
-    ]  # what takes longer than the budget is left out
-    assert lines.of(mutation.Mutant(LAWS, "core/X", 0, 7)) == expected
-    at_import = lines.of(mutation.Mutant(LAWS, "core/X", 0, 8))
-    assert at_import == [*expected[:3], "tests/numerics/test_beams.py::test_far", expected[3]]
-    compiled = "delam_fem/engines/compiled/contact.py"
-    lines = mutation.Lines({("delam_fem/engines/compiled/steps.py", 0): near}, seconds)
-    assert lines.of(mutation.Mutant(compiled, "core/X", 0, 8))[0] == expected[2]
-    monkeypatch.setattr(mutation, "AT_MOST", 1)
-    assert len(lines.of(mutation.Mutant(compiled, "core/X", 0, 8))) == 1
-
-
-def test_files_that_mention_the_words_of_a_line_come_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mutation, "ROOT", tmp_path)
-    (tmp_path / "m.py").write_text("a = 1\nadd(data, envelope_min)\n")
-    (tmp_path / "t.py").write_text("assert envelope_min; data")
-    (tmp_path / "u.py").write_text("data = 2")
-    weights = mutation.Lines.mentions(mutation.Mutant("m.py", "core/X", 0, 2), ["t.py", "u.py"])
-    assert weights == {"t.py": 1.0, "u.py": pytest.approx(0.5 / 1.5)}
-
-
-def test_what_coverage_and_pytest_say_is_read_back(tmp_path: Path) -> None:
-    from coverage import CoverageData
-
-    name = "tests/contact/test_laws.py::test_a[x.y]"
-    data = CoverageData(str(tmp_path / "coverage.db"))
-    data.set_context(f"{name}|run")
-    data.add_lines({str(ROOT / LAWS): [7, 9]})
-    data.set_context("")
-    data.add_lines({str(ROOT / LAWS): [1]})
-    data.write()
-    (tmp_path / "tests.xml").write_text(
-        '<testsuite><testcase classname="tests.contact.test_laws" name="test_a[x.y]" time="0.5"/>'
-        '<testcase classname="tests.contact.test_laws" name="b"><skipped/></testcase></testsuite>'
-    )
-    lines = mutation.Lines.read(tmp_path)
-    assert lines.seconds == {name: 0.5}
-    assert lines.tests[LAWS, 7] == lines.tests[LAWS, 0] == {name}
-    assert not lines.tests[LAWS, 1]
-
-
 def test_mutants_of_a_module_know_their_lines() -> None:
     pytest.importorskip("cosmic_ray")
     text = (ROOT / LAWS).read_text(encoding="utf-8").splitlines()

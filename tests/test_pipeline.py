@@ -205,7 +205,7 @@ def test_keys_that_nothing_reads_are_in_the_summary_and_the_log(
 
 
 def test_an_unknown_engine_is_refused() -> None:
-    with pytest.raises(df.CaseError, match="engine: expected 'petsc' or 'compiled', given 'fast'"):
+    with pytest.raises(df.CaseError, match=r"engine: .*given 'fast'"):
         df.run(short(), "fast")  # type: ignore[arg-type]
 
 

@@ -37,9 +37,9 @@ from delam_fem.case.sections import (
     Contact,
     Damping,
     Delamination,
-    Gap,
     Impactor,
     Initial,
+    InitialGap,
     Lamina,
     Mesh,
     Model,
@@ -143,7 +143,7 @@ class Case(Section):
         Expected("a name fit for a folder: letters, digits, space and . + - _"),
     ]
     lamina: Annotated[tuple[Lamina, ...], BeforeValidator(_tables)]
-    gap: Gap | None = None
+    gap: InitialGap | None = None
     support: Support = Support()
     delamination: tuple[Delamination, ...] = ()
     mesh: Mesh

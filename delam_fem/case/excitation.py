@@ -30,7 +30,7 @@ from pydantic import (
 
 from delam_fem.case import broadband
 from delam_fem.case.broadband import Faded, Gridded, Lines, Realisations, Still, product
-from delam_fem.case.tables import Columns, heading, in_si_units, read_columns
+from delam_fem.case.tables import TableColumns, heading, in_si_units, read_columns
 from delam_fem.case.values import (
     Count,
     CountOrNone,
@@ -891,7 +891,7 @@ def read_channel(
     return time - time[0], value, unit
 
 
-def _chosen(table: Columns, channel: str, name: str) -> tuple[int, int]:
+def _chosen(table: TableColumns, channel: str, name: str) -> tuple[int, int]:
     """Return the numbers of the columns of the time and of a channel."""
     names = [heading(text)[0] for text in table.headings]
     times = [k for k, word in enumerate(names) if word.lower() in ("time", "t", "zeit")]
@@ -905,7 +905,7 @@ def _chosen(table: Columns, channel: str, name: str) -> tuple[int, int]:
     return times[0], names.index(channel)
 
 
-def _of_netcdf(path: Path, channel: str, name: str) -> tuple[Columns, tuple[int, int]]:
+def _of_netcdf(path: Path, channel: str, name: str) -> tuple[TableColumns, tuple[int, int]]:
     """Return time and a channel of a NetCDF file as a table of two columns."""
     import xarray as xr
 
@@ -930,7 +930,7 @@ def _of_netcdf(path: Path, channel: str, name: str) -> tuple[Columns, tuple[int,
     units = str(variable.attrs.get("units", ""))
     headings = ("time [s]", f"value [{units}]" if units else "value")
     lines = tuple(range(1, int(is_known.sum()) + 1))
-    return Columns(lines, values[:, is_known], headings), (0, 1)
+    return TableColumns(lines, values[:, is_known], headings), (0, 1)
 
 
 Single: TypeAlias = Annotated[

@@ -28,7 +28,8 @@ def find_case(what: CaseSource, overrides: Mapping[str, object] | None = None) -
 
     Args:
         what: a case, the name of a preset, or the path of a case file.
-        overrides: see `Case.with_overrides`.
+        overrides: values by key (`excitation.frequency`, `lamina.thick.length`); None removes an
+            optional key. File names are relative to the working directory.
 
     Raises:
         CaseError: there is no such preset or file, or the case is not valid.
@@ -53,7 +54,8 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
 
     Args:
         path: TOML file; relative file names in it are relative to its folder.
-        overrides: see `Case.with_overrides`.
+        overrides: values by key (`excitation.frequency`, `lamina.thick.length`); None removes an
+            optional key. File names are relative to the working directory.
 
     Returns:
         The case.
@@ -80,8 +82,10 @@ def preset(name: str, overrides: Mapping[str, object] | None = None, **by_word: 
 
     Args:
         name: one of `PRESETS`.
-        overrides: see `Case.with_overrides`.
-        **by_word: see `Case.with_overrides`.
+        overrides: values by key (`excitation.frequency`, `lamina.thick.length`); None removes an
+            optional key. File names are relative to the working directory.
+        **by_word: values by the last part of a key, if one key alone of this case ends in it:
+            `frequency=3.65`.
 
     Returns:
         The case.

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy  # loads its parts when they are used
 
-from delam_fem.case.sections import Delamination, Gap, Stop
+from delam_fem.case.sections import Delamination, InitialGap, Stop
 from delam_fem.case.tables import in_si_units, read_columns
 from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.numerics.types import FloatArray
@@ -20,7 +20,7 @@ _LONGER = 2e-3
 """Share of L by which a measured table may go beyond the free end."""
 
 
-def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
+def initial_gap(gap: InitialGap, x: npt.ArrayLike, length: float) -> FloatArray:
     """Return the gap at rest g0(x) of laminae that are apart.
 
         exponent:  root + (tip - root) (x/L)^p

@@ -60,7 +60,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Table:
+class KeyTable:
     """A table of a case file with its keys.
 
     Attributes:
@@ -86,7 +86,7 @@ class Table:
 
 
 @cache
-def tables() -> tuple[Table, ...]:
+def tables() -> tuple[KeyTable, ...]:
     """Return all tables of a case file in their order; the first has the keys before any table."""
     fields = Case.model_fields
     below = {name: _models(field.annotation) for name, field in fields.items()}
@@ -111,12 +111,12 @@ def tables() -> tuple[Table, ...]:
     return tuple(all_tables)
 
 
-def _table(model: type[Section], name: str, keys: list[str], *, is_array: bool = False) -> Table:
+def _table(model: type[Section], name: str, keys: list[str], *, is_array: bool = False) -> KeyTable:
     """Return a table with some keys of its model."""
     kind = model.model_fields.get("kind")
     default = "" if kind is None or kind.is_required() else kind.default
     table_keys = tuple(_key(model, key, meanings(model)) for key in keys)
-    return Table(name, default, is_array, summary(model), table_keys, model)
+    return KeyTable(name, default, is_array, summary(model), table_keys, model)
 
 
 def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
@@ -229,7 +229,7 @@ def case_schema() -> Schema:
     return {"$schema": DIALECT, **_described(made, listed[0]), "title": "A case of delam_fem"}
 
 
-def _described(schema: Schema, table: Table) -> Schema:
+def _described(schema: Schema, table: KeyTable) -> Schema:
     """Return the schema of a table with the meanings of its keys, as TOML can write them."""
     keys = {key.name: key for key in table.keys}
     properties = {
@@ -326,7 +326,7 @@ def _of_aluminium(lamina: Data) -> Data:
     return sizes | {"material": "aluminium"}
 
 
-def _table_lines(table: Table, data: Data) -> Iterator[str]:
+def _table_lines(table: KeyTable, data: Data) -> Iterator[str]:
     """Yield the lines of a table: with values if the case has it, otherwise all as a comment."""
     if not table.name:
         yield from _key_lines(table, data)
@@ -352,7 +352,9 @@ def _table_lines(table: Table, data: Data) -> Iterator[str]:
         yield from (f"{key} = {toml_value(value)}" for key, value in entry.items())
 
 
-def _key_lines(table: Table, given: Mapping[str, Any], *, is_active: bool = True) -> Iterator[str]:
+def _key_lines(
+    table: KeyTable, given: Mapping[str, Any], *, is_active: bool = True
+) -> Iterator[str]:
     """Yield a line for each key of a table, with its comment, and further lines of the comment."""
     for key in table.keys:
         default = table.kind if key.name == "kind" else key.default

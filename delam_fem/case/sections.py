@@ -314,7 +314,7 @@ def _positive(value: object) -> float | None:
     return float(value) if value > 0.0 else None
 
 
-class Gap(Section):
+class InitialGap(Section):
     """The gap at rest: a power of x/L, the first mode shape, or a table.
 
     Attributes:

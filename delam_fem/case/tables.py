@@ -70,7 +70,7 @@ _COUNTS = ("no", "one", "two", "three", "four")
 
 
 @dataclass(frozen=True)
-class Columns:
+class TableColumns:
     """The numbers of a table.
 
     Attributes:
@@ -115,7 +115,7 @@ def heading(text: str) -> tuple[str, str | None]:
 
 def read_columns(
     path: Path, label: str, names: Sequence[str] | None = None, most_bytes: int = MOST_BYTES
-) -> Columns:
+) -> TableColumns:
     """Read a table of finite numbers; empty lines and comments (#) are skipped.
 
     The first row may be a heading. Without `names` all rows above the numbers may be, also such as
@@ -139,7 +139,7 @@ def read_columns(
         return _read(path, label, names, most_bytes)
 
 
-def _read(path: Path, label: str, names: Sequence[str] | None, most_bytes: int) -> Columns:
+def _read(path: Path, label: str, names: Sequence[str] | None, most_bytes: int) -> TableColumns:
     """Read a table; see `read_columns`."""
     content = _content(path, label, most_bytes)
     layout = _layout(content.rows, label, names)
@@ -155,7 +155,7 @@ def _read(path: Path, label: str, names: Sequence[str] | None, most_bytes: int) 
     line, heading = headings[-1] if headings else (0, [])
     every = tuple(cells for _, cells in headings)
     instants = _instants([text for _, text in content.rows[n_above:]], layout, label)
-    return Columns(lines, values, tuple(heading), line, every, instants, content.notes)
+    return TableColumns(lines, values, tuple(heading), line, every, instants, content.notes)
 
 
 HEAD = 1000
@@ -292,7 +292,7 @@ def _instants(texts: Sequence[str], layout: _Layout, label: str) -> dict[int, st
 
 
 def in_si_units(
-    table: Columns, names: Sequence[str], accepted: Sequence[Sequence[str]], label: str
+    table: TableColumns, names: Sequence[str], accepted: Sequence[Sequence[str]], label: str
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Return the numbers of a table in SI units, by the units that its heading names.
 
@@ -324,7 +324,9 @@ def in_si_units(
     return table.values * factors, tuple(unit for _, unit in conversions)
 
 
-def _factor(table: Columns, column: int, accepted: Sequence[str], label: str) -> tuple[float, str]:
+def _factor(
+    table: TableColumns, column: int, accepted: Sequence[str], label: str
+) -> tuple[float, str]:
     """Return the factor from the unit of a column to an accepted SI unit, and that SI unit."""
     unit_text = table.unit(column)
     if unit_text is None:

@@ -56,14 +56,14 @@ from delam_fem.simulation.refinement import SAFETY
 from delam_fem.system.caches import kept, njit
 
 DRIVE_WORK, MODAL_LOSS, CREEP_LOSS, CONTACT_LOSS = range(4)
-"""Indices into `Memory.totals`."""
+"""Indices into `MasslessMemory.totals`."""
 N_COARSE, N_FINE = range(2)
-"""Indices into `Memory.effort`."""
+"""Indices into `MasslessMemory.effort`."""
 COMPLETED, DIVERGED, UNSOLVED = range(3)
 """How a period ends."""
 
 
-class Problem(NamedTuple):
+class MasslessProblem(NamedTuple):
     """A reduced problem (`model.massless`) in compiled code, with m modes, n pairs and c parts.
 
     Attributes:
@@ -85,7 +85,7 @@ class Problem(NamedTuple):
     gap_drive: FloatArray
 
 
-class Memory(NamedTuple):
+class MasslessMemory(NamedTuple):
     """The state and the work space of a reduced problem in compiled code.
 
     Attributes:
@@ -124,7 +124,7 @@ class Memory(NamedTuple):
     again: Again
 
 
-class Drive(NamedTuple):
+class PeriodDrive(NamedTuple):
     """The drive in a period of N steps.
 
     Attributes:
@@ -154,9 +154,9 @@ class Trace(NamedTuple):
     impulse: FloatArray
 
 
-def new_memory(m: int, n: int, c: int) -> Memory:
+def new_memory(m: int, n: int, c: int) -> MasslessMemory:
     """Allocate the memory of a problem, at rest."""
-    return Memory(
+    return MasslessMemory(
         q=np.zeros(m),
         v=np.zeros(m),
         s=np.zeros((c, n)),
@@ -564,7 +564,7 @@ class Periods:
         self.reduced = reduced
         self.time_step = time_step
         self.refine = refine
-        self._problem = Problem(
+        self._problem = MasslessProblem(
             reduced.squares,
             reduced.damping,
             reduced.creep,
@@ -578,7 +578,7 @@ class Periods:
         self._sizes = reduced.n_modes, reduced.n_pairs, reduced.n_parts
         self._memory, self._trace = new_memory(*self._sizes), new_trace(0, *self._sizes)
 
-    def drive(self, base_states: FloatArray) -> Drive:
+    def drive(self, base_states: FloatArray) -> PeriodDrive:
         """Return the drive of a period.
 
         Args:
@@ -586,9 +586,9 @@ class Periods:
                 steps, shape (N + 1, 3).
         """
         loads = -base_states[:, ::-1] @ self.reduced.loads
-        return Drive(np.ascontiguousarray(loads), base_states[:, 0].copy(), self.refine)
+        return PeriodDrive(np.ascontiguousarray(loads), base_states[:, 0].copy(), self.refine)
 
-    def advance(self, start: FloatArray, drive: Drive) -> FloatArray:
+    def advance(self, start: FloatArray, drive: PeriodDrive) -> FloatArray:
         """Return the state one period later; NaN if the motion diverges.
 
         Args:
@@ -602,7 +602,7 @@ class Periods:
             self._trace = new_trace(len(drive.motion) - 1, *self._sizes)
         return self._run(start, drive, self._trace)
 
-    def record(self, start: FloatArray, drive: Drive) -> Period:
+    def record(self, start: FloatArray, drive: PeriodDrive) -> Period:
         """Compute a period and keep every step of it; see `advance`."""
         trace = new_trace(len(drive.motion) - 1, *self._sizes)
         trace.q[:] = np.nan  # until it is computed
@@ -628,7 +628,7 @@ class Periods:
         m, n, c = self._sizes
         return at[:m], at[m : 2 * m], at[2 * m :].reshape(c, n)
 
-    def _run(self, start: FloatArray, drive: Drive, trace: Trace) -> FloatArray:
+    def _run(self, start: FloatArray, drive: PeriodDrive, trace: Trace) -> FloatArray:
         memory = self._memory
         memory.q[:], memory.v[:], memory.s[:] = self.split(np.asarray(start, dtype=np.float64))
         memory.again.was_idle[:] = 0
@@ -757,7 +757,7 @@ class ModalEngine(Engine):
         """
         touching = operators.without_contact() if is_open else operators
         self.stepper = ModalStepper(operators, Periods(reduce(touching, modes), time_step, refine))
-        self._driven: tuple[FloatArray, Drive] | None = None
+        self._driven: tuple[FloatArray, PeriodDrive] | None = None
 
     def state(self) -> State:
         """Return the present state; `internal` has the modes and the late contact forces."""

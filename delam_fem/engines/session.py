@@ -365,7 +365,8 @@ class Session:
         Args:
             stop: called after each block of periods; True interrupts the run.
             enough: called after each block of periods; True completes it.
-            every: see `simulate`.
+            every: most periods in a block, if `stop` or `enough` are asked between blocks; blocks
+                end at its multiples.
         """
         return simulate(
             *(self.engine, self.recorder, self.motion), stop=stop, enough=enough, every=every
@@ -449,7 +450,8 @@ def session(
         initial: state at the start; its accelerations are computed anew. None: at rest.
         engine: name of the engine that computes the steps.
         comm: communicator that shares the work of "petsc"; None: this process alone.
-        modes: see `engine_of`.
+        modes: number of modes of each part, whose contact points have no mass; law and scheme then
+            say only whether there is contact. None: all dofs.
 
     Raises:
         CaseError: the initial state has another shape; see also `engine_of`.
@@ -508,7 +510,8 @@ def session_of(
     """Set up the run of a case, with a law in place of its own if one is given; see `session`.
 
     Raises:
-        CaseError: see `engine_of`.
+        CaseError: there is no such engine, the law does not go with the scheme or the engine, or
+            the time step exceeds the stability limit.
     """
     with session(
         operators,

@@ -5,7 +5,7 @@ once (`factors.py`). The factors give its lowest modes, by inverse iteration in 
 the static shapes of its loads.
 
 A body that is not held has a singular stiffness. Everything is then solved with K + s M: the modes
-are the same, and static shapes follow by iteration, see `Body.static`.
+are the same, and static shapes follow by iteration, see `Component.static`.
 
 Modes and residual flexibility form one basis V, in which M is the identity and K diagonal. Of each
 body the basis has
@@ -59,7 +59,7 @@ CORRECTIONS = 3
 
 
 @dataclass(frozen=True)
-class Body:
+class Component:
     """A group of dofs that nothing couples to the others, with the factors of its K + s M.
 
     Attributes:
@@ -164,7 +164,7 @@ class Body:
             shapes -= modes @ (dual.T @ shapes)
 
 
-def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
+def bodies(o: Operators, shift: float = 0.0) -> list[Component]:
     """Return the bodies of a structure.
 
     Args:
@@ -178,7 +178,7 @@ def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
     result = []
     for dofs, M, C, K in o.bodies():
         rayleigh = o.rayleigh and (float(o.rayleigh[0][dofs[0]]), float(o.rayleigh[1][dofs[0]]))
-        result.append(Body(dofs, M, C, K, factored(K, M, shift), rayleigh))
+        result.append(Component(dofs, M, C, K, factored(K, M, shift), rayleigh))
     return result
 
 
@@ -235,7 +235,7 @@ class _Piece:
         lowest: ω² of its lowest modes, kept or left out [1/s2].
     """
 
-    body: Body
+    body: Component
     squares: FloatArray
     modes: FloatArray
     loads: sp.csc_matrix
@@ -259,7 +259,8 @@ def basis_of(
     Args:
         o: the semi-discrete problem.
         modes: number of normal modes of each body.
-        shift: see `bodies`.
+        shift: s [1/s2], about the square of the lowest elastic angular frequency, if bodies have
+            rigid motions; 0: all are held.
         max_coordinates: largest number; the least flexible residual shapes are left out.
         loads: further loads to which the omitted modes respond, as rows, shape (k, n); None: none.
 
@@ -314,7 +315,7 @@ def basis_of(
     )
 
 
-def _piece(o: Operators, rows: sp.csr_matrix, body: Body, modes: int) -> _Piece:
+def _piece(o: Operators, rows: sp.csr_matrix, body: Component, modes: int) -> _Piece:
     """Return a body with its modes and residual shapes for loads at the rows of pairs."""
     lowest, mode_shapes = body.modes(max(modes, COMPARED))
     squares = lowest[:modes]
@@ -345,7 +346,7 @@ def _piece(o: Operators, rows: sp.csr_matrix, body: Body, modes: int) -> _Piece:
     )
 
 
-def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _independent(body: Component, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return independent shapes, orthonormal with K, and their weights, decreasing."""
     if not shapes.shape[1]:
         return shapes, np.zeros(0)
@@ -360,7 +361,7 @@ def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray
     return result, weights
 
 
-def _ritz(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _ritz(body: Component, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ω², increasing, and shapes with VᵀMV = 1 and VᵀKV = ω² in the space of some shapes."""
     if not shapes.shape[1]:
         return np.zeros(0), shapes

@@ -225,7 +225,10 @@ def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
 
     A mode with phiᵀ (M, C, K) phi = (1, 2 s, omega²) decays as e^(-s t), or as
     e^(-(s - sqrt(s² - omega²)) t) if it is overdamped. Rayleigh damping couples no modes, and the
-    modes beyond the lowest `DECAYING` decay faster with it.
+    modes beyond the lowest `DECAYING` decay faster with it. Other damping, such as a damper inside
+    the span, couples modes: the diagonal of C in modes is then its part of first order. Seven beams
+    with a damper of 0.05 to 500 N s/m inside were judged rightly all the same. A strong damper acts
+    as a support, whose modes the diagonal does not know; the rate is an estimate there.
 
     Args:
         operators: of the structure.

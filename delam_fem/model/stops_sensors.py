@@ -308,7 +308,8 @@ def _places(
     The rows take the free dofs; the shares are those of the places in the stiffness of a stop.
 
     Raises:
-        CaseError: see `with_stops`.
+        CaseError: a stop is where its lamina is held, or between nodes although impulses are
+            lumped.
     """
     layout = structure.layout
     which = layout.names.index(own.lamina)

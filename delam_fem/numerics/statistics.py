@@ -17,8 +17,9 @@ error of their mean. Means over blocks that are longer than this memory are near
 nearly normal; Student's t gives the interval (batch means; Law & Kelton, Simulation Modeling and
 Analysis, chapter 9).
 
-Posteriors: `Table` infers parameters from simulations alone, by approximate Bayesian computation
-with regression. A table of simulations with parameters from the prior serves every observation:
+Posteriors: `Simulations` infers parameters from simulations alone, by approximate Bayesian
+computation with regression. A table of simulations with parameters from the prior serves every
+observation:
 
 1. A ridge regression of the parameters on the statistics and their products predicts as many
    summary statistics as there are parameters (semi-automatic statistics: Fearnhead and Prangle,
@@ -225,7 +226,7 @@ clapping rig covered the truth in 85 to 91 of 100 cases, with 8 % in 89 to 91.""
 FEWEST = 100
 """Smallest number of simulations that are accepted."""
 UNLIKE = 1e-2
-"""Smallest probability by `Table.misfit` with which an observation still fits the simulations."""
+"""Smallest probability by `Simulations.misfit` with which an observation still fits them."""
 EDGE = 1e-6
 """Smallest distance of parameters from their bounds, relative to the range, in the logits."""
 
@@ -284,7 +285,7 @@ class Posterior:
 
 
 @dataclass(frozen=True)
-class Table:
+class Simulations:
     """Simulations with parameters from a prior that is uniform within bounds.
 
     Attributes:

@@ -49,7 +49,7 @@ SMALLEST_JUMP = 0.2
 noise."""
 
 
-class Jumps(NamedTuple):
+class VelocityJumps(NamedTuple):
     """The strikes in two velocity signals, in the order of time.
 
     Attributes:
@@ -101,7 +101,7 @@ def identify(
     fit_samples: int = 3,
     apart: float = 0.0,
     smallest_jump: float = SMALLEST_JUMP,
-) -> Jumps:
+) -> VelocityJumps:
     """Find the strikes in two velocity signals.
 
     A strike is a local maximum of the rise of the gap rate from one sample to the next, if the
@@ -131,8 +131,8 @@ def identify(
     weights = 1.0 / fit_samples - 0.5 * fit_samples * about / ((about @ about) or 1.0)
     before = (v[:, first[:, None] - near] @ weights).T
     after = (v[:, first[:, None] + 1 + near] @ weights).T
-    jumps = Jumps(0.5 * (t[first] + t[first + 1]), before, after)
-    return Jumps._make(column[before[:, 1] < before[:, 0]] for column in jumps)
+    jumps = VelocityJumps(0.5 * (t[first] + t[first + 1]), before, after)
+    return VelocityJumps._make(column[before[:, 1] < before[:, 0]] for column in jumps)
 
 
 # -- Fig. 3: the four motions -----------------------------------------------------------------
@@ -311,7 +311,7 @@ def measure_velocities(lab: Laboratory) -> Numbers:
     )
 
 
-def tip_strikes(result: Result, fit_samples: int = 1) -> Jumps:
+def tip_strikes(result: Result, fit_samples: int = 1) -> VelocityJumps:
     """Find strikes from the tip velocities alone, as the experiment does; at most one per period.
 
     `runs.strikes` finds strikes from the gap, which the experiment does not measure.

@@ -68,9 +68,9 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    about = html.Section("", [html.Paragraph(PAPER), html.Paragraph(ABOUT, "about")])
+    about = html.PageSection("", [html.Paragraph(PAPER), html.Paragraph(ABOUT, "about")])
     claims = claims_of(figures)
-    overview = html.Section(
+    overview = html.PageSection(
         "What the paper says and what came out",
         [html.Paragraph(tally(claims)), _table(claims, figures)],
     )
@@ -99,20 +99,20 @@ def heading(figure: Entry) -> str:
     return f"Fig. {name}: {figure['title']}" if name[0].isdigit() else str(figure["title"])
 
 
-def _section(figure: Entry, figures: Sequence[Entry]) -> html.Section:
+def _section(figure: Entry, figures: Sequence[Entry]) -> html.PageSection:
     """Return the section of a figure: picture, caption and claims."""
     caption = (f"{figure['caption']} ", html.Link("Numbers", f"{figure['stem']}.json"), ".")
     blocks: list[html.Block] = [html.Gallery(pictures(figure), heading(figure), caption)]
     if figure["claims"]:
         blocks.append(_table(claims_of([figure]), figures))
-    return html.Section(heading(figure), blocks, anchor=figure["stem"])
+    return html.PageSection(heading(figure), blocks, anchor=figure["stem"])
 
 
-def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> html.Table:
+def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> html.HtmlTable:
     """Return claims as a table with links to their figures."""
     stems = {figure["name"]: figure["stem"] for figure in figures}
     rows = [(html.Link(c.figure, f"#{stems[c.figure]}"), *c.row[1:]) for c in claims]
-    return html.Table(HEADING, rows, [_ROW_CLASS[claim.verdict] for claim in claims])
+    return html.HtmlTable(HEADING, rows, [_ROW_CLASS[claim.verdict] for claim in claims])
 
 
 FIGURES: dict[str, Piece] = {

@@ -41,7 +41,7 @@ def strikes(result: Result) -> diagnostics.Strikes:
 
 
 @dataclass(frozen=True)
-class Motion:
+class PaperMotion:
     """A motion that the paper describes.
 
     Attributes:
@@ -68,20 +68,20 @@ def contacts(result: Result) -> float:
 
 
 MOTIONS = (
-    Motion(
+    PaperMotion(
         1.25, "no tip contact, weak contact near the clamp", 1,
         lambda r: contacts(r) == 0.0 and r.summary["minimum_tip_gap"] > 0.0,
     ),
-    Motion(
+    PaperMotion(
         1.60, "the thin lamina beats the thick one", 1,
         lambda r: contacts(r) >= 1.0
         and abs(strikes(r).mean[1]) > BEATS * abs(strikes(r).mean[0]),
     ),
-    Motion(
+    PaperMotion(
         3.25, "the thick beats the thin, opposite velocities", 1,
         lambda r: contacts(r) == 1.0 and strikes(r).mean[0] > 0.0 > strikes(r).mean[1],
     ),
-    Motion(3.65, "one contact in two periods", 2, lambda r: contacts(r) == 0.5),
+    PaperMotion(3.65, "one contact in two periods", 2, lambda r: contacts(r) == 0.5),
 )  # fmt: skip
 FREQUENCIES = tuple(motion.frequency for motion in MOTIONS)
 """The four excitation frequencies of the paper [Hz]."""
@@ -186,7 +186,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Plan:
+class Effort:
     """The amount of computation for all figures: lengths of histories, numbers of points.
 
     Attributes:
@@ -212,8 +212,8 @@ class Plan:
     has_long_refinements: bool = True
 
 
-FULL = Plan()
-FAST = Plan(
+FULL = Effort()
+FAST = Effort(
     plane_points=8,
     response_step=0.1,
     response_periods=80,
@@ -236,7 +236,7 @@ class Laboratory:
         engine: name of the engine that computes the steps.
     """
 
-    plan: Plan
+    plan: Effort
     executor: Executor
     engine: EngineName = "compiled"
     _results: dict[str, Result] = field(default_factory=dict)
@@ -284,7 +284,7 @@ class Laboratory:
 
 @contextmanager
 def laboratory(
-    plan: Plan, *, workers: int | None = None, engine: EngineName = "compiled"
+    plan: Effort, *, workers: int | None = None, engine: EngineName = "compiled"
 ) -> Iterator[Laboratory]:
     """Open a laboratory with a number of worker processes; 1 computes in this process.
 
@@ -298,7 +298,7 @@ def laboratory(
 
 def motion_case(
     frequency: float,
-    plan: Plan,
+    plan: Effort,
     method: PaperMethod = "3.2",
     overrides: Mapping[str, object] | None = None,
 ) -> Case:

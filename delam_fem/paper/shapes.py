@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.api import Case, FloatArray, Gap, Lamina, diagnostics, initial_gap, style
+from delam_fem.api import Case, FloatArray, InitialGap, Lamina, diagnostics, initial_gap, style
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.runs import RESONANT, Laboratory, motion_case
 
@@ -55,7 +55,7 @@ def measure(lab: Laboratory) -> Numbers:
             ],
             "x_m": x,
             "gap_m": {
-                f"{p:g}": initial_gap(Gap(tip=case.gap.tip, exponent=p), x, thick.length)
+                f"{p:g}": initial_gap(InitialGap(tip=case.gap.tip, exponent=p), x, thick.length)
                 for p in EXPONENTS
             },
         },
@@ -91,7 +91,7 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
     L = case.lamina[0].length
     tip = 1e3 * float(case.gap.tip or 0.0)
     x = np.linspace(0.0, L, SHOWN_POINTS)
-    gaps = [1e3 * initial_gap(Gap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS]
+    gaps = [1e3 * initial_gap(InitialGap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS]
     gap = 1e3 * initial_gap(case.gap, x, L)
     axes.fill_betweenx(1e3 * x, gaps[-1], gaps[0], color=style.GAP_COLOUR, label="p = 1 … 3")
     shapes = (np.zeros_like(x), gap)

@@ -96,14 +96,16 @@ class Report:
             text = " ".join([*self.sentences, *self.remarks])
             case = [] if self.case is None else [html.Preformatted(self.case.to_toml())]
             sections = [
-                html.Section("", [html.Paragraph(text, "verdict")]),
-                html.Section("Figures", drawn),
+                html.PageSection("", [html.Paragraph(text, "verdict")]),
+                html.PageSection("Figures", drawn),
                 *(
-                    html.Section(t.title[:1].upper() + t.title[1:], [html.Table(t.heading, t.rows)])
+                    html.PageSection(
+                        t.title[:1].upper() + t.title[1:], [html.HtmlTable(t.heading, t.rows)]
+                    )
                     for t in self.tables
                 ),
-                html.Section("Files", links),
-                html.Section("Case", case),
+                html.PageSection("Files", links),
+                html.PageSection("Case", case),
             ]
             page = html.page(self.title, [s for s in sections if s.blocks], contents=True)
             written.append(write_text(directory / "report.html", page))

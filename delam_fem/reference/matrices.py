@@ -34,7 +34,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Gap, Lamina
+from delam_fem.case.sections import InitialGap, Lamina
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -153,7 +153,7 @@ def coefficients(case: Case, D: float, omega: FloatArray) -> tuple[float, float]
     return float(alpha), float(beta)
 
 
-def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
+def gap_at_rest(gap: InitialGap, x: FloatArray, length: float) -> FloatArray:
     """Return the gap at the nodes [m]: a power of x, the first mode, or a table with PCHIP.
 
     Args:

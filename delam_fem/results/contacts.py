@@ -46,7 +46,7 @@ Kind = Literal["interface", "stop", "impactor"]
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactSummary:
     """What a contact did in the window of a run; an entry of `contacts` in summary.json.
 
     Attributes:
@@ -139,7 +139,7 @@ class _Histories:
 def of_run(
     recorder: Recorder, structure: Structure, case: Case, history: xr.Dataset
 ) -> list[dict[str, Any]]:
-    """Return the entry `contacts` of a summary: what each contact did, from `Contact`.
+    """Return the entry `contacts` of a summary: what each contact did, from `ContactSummary`.
 
     Args:
         recorder: recorder of the run, after at least one period.
@@ -298,7 +298,7 @@ def _contact(
     case: Case,
     about: Mapping[str, float | None],
     at_frames: FloatArray | None = None,
-) -> Contact:
+) -> ContactSummary:
     """Return what a contact did, with its forces.
 
     Args:
@@ -308,7 +308,8 @@ def _contact(
         pairs: its pairs.
         case: case of the run.
         about: what `_strikes` returns; empty: not known.
-        at_frames: see `_spring_force`.
+        at_frames: forces of the springs of all pairs at the frames, shape (n_frames, n_pairs) [N];
+            None: there are no frames.
     """
     duration = known.n_steps * case.time_step
     impulses = known.impulses(pairs)
@@ -322,7 +323,7 @@ def _contact(
         peak = float(force.max()) if has_force else None
     strikes = about.get("strikes_per_period")
     count = (strikes or 0.0) * known.n_steps / case.steps_per_period
-    return Contact(
+    return ContactSummary(
         name,
         kind,
         strikes,

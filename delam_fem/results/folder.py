@@ -185,7 +185,7 @@ AS_PROBES = {
 
 
 @dataclass(frozen=True)
-class Problem:
+class ProblemView:
     """What figures and numbers read of a problem, in place of a case.
 
     Attributes:
@@ -221,7 +221,7 @@ class OperatorsResult(Result):
     numbers read its motion. In `history` probes have their names along the dimension `probe`.
 
     Attributes:
-        case: the `Problem`, which figures and numbers read in place of a case.
+        case: the `ProblemView`, which figures and numbers read in place of a case.
     """
 
     case: Any
@@ -312,10 +312,11 @@ def load_result(directory: str | Path, *, is_strict: bool = False) -> Result:
 
     Args:
         directory: the folder.
-        is_strict: see `load_numbers`.
+        is_strict: whether to refuse a folder whose case.toml is not the case of the result;
+            otherwise that is a warning, also in the summary.
 
     Raises:
-        CaseError: see `load_numbers`.
+        CaseError: the folder has no result, or an unfinished or damaged one.
     """
     case, history, summary = load_numbers(directory, is_strict=is_strict)
     return Result(case, history, summary, None)

@@ -119,7 +119,7 @@ def one_period(engine: Engine, recorder: Recorder, base_states: FloatArray) -> P
     Args:
         engine: engine that holds the state.
         recorder: recorder whose first row the period takes; its earlier periods are forgotten.
-        base_states: see `Engine.advance`.
+        base_states: (q, q', q'') of the base at the steps of each period, shape (N + 1, 3).
     """
     recorder.n_closed = 0
     engine.advance(recorder, base_states, 1)

@@ -109,12 +109,13 @@ def write_ledger(row, levels, seen, base_states, coupling, time_step, is_divided
     Args:
         row: gets the columns `LEDGER`.
         levels: entries of `LEVEL` at the start and at the end, shape (2, 6).
-        seen: see `base_flows`.
-        base_states: see `base_flows`.
+        seen: rows that begin with (m_b·u, c_b·u, k_b·u) at the k steps and at their start, shape
+            (k+1, ≥ 3).
+        base_states: (q, q', q'') of the base at the same steps, shape (k+1, 3).
         coupling: M_aa, C_aa, K_aa, and 1 if a force drives the structure, otherwise 0.
         time_step: Δt [s].
-        is_divided: see `base_flows`.
-        sums: see `base_flows`.
+        is_divided: which steps were divided into smaller ones, shape (k+1,).
+        sums: of the base's forces over the divided steps; see `add_flows`.
         gained: energies that impacts, and switching springs on and off, have added [J].
     """
     start = levels[0]
@@ -635,7 +636,7 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
             `write_ledger` needs them.
         gained: energies that impacts, and switching springs, have added, shape (2,) [J].
         rows: those of the period in `Recorder.strobe`, `envelope` and `ledger`.
-        limit: see `Recorder`.
+        limit: gap or displacement beyond which a motion counts as diverged [m].
     """
     base_states, coupling, time_step, is_divided, sums = of_base
     strobe, envelope, ledger = rows

@@ -588,7 +588,7 @@ def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
         The path of the file.
 
     Raises:
-        CaseError: see `diagram`.
+        CaseError: the sweep has another number of axes, or has not recorded a required variable.
         OSError: the file cannot be written.
     """
     return style.save_figure(lambda: diagram(kind, data), Path(path))
@@ -613,7 +613,7 @@ ALONE = (
 
 
 @dataclass(frozen=True)
-class Point:
+class DiagramPoint:
     """One point of a sweep.
 
     Attributes:
@@ -651,12 +651,12 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
     directory = Path(directory)
     about = data.attrs
     sections = [
-        html.Section("", [html.Paragraph(sentence(data), "verdict")]),
-        html.Section("Diagrams", [*_diagrams(data, directory)]),
-        html.Section("Points", [*_points(data, directory)]),
-        html.Section("Files", [html.files(directory, FILES)]),
-        html.Section("Sweep", [html.Preformatted(str(about["sweep"]))]),
-        html.Section("Case", [html.Preformatted(str(about["case"]))]),
+        html.PageSection("", [html.Paragraph(sentence(data), "verdict")]),
+        html.PageSection("Diagrams", [*_diagrams(data, directory)]),
+        html.PageSection("Points", [*_points(data, directory)]),
+        html.PageSection("Files", [html.files(directory, FILES)]),
+        html.PageSection("Sweep", [html.Preformatted(str(about["sweep"]))]),
+        html.PageSection("Case", [html.Preformatted(str(about["case"]))]),
     ]
     text = html.page(str(about["title"]), [s for s in sections if s.blocks], contents=True)
     return write_text(directory / "report.html", text)
@@ -682,7 +682,7 @@ def sentence(data: xr.Dataset) -> str:
     return f"{text}."
 
 
-def points(data: xr.Dataset, directory: Path) -> Iterator[Point]:
+def points(data: xr.Dataset, directory: Path) -> Iterator[DiagramPoint]:
     """Yield the points of a sweep in the order of its grid."""
     grid = data["outcome"]
     axes = [str(name) for name in data.coords if "key" in data[name].attrs]
@@ -697,7 +697,7 @@ def points(data: xr.Dataset, directory: Path) -> Iterator[Point]:
         keys = {str(data[name].attrs["key"]): values[name] for name in axes}
         folder = f"points/{index}"
         there = (directory / folder / "report.html").is_file()
-        yield Point(
+        yield DiagramPoint(
             index,
             {name: f"{v:.6g}" if isinstance(v, float) else str(v) for name, v in values.items()},
             _command(keys, directory, folder),
@@ -747,7 +747,7 @@ def _points(data: xr.Dataset, directory: Path) -> Iterator[html.Block]:
     yield _table(entries)
 
 
-def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[html.Block]:
+def _maps(data: xr.Dataset, found: list[DiagramPoint]) -> Iterator[html.Block]:
     """Yield a map of the periodicity over two axes, one for each direction."""
     axes = [str(name) for name in data["outcome"].dims if name != "direction"]
     if len(axes) != 2:
@@ -765,12 +765,12 @@ def _maps(data: xr.Dataset, found: list[Point]) -> Iterator[html.Block]:
         ]
         columns = [point.values[axes[0]] for point in of_direction[:, 0]]
         first = of_direction[0, 0].values.get("direction", "")
-        yield html.Grid(
+        yield html.CellMap(
             f"{axes[1]} over {axes[0]}" + (f", {first}" if first else ""), columns, rows
         )
 
 
-def _cell(point: Point) -> html.Cell:
+def _cell(point: DiagramPoint) -> html.Cell:
     """Return the cell of a point in a map."""
     P = point.numbers.get("periodicity", np.nan)
     words = ", ".join(f"{name} = {value}" for name, value in point.values.items())
@@ -784,7 +784,7 @@ def _cell(point: Point) -> html.Cell:
     return html.Cell(f"{P:.0f}", target, COLOURS.get(int(P), style.GREEN), f"{words}: {P:.0f}")
 
 
-def _table(found: list[Point]) -> html.Table:
+def _table(found: list[DiagramPoint]) -> html.HtmlTable:
     """Return the table of all points with the commands that run them."""
     names, quantities = (list(found[0].values), list(found[0].numbers)) if found else ([], [])
     rows = [
@@ -798,4 +798,4 @@ def _table(found: list[Point]) -> html.Table:
         for point in found
     ]
     heading = ("point", *names, "outcome", *(name.replace("_", " ") for name in quantities), "run")
-    return html.Table(heading, rows, anchors=[f"point-{point.number}" for point in found])
+    return html.HtmlTable(heading, rows, anchors=[f"point-{point.number}" for point in found])

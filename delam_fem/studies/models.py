@@ -145,7 +145,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Measured:
+class ModelResult:
     """What one model makes of a case.
 
     Attributes:
@@ -170,7 +170,9 @@ class Measured:
     motions: tuple[Motion, ...]
 
 
-def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes: int) -> Measured:
+def measure(
+    model: Variant, frequencies: tuple[float, ...], periods: int, modes: int
+) -> ModelResult:
     """Measure natural frequencies, compliance and motions of one model.
 
     Args:
@@ -196,7 +198,7 @@ def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes:
     del factor
     if frequencies:
         _motion(model, frequencies[0], 1)  # compiled code is loaded before costs are measured
-    return Measured(
+    return ModelResult(
         model.name,
         o.n_dofs,
         o.n_pairs,
@@ -271,7 +273,7 @@ class ModelComparison(Finding):
     """
 
     case: Case
-    models: tuple[Measured, ...]
+    models: tuple[ModelResult, ...]
 
     def linear_rows(self) -> Rows:
         """Return rows with a column for each model: sizes, frequencies, compliance."""

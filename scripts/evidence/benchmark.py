@@ -100,7 +100,7 @@ def bare_operations(case: df.Case, repeats: int) -> float:
     o = closed_form.assemble(case).operators
     dt = case.time_step
     rows = o.mass + dt / 2 * o.damping + dt**2 / 4 * o.stiffness
-    A = linear_algebra.Factor(matrix(rows, COMM), "benchmark_")
+    A = linear_algebra.PetscFactor(matrix(rows, COMM), "benchmark_")
     C = matrix(o.damping, COMM)
     K = matrix(o.stiffness, COMM)
     x, y = K.createVecs()

@@ -57,7 +57,7 @@ def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     total.axpy(dt / 2, matrices[1])
     total.axpy(dt**2 / 4, matrices[2])
     clock.turn()
-    factor = linear_algebra.Factor(total, "moreau_")
+    factor = linear_algebra.PetscFactor(total, "moreau_")
     factorisation, _ = clock.turn()
     factor.destroy()
     stepper = MoreauJean(operators, dt, comm=comm)

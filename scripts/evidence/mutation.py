@@ -8,11 +8,8 @@ Cosmic Ray makes the faults: a sign, a factor, a comparison or a number changed 
 copy of the checkout. A mutant is killed if a test fails that passes without it.
 
 First all tests run once with coverage, which says which tests run which line, and how long each
-takes. A mutant is judged by the tests that run its line, those of the file that mirrors its module
-first, then those of each file in turn, more of files that mention the words of the line, up to
-`BUDGET` seconds; then by others of their files. Lines that run at import and machine code belong to
-no test: these are judged by the tests that run any line of the module, or else of the modules that
-import it. Results are kept, and a measurement that was broken off goes on there.
+takes. A mutant is judged by the tests that `scripts/changed_tests.py` names for its line, up to
+`BUDGET` seconds. Results are kept, and a measurement that was broken off goes on there.
 """
 
 from __future__ import annotations
@@ -35,14 +32,16 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from changed_tests import Lines, record
 
 Place = tuple[tuple[int, int], tuple[int, int]]
 """Line and column where something begins and after its end."""
@@ -60,8 +59,6 @@ BUDGET = 40.0
 """Tests that judge a mutant may take so many seconds without it."""
 AT_MOST = 200
 """Largest number of tests that judge a mutant."""
-SHARE = 20
-"""So many times as many tests of a file are taken that mentions all rare words of a line."""
 CPU_SECONDS = 180
 """Processor time of a mutant: its tests, imports, and what it compiles."""
 OVERTIME = (signal.SIGXCPU, signal.SIGKILL, signal.SIGALRM)
@@ -179,125 +176,10 @@ def copy_of_checkout(place: Path) -> None:
             shutil.copy2(ROOT / name, place / name)
 
 
-def record(directory: Path) -> None:
-    """Run all tests once, and keep which of them run which line, and their times."""
-    if (directory / "tests.xml").is_file():
-        return
-    directory.mkdir(parents=True, exist_ok=True)
-    command = [
-        sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider",
-        "--numprocesses=auto", "--dist=worksteal",
-        "-m", "not nightly and not once", "--cov=delam_fem", "--cov-context=test", "--cov-report=",
-        f"--junit-xml={directory / 'tests.xml'}",
-    ]  # fmt: skip
-    environment = os.environ | {"COVERAGE_FILE": str(directory / "coverage.db")}
-    subprocess.run(command, cwd=ROOT, env=environment, check=False)
-
-
-class Lines:
-    """Which tests run which lines, and how long each test takes.
-
-    Attributes:
-        tests: by module and line, the names of the tests that run it; line 0: any of its lines.
-        seconds: by test.
-    """
-
-    def __init__(self, tests: Mapping[tuple[str, int], set[str]], seconds: Mapping[str, float]):
-        """Store both."""
-        self.tests = tests
-        self.seconds = seconds
-
-    @classmethod
-    def read(cls, directory: Path) -> Lines:
-        """Read what `record` kept."""
-        from coverage import CoverageData
-
-        seconds = {}
-        for case in ElementTree.parse(directory / "tests.xml").iter("testcase"):
-            if case.find("failure") is None and case.find("skipped") is None:
-                file, _, inner = _file_of(case.get("classname", ""))
-                name = "::".join(filter(None, (file, inner, case.get("name", ""))))
-                seconds[name] = float(case.get("time", 0.0))
-        data = CoverageData(str(directory / "coverage.db"))
-        data.read()
-        tests: dict[tuple[str, int], set[str]] = {}
-        for path in data.measured_files():
-            module = "delam_fem/" + path.rpartition("/delam_fem/")[2]
-            for line, contexts in data.contexts_by_lineno(path).items():
-                names = {context.rpartition("|")[0] for context in contexts}
-                names = {name for name in names if name in seconds}
-                tests[module, line] = names
-                tests.setdefault((module, 0), set()).update(names)
-        return cls(tests, seconds)
-
-    def of(self, mutant: Mutant) -> list[str]:
-        """Return the tests that judge a mutant, in the order in which they run."""
-        module = mutant.module
-        tests = self.tests.get((module, mutant.line)) or self.tests.get((module, 0), set())
-        if not tests:
-            users = (path for path in sorted((ROOT / "delam_fem").rglob("*.py")))
-            dotted = module.removesuffix(".py").replace("/", ".")
-            near = [p.relative_to(ROOT).as_posix() for p in users if dotted in imports(p)]
-            tests = set().union(*(self.tests.get((path, 0), set()) for path in near))
-        mirror = f"tests/{module.removeprefix('delam_fem/').rpartition('/')[0]}"
-        stem = f"test_{Path(module).stem}.py"
-        files = Counter(test.partition("::")[0] for test in tests)
-        siblings = {test for test in self.seconds if test.partition("::")[0] in files} - tests
-
-        weights = self.mentions(mutant, files)
-
-        def order(tests: set[str]) -> list[str]:
-            """Return the tests of the mirror, then those of all files in turn, quickest first."""
-            ranks = {}
-            counts = Counter[str]()
-            for test in sorted(tests, key=lambda test: (self.seconds[test], test)):
-                file = test.partition("::")[0]
-                is_mirror = file.startswith(mirror) and file.endswith(stem)
-                turn = counts[file] // (1 + round(SHARE * weights[file]))
-                is_near = file.startswith(mirror)
-                ranks[test] = not is_mirror, turn, not is_near, self.seconds[test], test
-                counts[file] += 1
-            return sorted(tests, key=ranks.__getitem__)
-
-        taken: list[str] = []
-        left = BUDGET
-        for test in (*order(tests), *order(siblings)):
-            if self.seconds[test] <= left and len(taken) < AT_MOST:
-                taken.append(test)
-                left -= self.seconds[test]
-        return taken
-
-    @staticmethod
-    def mentions(mutant: Mutant, files: Iterable[str]) -> dict[str, float]:
-        """Return how many words of a mutant's line test files have; rare ones count more, ≤ 1."""
-        line = (ROOT / mutant.module).read_text(encoding="utf-8").splitlines()[mutant.line - 1]
-        words = set(re.findall(r"[A-Za-z_]{4,}", line))
-        texts = {f: set(re.findall(r"[A-Za-z_]{4,}", (ROOT / f).read_text("utf-8"))) for f in files}
-        counts = Counter(word for text in texts.values() for word in words & text)
-        scores = {file: sum(1.0 / counts[w] for w in words & text) for file, text in texts.items()}
-        most = max(scores.values(), default=0.0) or 1.0
-        return {file: score / most for file, score in scores.items()}
-
-
-def _file_of(classname: str) -> tuple[str, str, str]:
-    """Return the file, and the class in it, of a test whose class JUnit writes with dots."""
-    parts = classname.split(".")
-    for n in range(len(parts), 0, -1):
-        file = "/".join(parts[:n]) + ".py"
-        if (ROOT / file).is_file():
-            return file, ".", "::".join(parts[n:])
-    return "", "", ""
-
-
-def imports(path: Path) -> set[str]:
-    """Return the modules that a file imports; a name from a module counts as a module, too."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return names
+def judges(mutant: Mutant, tests: Lines) -> list[str]:
+    """Return the tests that judge a mutant, in the order in which they run."""
+    line = (ROOT / mutant.module).read_text(encoding="utf-8").splitlines()[mutant.line - 1]
+    return tests.judging(mutant.module, [mutant.line], line, seconds=BUDGET, at_most=AT_MOST)
 
 
 # -- tests of mutants ------------------------------------------------------------------------------
@@ -403,7 +285,7 @@ def sample(drawn: list[Mutant], directory: Path) -> list[str]:
             if (mutant.module, mutant.key) in known:
                 continue
             begin = time.monotonic()
-            tests = tests_of.of(mutant)
+            tests = judges(mutant, tests_of)
             result = known[mutant.module, mutant.key] = judged(mutant, tests, broken)
             row = {"module": mutant.module, "key": mutant.key, "result": result}
             row |= {"line": mutant.line, "tests": len(tests)}
@@ -489,7 +371,9 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     settings = config()
     directory = options.directory.resolve()
-    record(directory)
+    if not [*directory.glob("tests*.xml")]:
+        parallel = ("--numprocesses=auto", "--dist=worksteal")
+        record(directory, (), "-m", "not nightly and not once", *parallel)
     mutants = all_mutants(options.modules, settings["operators"])
     drawn = random.Random(options.seed).sample(mutants, min(options.sample, len(mutants)))
     results = sample(drawn, directory)

@@ -18,7 +18,7 @@ from rich.table import Table
 
 import delam_fem as df
 from delam_fem.api import preset
-from delam_fem.paper.runs import MOTIONS, Motion, contacts, strikes
+from delam_fem.paper.runs import MOTIONS, PaperMotion, contacts, strikes
 
 if TYPE_CHECKING:
     from delam_fem.api import EngineName, Result
@@ -69,7 +69,7 @@ def compute(base: str, frequency: float, engine: EngineName, overrides: dict[str
     return run(preset(base, keys | overrides), engine)
 
 
-def row(motion: Motion, result: Result) -> tuple[str, ...]:
+def row(motion: PaperMotion, result: Result) -> tuple[str, ...]:
     """Return the table cells of a motion, in the order of `HEADINGS`."""
     s = result.summary
     thick, thin = strikes(result).mean

@@ -15,7 +15,7 @@ from delam_fem.api import (
     PRESETS,
     Case,
     CaseError,
-    Gap,
+    InitialGap,
     Lamina,
     load_case,
     preset,
@@ -175,7 +175,7 @@ def test_overrides_replace_alternatives(tmp_path: Path) -> None:
     case = preset("paper", {"gap.shape": "mode", "mesh.elements": np.int64(5)})
     assert (case.gap.shape, case.gap.exponent, case.mesh.elements) == ("mode", None, 5)
     case = case.with_overrides({"gap.file": str(table)})
-    assert case.gap == Gap(file=table)
+    assert case.gap == InitialGap(file=table)
     assert case.with_overrides({"gap.exponent": 3.0, "gap.tip": 0.01}).gap.exponent == 3.0
     assert case.with_overrides(SWEEP).excitation.amplitude == 0.0025
 
@@ -234,13 +234,13 @@ laminae = st.builds(
 
 @given(
     pair=st.tuples(laminae, laminae).filter(lambda pair: pair[0].name != pair[1].name),
-    gap=st.builds(Gap, tip=numbers, exponent=numbers),
+    gap=st.builds(InitialGap, tip=numbers, exponent=numbers),
     restitution=st.floats(0.0, 1.0),
     elements=st.integers(1, 100_000),
 )
 @settings(max_examples=50, derandomize=True, deadline=None)
 def test_round_trip_is_exact(
-    pair: tuple[Lamina, Lamina], gap: Gap, restitution: float, elements: int
+    pair: tuple[Lamina, Lamina], gap: InitialGap, restitution: float, elements: int
 ) -> None:
     case = preset(
         "paper", {"contact.restitution": restitution, "mesh.elements": elements}
@@ -286,7 +286,7 @@ def test_byte_order_mark_and_line_ends_of_other_systems(
 
 @pytest.mark.parametrize("name", ["a" * 5000, "a\0b", "/".join(["a" * 200] * 9)])
 def test_impossible_file_names(name: str) -> None:
-    with pytest.raises(CaseError, match=r"gap\.file: expected the name of a file"):
+    with pytest.raises(CaseError, match=r"gap\.file: "):
         preset("paper", {"gap.file": name})
 
 
@@ -354,12 +354,12 @@ def test_saved_xdmf_mesh_keeps_its_numbers(tmp_path: Path) -> None:
 def test_a_law_may_be_set_with_its_scheme() -> None:
     case = preset("paper", {"contact.law": "newton@moreau-jean"})
     assert (case.contact.law, case.time.scheme) == ("newton", "moreau-jean")
-    with pytest.raises(CaseError, match=r"time\.scheme: expected 'newmark'"):
+    with pytest.raises(CaseError, match=r"time\.scheme: "):
         preset("paper", {"contact.law": "newton@euler"})
     tables = case.model_dump(exclude_unset=True)
     tables["contact"]["law"] = "newton@moreau-jean"
     assert Case(**tables) == case
-    with pytest.raises(CaseError, match=r"contact\.law: expected time\.scheme = 'newmark'"):
+    with pytest.raises(CaseError, match=r"contact\.law: "):
         Case(**(tables | {"time": {"scheme": "newmark"}}))
     del tables["time"]
     assert Case(**tables).time.scheme == "moreau-jean"

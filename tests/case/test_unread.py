@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import delam_fem as df
 from delam_fem.api import Case, CaseError, preset, tables, toml_text
-from delam_fem.case.keys import Key, Table
+from delam_fem.case.keys import Key, KeyTable
 
 ROUND_OFF = 1e-9
 """Largest difference, relative to the largest value of a variable, that is none."""
@@ -282,7 +282,7 @@ def differs(before: Numbers, now: Numbers) -> bool:
     return False
 
 
-def entries_of(data: dict[str, Any], table: Table) -> list[dict[str, Any]]:
+def entries_of(data: dict[str, Any], table: KeyTable) -> list[dict[str, Any]]:
     """Return the tables of a case that a model checks, in place; a missing one is made."""
     if table.is_array or table.name == "support":
         entries = data.get(table.name, [])
@@ -294,7 +294,7 @@ def entries_of(data: dict[str, Any], table: Table) -> list[dict[str, Any]]:
     return [entry] if table.name != "excitation" or entry.get("kind") == table.kind else []
 
 
-def others(table: Table, key: Key, entry: dict[str, Any]) -> tuple[object, ...]:
+def others(table: KeyTable, key: Key, entry: dict[str, Any]) -> tuple[object, ...]:
     """Return other values of a key."""
     present = entry.get(key.name, key.default)
     if key.choices:
@@ -316,7 +316,7 @@ TRIALS = [
 ]
 
 
-def bases_with(table: Table, key: Key) -> list[str]:
+def bases_with(table: KeyTable, key: Key) -> list[str]:
     """Return the bases that have a table, the one that shows the effect of a key first."""
     names = []
     for name in BASES:
@@ -327,7 +327,7 @@ def bases_with(table: Table, key: Key) -> list[str]:
     return sorted(names, key=lambda name: name != first)
 
 
-def effects(name: str, table: Table, key: Key) -> Iterator[tuple[str, object]]:
+def effects(name: str, table: KeyTable, key: Key) -> Iterator[tuple[str, object]]:
     """Yield what comes of each other value of a key in each table of a base."""
     before = tomllib.loads(
         toml_text(base_case(name).model_dump(exclude_unset=True, exclude_none=True))
@@ -353,7 +353,7 @@ def effects(name: str, table: Table, key: Key) -> Iterator[tuple[str, object]]:
 
 
 @pytest.mark.parametrize(("table", "key"), TRIALS)
-def test_a_key_changes_a_result_is_refused_or_is_listed(table: Table, key: Key) -> None:
+def test_a_key_changes_a_result_is_refused_or_is_listed(table: KeyTable, key: Key) -> None:
     name = bases_with(table, key)[0]
     outcomes = list(effects(name, table, key))
     assert outcomes, "no other value is known: add one to CHOSEN"
@@ -364,7 +364,7 @@ def test_a_key_changes_a_result_is_refused_or_is_listed(table: Table, key: Key) 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(("table", "key"), TRIALS)
-def test_a_key_that_is_listed_changes_no_result_of_any_base(table: Table, key: Key) -> None:
+def test_a_key_that_is_listed_changes_no_result_of_any_base(table: KeyTable, key: Key) -> None:
     for name in bases_with(table, key):
         outcomes = list(effects(name, table, key))
         assert "listed, but changes a result" not in {word for word, _ in outcomes}, (

@@ -119,5 +119,5 @@ def test_what_bars_do_not_have_is_told(change: dict[str, Any], expected: str) ->
 
 
 def test_bars_keep_the_mass_of_their_nodes() -> None:
-    with pytest.raises(CaseError, match=r"time.mass: expected.*laminae that bend"):
+    with pytest.raises(CaseError, match=r"time.mass: "):
         case_of(time={"mass": "massless"}, contact={"law": "none"})

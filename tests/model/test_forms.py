@@ -106,7 +106,7 @@ def test_matrices_of_petsc_keep_what_is_known_of_them(
     assert abs(again.mass - o.mass).max() == 0.0 and abs(again.damping - o.damping).max() == 0.0
     assert again.near_null is not None
     assert np.linalg.matrix_rank(np.column_stack([again.near_null, shapes])) == 2
-    with pytest.raises(df.CaseError, match="base: expected one number for each own dof"):
+    with pytest.raises(df.CaseError, match="base: "):
         df.Operators.from_petsc(
             distributed.mass,
             distributed.damping,

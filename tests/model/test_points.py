@@ -152,7 +152,7 @@ def test_a_table_is_read_at_the_points_themselves(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [0, 2.5, "two", 65])
 def test_impossible_numbers_of_points_are_refused(value: object) -> None:
-    with pytest.raises(CaseError, match=r"contact\.points_per_element: expected a whole number"):
+    with pytest.raises(CaseError, match=r"contact\.points_per_element: "):
         preset("paper", {"contact.points_per_element": value})
 
 

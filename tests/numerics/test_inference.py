@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from delam_fem.numerics.statistics import Posterior, Table
+from delam_fem.numerics.statistics import Posterior, Simulations
 
 NOISE = 0.05
 BOX = np.array([[-1.0, 1.0], [-1.0, 1.0]])
 
 
-def table(n: int = 3000, *, noise: float = NOISE) -> Table:
+def table(n: int = 3000, *, noise: float = NOISE) -> Simulations:
     """Return simulations whose posterior is known: sum and difference of two parameters."""
     rng = np.random.default_rng(1)
     parameters = rng.uniform(-1.0, 1.0, (n, 2))
     exact = np.stack([parameters.sum(axis=1), parameters[:, 0] - parameters[:, 1]], axis=1)
-    return Table(parameters, exact + noise * rng.standard_normal((n, 2)), BOX)
+    return Simulations(parameters, exact + noise * rng.standard_normal((n, 2)), BOX)
 
 
 def test_the_posterior_of_a_linear_model_is_the_normal_distribution() -> None:
@@ -26,7 +26,7 @@ def test_the_posterior_of_a_linear_model_is_the_normal_distribution() -> None:
 
 def test_parameters_that_one_statistic_cannot_separate_are_correlated() -> None:
     both = table()
-    one = Table(both.parameters, both.statistics[:, :1], BOX)
+    one = Simulations(both.parameters, both.statistics[:, :1], BOX)
     posterior = one.posterior(np.array([0.3]))
     assert posterior.correlation()[0, 1] < -0.8
     assert np.all(np.diff(posterior.interval(0.9), axis=1) > 0.8)
@@ -42,7 +42,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     parameters = rng.uniform(0.0, 1.0, (3000, 2))
     a, b = parameters.T
     exact = np.stack([np.sin(3.0 * a) + b**2, a * b, np.exp(b) * a], axis=1)
-    bent = Table(
+    bent = Simulations(
         parameters, exact + NOISE * rng.standard_normal(exact.shape), np.array([[0.0, 1.0]] * 2)
     )
     coverage = bent.coverage(np.arange(200))
@@ -54,7 +54,7 @@ def test_many_useless_statistics_of_few_simulations_leave_the_intervals_honest()
     few = table(300)
     rng = np.random.default_rng(5)
     crowd = np.concatenate([few.statistics, rng.standard_normal((300, 17))], axis=1)
-    coverage = Table(few.parameters, crowd, BOX).coverage(np.arange(200))
+    coverage = Simulations(few.parameters, crowd, BOX).coverage(np.arange(200))
     assert np.all(coverage > 0.84)
 
 

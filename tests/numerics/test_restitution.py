@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from delam_fem.paper.histories import Jumps, identify
+from delam_fem.paper.histories import VelocityJumps, identify
 
 EXACT = 1e-10
 """Straight lines through exact samples meet at the jump up to round-off."""
@@ -45,7 +45,7 @@ def test_formulas_give_back_the_coefficient(
     e: float, mass_ratio: float, v1: float, v2: float
 ) -> None:
     after = struck(mass_ratio, e, v1, -v2)
-    jumps = Jumps(np.zeros(1), np.array([[v1, -v2]]), np.array([after]))
+    jumps = VelocityJumps(np.zeros(1), np.array([[v1, -v2]]), np.array([after]))
     assert jumps.restitution == pytest.approx([e], abs=EXACT)
     assert jumps.restitution_by_body(mass_ratio)[0] == pytest.approx((e, e), abs=EXACT)
 
@@ -55,7 +55,7 @@ def test_printed_signs_of_eq_4_would_give_another_gap_rate() -> None:
     share_1, share_2 = 1.0 / (1.0 + ratio), ratio / (1.0 + ratio)
     w1 = v1 - (1.0 + e) * share_1 * (v2 - v1)
     w2 = v2 + (1.0 + e) * share_2 * (v2 - v1)
-    jumps = Jumps(np.zeros(1), np.array([[v1, v2]]), np.array([[w1, w2]]))
+    jumps = VelocityJumps(np.zeros(1), np.array([[v1, v2]]), np.array([[w1, w2]]))
     assert jumps.restitution == pytest.approx([-(2.0 + e)])
 
 

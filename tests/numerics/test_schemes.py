@@ -41,7 +41,7 @@ def test_a_scheme_of_its_own_is_average_acceleration_unless_told() -> None:
 
 
 def test_a_scheme_that_lets_every_motion_grow_is_refused() -> None:
-    with pytest.raises(CaseError, match=r"gamma: expected .*0\.5"):
+    with pytest.raises(CaseError, match="gamma: "):
         Scheme("newmark", gamma=0.4)
 
 

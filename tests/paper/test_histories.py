@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.paper.histories import Jumps, identify
+from delam_fem.paper.histories import VelocityJumps, identify
 
 DT = 0.01
 T = 5.0 + DT * np.arange(200)
@@ -107,7 +107,7 @@ def test_bodies_that_part_before_a_jump_do_not_strike() -> None:
 
 
 def test_numbers_of_jumps() -> None:
-    jumps = Jumps(np.zeros(1), np.array([[0.6, -0.4]]), np.array([[-0.1, 0.4]]))
+    jumps = VelocityJumps(np.zeros(1), np.array([[0.6, -0.4]]), np.array([[-0.1, 0.4]]))
     assert jumps.restitution == pytest.approx([0.5])
     assert jumps.apparent_mass_ratio == pytest.approx([0.8 / 0.7])
     by_body = jumps.restitution_by_body(1.0)

@@ -15,10 +15,10 @@ from delam_fem.paper import parameters, portraits, responses
 from delam_fem.paper.claims import Claim, Criterion, Numbers, Verdict, judged, yes
 from delam_fem.paper.portraits import NARROW, SCATTERS, WIDE
 from delam_fem.paper.reproduce import FIGURES
-from delam_fem.paper.runs import Laboratory, Plan, motion_case
+from delam_fem.paper.runs import Effort, Laboratory, motion_case
 from delam_fem.studies.executors import Serial
 
-PLAN = Plan(thresholds=2)
+PLAN = Effort(thresholds=2)
 
 
 @pytest.fixture(scope="module")

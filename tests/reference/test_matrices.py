@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.api import Case, Gap, Operators, initial_gap, preset
+from delam_fem.api import Case, InitialGap, Operators, initial_gap, preset
 from delam_fem.model.beams import closed_form
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import operator_differences
@@ -169,7 +169,7 @@ def test_gap_of_a_table_keeps_its_shape(tmp_path: Path) -> None:
 )
 def test_tables_of_any_separator(tmp_path: Path, text: str) -> None:
     (tmp_path / "gap.csv").write_text(text)
-    gap, x = Gap(file=tmp_path / "gap.csv"), np.linspace(0.0, LENGTH, 30)
+    gap, x = InitialGap(file=tmp_path / "gap.csv"), np.linspace(0.0, LENGTH, 30)
     expected = initial_gap(gap, x, LENGTH)
     assert expected[[0, -1]] == pytest.approx([0.0005, 0.001])
     assert matrices.gap_at_rest(gap, x, LENGTH) == pytest.approx(expected, abs=ROUND_OFF)
@@ -177,7 +177,7 @@ def test_tables_of_any_separator(tmp_path: Path, text: str) -> None:
 
 @pytest.mark.parametrize("shape", [{"exponent": 1.5}, {"shape": "mode"}])
 def test_gap_at_the_root(shape: dict[str, object]) -> None:
-    gap, x = Gap(tip=0.003, root=0.0005, **shape), np.linspace(0.0, LENGTH, 30)
+    gap, x = InitialGap(tip=0.003, root=0.0005, **shape), np.linspace(0.0, LENGTH, 30)
     expected = initial_gap(gap, x, LENGTH)
     assert matrices.gap_at_rest(gap, x, LENGTH) == pytest.approx(expected, abs=ROUND_OFF)
 

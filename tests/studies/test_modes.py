@@ -10,7 +10,7 @@ from delam_fem.api import Case, CaseError, Structure, preset
 from delam_fem.model import linear
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.numerics.beams import cantilever_mode
-from delam_fem.studies.modes.frequencies import Modes, modes, modes_of
+from delam_fem.studies.modes.frequencies import NaturalModes, modes, modes_of
 
 FIRST = 1e-5  # relative, of f1 at 20 elements; the elements' own error is 5e-8
 SHAPE = 1e-4  # of the tip; nodal values of cubic elements converge at order 4, B h = 0.55 here
@@ -88,5 +88,5 @@ def test_impossible_numbers_of_modes_are_refused(paper: Case, model: Structure, 
 def test_modes_of_the_weak_forms_equal_the_closed_form(paper: Case, model: Structure) -> None:
     pytest.importorskip("dolfinx")
     lamina_modes, expected = modes(paper, 4), modes_of(model, paper, 4)
-    assert isinstance(lamina_modes, Modes)
+    assert isinstance(lamina_modes, NaturalModes)
     np.testing.assert_allclose(lamina_modes.frequencies, expected.frequencies, rtol=1e-9)

@@ -14,7 +14,7 @@ from delam_fem.cli.app import app
 from delam_fem.model import discretise
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.beams.network import never_opens
-from delam_fem.studies.modes.frequencies import Modes, StructureModes, modes, structure_modes
+from delam_fem.studies.modes.frequencies import NaturalModes, StructureModes, modes, structure_modes
 
 MID_PLANE = {"lamina.lower.thickness": 0.001, "lamina.upper.thickness": 0.001}
 
@@ -110,7 +110,7 @@ def test_files_and_pictures(free: StructureModes, tmp_path: Path) -> None:
 
 def test_apart_laminae_have_both(tmp_path: Path) -> None:
     result = modes(preset("paper"), 2, delaminations="closed")
-    assert isinstance(result, Modes) and result.structure is not None
+    assert isinstance(result, NaturalModes) and result.structure is not None
     content = json.loads(result.save(tmp_path)[0].read_text())
     # one beam without friction: (EI1 + EI2) / (rhoA1 + rhoA2)
     EI, rhoA = 1.51 + 0.16, 0.04 * (0.002 * 2680.0 + 0.001 * 2760.0)
@@ -133,7 +133,7 @@ def test_command_lists_both_kinds(tmp_path: Path) -> None:
 
 
 def test_impossible_numbers_of_modes_are_refused(case: Case) -> None:
-    with pytest.raises(CaseError, match="number of modes: expected 1 to 78, given 79"):
+    with pytest.raises(CaseError, match=r"number of modes: .*given 79"):
         structure_modes(assemble(case), case, 79)
 
 

@@ -25,14 +25,14 @@ from petsc4py import PETSc
 
 from delam_fem.api import MPI
 from delam_fem.contact import complementarity
-from delam_fem.model.solids.facing import Points, at_middles, at_vertices, gap_rows, project
+from delam_fem.model.solids.facing import FacingPoints, at_middles, at_vertices, gap_rows, project
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import FACETS, Facing, SolidMesh
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 YOUNG, POISSON, RADIUS = 1.0, 0.3, 1.0
-POINTS: dict[str, Callable[[SolidMesh, Facing], Points]] = {
+POINTS: dict[str, Callable[[SolidMesh, Facing], FacingPoints]] = {
     "vertices": at_vertices,
     "middles": at_middles,
 }

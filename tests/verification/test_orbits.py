@@ -20,7 +20,7 @@ import delam_fem as df
 from delam_fem.api import Span
 from delam_fem.studies.orbits import continuation
 from delam_fem.studies.orbits.continuation import events_of
-from delam_fem.studies.orbits.maps import Problem, StrobeMap, slow_modes
+from delam_fem.studies.orbits.maps import PeriodicProblem, StrobeMap, slow_modes
 from delam_fem.studies.orbits.newton import Ensemble, Guess, Perturbations, solved
 from delam_fem.studies.orbits.search import multipliers
 
@@ -37,10 +37,12 @@ def stepped(s: float, e: float) -> StrobeMap:
     """Return the map of x'' + x = cos ωt, x <= s, as the program steps it; its parameter is ω."""
     operators = oscillator(s)
 
-    def problem(omega: float) -> Problem:
+    def problem(omega: float) -> PeriodicProblem:
         span = Span(2.0 * np.pi / omega / STEPS, STEPS, 1, limit=1e6)
         law = Law("newton", restitution=e)
-        return Problem(operators, law.contact, law.scheme, Prescribed(forcing(omega, 0.0)), span)
+        return PeriodicProblem(
+            operators, law.contact, law.scheme, Prescribed(forcing(omega, 0.0)), span
+        )
 
     return StrobeMap(problem, slow_modes(operators))
 

@@ -48,7 +48,7 @@ _IMPACT = LEDGER.index("impact_loss")
 _RELEASED = LEDGER.index("spring_released")
 
 
-class Block:
+class BlockArrays:
     """Arrays for a block of periods; the last periods, one per slot, can become records.
 
     Attributes:
@@ -224,7 +224,7 @@ class Compiled(Engine):
         r = refinement.factor
         self._run = steps.prepared(r > 1)
         self._events = Columns.room(EVENTS + r, HITS + r * operators.n_pairs)
-        self._spare: Block | None = None
+        self._spare: BlockArrays | None = None
         self._recorder: Recorder | None = None
 
     def state(self) -> State:
@@ -293,22 +293,22 @@ class Compiled(Engine):
             self._table[[_PLACES["n_events"], _PLACES["n_hits"]]] = sizes
             done, step, ending = run((done, step), n_periods)
         block.end(done, self._events, recorder)
-        self._spare = cast("Block | None", recorder.take(block))
+        self._spare = cast("BlockArrays | None", recorder.take(block))
         complementarity.require_solved(max(0, -ending))
         return ending == state.COMPLETED
 
-    def _block(self, recorder: Recorder, n_periods: int) -> Block:
+    def _block(self, recorder: Recorder, n_periods: int) -> BlockArrays:
         """Return a block with room for some periods; make the table of a new recorder."""
         block = self._spare
         self._spare = None
         if recorder is not self._recorder or block is None or not block.has_room(n_periods):
-            block = Block(self, recorder, n_periods)
+            block = BlockArrays(self, recorder, n_periods)
         if recorder is not self._recorder:
             self._recorder, self._table = recorder, packed(self._log(recorder, block))
             self._address = int(self._table.ctypes.data)
         return block
 
-    def _log(self, recorder: Recorder, block: Block) -> Log:
+    def _log(self, recorder: Recorder, block: BlockArrays) -> Log:
         """Return what compiled code needs to write a block of a recorder."""
         r = self._refinement
         arrays: dict[str, Any] = {name: getattr(block, name) for name in OF_BLOCK}

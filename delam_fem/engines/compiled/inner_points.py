@@ -330,7 +330,7 @@ class Places:
 
 
 @dataclass(frozen=True)
-class Modes:
+class InnerModes:
     """Internal unknowns that are the amplitudes of modes.
 
     Attributes:
@@ -355,18 +355,18 @@ class Modes:
         return np.asarray(fields @ self.shapes.T)
 
 
-Coordinates = Places | Modes
+Coordinates = Places | InnerModes
 
 
 @lru_cache(maxsize=4)
-def in_modes(o: Operators) -> tuple[Operators, Modes] | None:
+def in_modes(o: Operators) -> tuple[Operators, InnerModes] | None:
     """Return a problem in its modes, or None if that does not pay or damping couples them.
 
     The last results are kept.
     """
     if is_reduced(o):
         shapes = np.eye(o.n_dofs, ROW * -(-o.n_dofs // ROW))
-        return padded(o), Modes(shapes, shapes)
+        return padded(o), InnerModes(shapes, shapes)
     return _transformed(o) if _is_faster_in_modes(o) else None
 
 
@@ -423,7 +423,7 @@ def _is_faster_in_modes(o: Operators) -> bool:
     return bool(2.0 * o.n_pairs + 12.0 < 4.0 * in_step)
 
 
-def _transformed(o: Operators) -> tuple[Operators, Modes] | None:
+def _transformed(o: Operators) -> tuple[Operators, InnerModes] | None:
     """Return the problem in its modes, or None if the damping couples them."""
     M, C, K = (matrix.toarray() for matrix in (o.mass, o.damping, o.stiffness))
     scale = 1.0 / np.sqrt(M.diagonal())
@@ -451,7 +451,7 @@ def _transformed(o: Operators) -> tuple[Operators, Modes] | None:
         sp.csr_matrix(_product(rows.toarray(), Phi)) for rows in (o.gap_matrix, o.probes, o.sensors)
     )
     modal = Operators(mass, damping, stiffness, base, H, o.gap0, probes=probes, sensors=sensors)
-    return modal, Modes(np.asarray(Phi, dtype=float), dual)
+    return modal, InnerModes(np.asarray(Phi, dtype=float), dual)
 
 
 def _product(rows: FloatArray, Phi: Long) -> FloatArray:

@@ -36,7 +36,7 @@ from delam_fem.engines.compiled.algebra import Band, Rows
 from delam_fem.engines.compiled.inner_points import (
     NO_POINTS,
     Coordinates,
-    Modes,
+    InnerModes,
     Places,
     Points,
     in_modes,
@@ -251,9 +251,9 @@ def _system(
     o: Operators, scheme: StepNumbers, places: Coordinates, *, is_chained: bool = False
 ) -> System:
     """Return the system without its tapes (lanes.py)."""
-    is_modal = isinstance(places, Modes)
+    is_modal = isinstance(places, InnerModes)
     size = places.size
-    order = np.arange(size) if isinstance(places, Modes) else places.order
+    order = np.arange(size) if isinstance(places, InnerModes) else places.order
     to = sp.csr_matrix((np.ones(o.n_dofs), (order, np.arange(o.n_dofs))), (size, o.n_dofs))
     mass, damping, stiffness = (to @ A @ to.T for A in (o.mass, o.damping, o.stiffness))
     base = np.vstack([o.base.mass, o.base.damping, o.base.stiffness]) @ to.T

@@ -74,7 +74,7 @@ float64x4 = _Float64x4()
 
 
 @register_model(_Float64x4)
-class _Model(models.PrimitiveModel):  # type: ignore[misc]
+class _ChainModel(models.PrimitiveModel):  # type: ignore[misc]
     """Stores the type as LLVM's own vector."""
 
     def __init__(self, manager, kind):  # type: ignore[no-untyped-def]

@@ -62,7 +62,7 @@ class View(types.Type):  # type: ignore[misc]
 
 
 @register_model(View)
-class _Model(models.PrimitiveModel):  # type: ignore[misc]
+class _ViewModel(models.PrimitiveModel):  # type: ignore[misc]
     """Stores a view as the address of its table."""
 
     def __init__(self, manager, kind):  # type: ignore[no-untyped-def]

@@ -79,9 +79,9 @@ class Dynamics:
         self._stacks: list[PETSc.Mat] = []
         self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
         self._moved = np.diff(sp.csr_matrix(o.gap_matrix).indptr) > 0  # pairs of this rank's dofs
-        self._rate = linear_algebra.Shared(o.n_pairs, o.comm, np.flatnonzero(self._moved))
+        self._rate = linear_algebra.RankSums(o.n_pairs, o.comm, np.flatnonzero(self._moved))
         self._impulse, self._force = (  # all ranks know them
-            linear_algebra.Shared(o.n_pairs, MPI.COMM_SELF) for _ in range(2)
+            linear_algebra.RankSums(o.n_pairs, MPI.COMM_SELF) for _ in range(2)
         )
         self._base_table: FloatArray | None = None
         self._base_states: Sequence[BaseState] = [[0.0, 0.0, 0.0]]
@@ -96,14 +96,14 @@ class Dynamics:
 
     def _factor(
         self, of_damping: float, of_stiffness: float, prefix: str, scale: float
-    ) -> linear_algebra.Factor:
+    ) -> linear_algebra.PetscFactor:
         """Return the factor of scale (M + of_damping C + of_stiffness K) (collective)."""
         mass, damping, stiffness = self._blocks
         total = mass.copy()
         for factor, term in ((of_damping, damping), (of_stiffness, stiffness)):
             if factor:
                 total.axpy(factor, term)
-        return linear_algebra.Factor(total, prefix, scale, like=self.operators.stiffness)
+        return linear_algebra.PetscFactor(total, prefix, scale, like=self.operators.stiffness)
 
     @property
     def dissipated(self) -> float:
@@ -236,7 +236,7 @@ class Dynamics:
         is_sent = np.ones(self._at_rest.getSize(), dtype=np.bool_)
         is_sent[: o.n_pairs] = self._moved | (o.comm.rank == 0)
         is_sent[o.n_pairs : 2 * o.n_pairs] = self._moved
-        self._seen = linear_algebra.Shared(is_sent.size, o.comm, np.flatnonzero(is_sent))
+        self._seen = linear_algebra.RankSums(is_sent.size, o.comm, np.flatnonzero(is_sent))
         ends = np.cumsum([o.n_pairs, o.n_pairs, of_u.shape[0]])
         self._gap_values, self._rate_values, seen_u, seen_v = np.split(self._seen.values, ends)
         self.seen_u: FloatArray = seen_u
@@ -284,7 +284,7 @@ class Dynamics:
         self._absolute_H.mult(size, self._rate.own)
         return float(self._rate.gather().max())
 
-    def _compliance(self, factor: linear_algebra.Factor) -> linear_algebra.LazyCompliance:
+    def _compliance(self, factor: linear_algebra.PetscFactor) -> linear_algebra.LazyCompliance:
         """Return H B⁻¹ Hᵀ of a factorised matrix B."""
         return linear_algebra.LazyCompliance(self.operators.n_pairs, partial(self._column, factor))
 
@@ -294,7 +294,7 @@ class Dynamics:
         self._impulse.values[pairs] = impulses
         self._H.multTranspose(self._impulse.total, self._load)
 
-    def _column(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
+    def _column(self, factor: linear_algebra.PetscFactor, pair: int) -> FloatArray:
         """Return H B⁻¹ Hᵀ e of the unit vector e of a pair, shape (n_pairs,)."""
         self._find_load(pair, 1.0)
         factor.solve(self._load, self._response)

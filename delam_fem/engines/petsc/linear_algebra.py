@@ -142,7 +142,7 @@ class Portion:
         self.vector.destroy()
 
 
-class Factor:
+class PetscFactor:
     """A factorised matrix B; `solve(b, x)` writes x = B⁻¹ b / s for own shares b, x (collective).
 
     Beams and small solids have narrow bands, for which PETSc's own factors are the fastest, in
@@ -330,7 +330,7 @@ def _choose(preconditioner: PETSc.PC, is_symmetric: bool, is_banded: bool) -> No
         preconditioner.setFactorOrdering("rcm")  # solids are slender
 
 
-class Shared:
+class RankSums:
     """A few numbers that are sums of what each rank contributes, known to all ranks.
 
     One collective call brings the contributions to every rank, which adds them in the order of the

@@ -43,7 +43,7 @@ RELATIVE_RESIDUAL = 1e-14
 
 
 @dataclass
-class _Size:
+class _NewmarkSize:
     """A size of steps, with what belongs to it.
 
     Attributes:
@@ -64,7 +64,7 @@ class _Size:
     keep_u: float
     keep_v: float
     softness: float
-    A: linear_algebra.Factor
+    A: linear_algebra.PetscFactor
     stack: PETSc.Mat | None
     S: LazyCompliance
     resistance: FloatArray | None = None
@@ -115,7 +115,7 @@ class Newmark(Dynamics):
         )
         self._pairs = np.flatnonzero(self.resting)
 
-    def _size(self, time_step: float, beta: float, gamma: float) -> _Size:
+    def _size(self, time_step: float, beta: float, gamma: float) -> _NewmarkSize:
         """Return a size of steps with its factor."""
         dt = time_step
         to_u = beta * dt**2
@@ -126,7 +126,7 @@ class Newmark(Dynamics):
         keep_u = (0.5 - beta) * dt**2
         keep_v = (1.0 - gamma) * dt
         stack = self._stack(*(dt, -1.0) if self._is_average else (0.0, 0.0))
-        return _Size(
+        return _NewmarkSize(
             dt, to_u, to_v, keep_u, keep_v, softness, factor, stack, self._compliance(factor)
         )
 

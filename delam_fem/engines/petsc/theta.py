@@ -166,7 +166,7 @@ ROOM = 1_000_000
 
 
 @dataclass(frozen=True)
-class _Size:
+class _ThetaSize:
     """A size of steps, with what belongs to it.
 
     Attributes:
@@ -179,7 +179,7 @@ class _Size:
     """
 
     time_step: float
-    A: linear_algebra.Factor
+    A: linear_algebra.PetscFactor
     stack: PETSc.Mat | None
     W: LazyCompliance
     weights: Weights | None
@@ -240,10 +240,10 @@ class MoreauJean(Dynamics):
         self._none_resting = self.resting
         self._is_unaccounted = False
         self._predicted, self._rate_start = (  # sums of all ranks from the beginning
-            linear_algebra.Shared(self.operators.n_pairs, MPI.COMM_SELF) for _ in range(2)
+            linear_algebra.RankSums(self.operators.n_pairs, MPI.COMM_SELF) for _ in range(2)
         )
 
-    def _size(self, time_step: float) -> _Size:
+    def _size(self, time_step: float) -> _ThetaSize:
         """Return a size of steps with its factor, whose scale makes the residual give v⁺ - v."""
         reach = self._theta * time_step
         scale = -1.0 / time_step
@@ -251,7 +251,7 @@ class MoreauJean(Dynamics):
         factor = self._factor(reach, reach**2, "moreau_", scale)
         weights = None if damping is None else damping.weights(reach, reach**2, scale)
         stack = None if damping is not None else self._stack(reach, 0.0)
-        return _Size(time_step, factor, stack, self._compliance(factor), weights)
+        return _ThetaSize(time_step, factor, stack, self._compliance(factor), weights)
 
     def begin(self, base_states: FloatArray) -> Sequence[BaseState]:
         """Begin a period; see `Dynamics`."""

@@ -847,7 +847,8 @@ def layout_of(
         case: the case.
         parts: its laminae, which share their points.
         interfaces: between them; None: of opposite points, see `opposite`.
-        reading: see `Layout`.
+        reading: what the points of the parts read from the dofs of a solid; None: `Part.dofs` are
+            dofs.
     """
     if interfaces is None:
         per_element = case.contact.points_per_element

@@ -43,7 +43,7 @@ from delam_fem.model.solids.body import (
 from delam_fem.model.solids.forms import Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import SolidMesh, locate
 from delam_fem.model.solids.meshing import lattice, solid_mesh
-from delam_fem.model.solids.unknowns import Columns, Restricted, Unknowns, X, Y, held
+from delam_fem.model.solids.unknowns import NodeColumns, Restricted, Unknowns, X, Y, held
 from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -77,7 +77,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     E = young_modulus(case, mesh)
     ends = held(case, solid, E * _width(case, mesh))
     is_plain = "lumped" in (case.time.mass, case.contact.impulse)
-    columns = None if is_plain else Columns.of(solid, np.unique(ends.dofs // mesh.dim))
+    columns = None if is_plain else NodeColumns.of(solid, np.unique(ends.dofs // mesh.dim))
     unknowns = Unknowns.of(solid, ends, columns)
     touching, H = facing.touching(case, unknowns, x)
     layout = _layout(case, unknowns, x, touching)

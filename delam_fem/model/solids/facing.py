@@ -51,7 +51,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Points:
+class FacingPoints:
     """Points on the upper surface of a lower lamina.
 
     Attributes:
@@ -67,9 +67,9 @@ class Points:
     normals: FloatArray
     weights: FloatArray
 
-    def chosen(self, kept: BoolArray | IntArray) -> Points:
+    def chosen(self, kept: BoolArray | IntArray) -> FacingPoints:
         """Return some of the points."""
-        return Points(self.x[kept], self.cells[kept], self.normals[kept], self.weights[kept])
+        return FacingPoints(self.x[kept], self.cells[kept], self.normals[kept], self.weights[kept])
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Pairs:
     """
 
     facing: Facing
-    lower: Points
+    lower: FacingPoints
     upper: FloatArray
     cells: IntArray
     gap: FloatArray
@@ -111,7 +111,7 @@ class Pairs:
         )
 
 
-def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
+def at_vertices(mesh: SolidMesh, facing: Facing) -> FacingPoints:
     """Return the vertices of the lower side, by x, then by z.
 
     Vertices that the upper lamina shares are left out: the laminae are bonded there. A vertex has
@@ -124,7 +124,7 @@ def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
     return _summed(mesh, facing, vertices, of_vertices, normals.reshape(-1, mesh.dim), shares)
 
 
-def at_middles(mesh: SolidMesh, facing: Facing) -> Points:
+def at_middles(mesh: SolidMesh, facing: Facing) -> FacingPoints:
     """Return the middle of each facet of the lower side, or of each edge of triangles, by x and z.
 
     A triangle gives a third of its area to each of its edges. For the pressure between bodies that
@@ -150,7 +150,7 @@ def _summed(
     cells: IntArray,
     normals: FloatArray,
     shares: FloatArray,
-) -> Points:
+) -> FacingPoints:
     """Return the points of the lower side from what its facets give to each, by x, then by z.
 
     Points that the upper lamina shares are left out.
@@ -173,7 +173,7 @@ def _summed(
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     cell = np.full(len(facets), len(mesh.cells))
     np.minimum.at(cell, number, cells)
-    points = Points(mesh.points[facets].mean(axis=1), cell, normal, weight)
+    points = FacingPoints(mesh.points[facets].mean(axis=1), cell, normal, weight)
     is_apart = ~np.all(np.isin(facets, facing.upper), axis=1)
     order = np.lexsort([*points.x.T[::-1]])
     return points.chosen(order[is_apart[order]])
@@ -181,7 +181,7 @@ def _summed(
 
 def at_places(
     mesh: SolidMesh, facing: Facing, x: FloatArray, z: FloatArray | None = None
-) -> Points:
+) -> FacingPoints:
     """Return points on the lower side above given places, in order of x, then of z.
 
     Weights are half of the distances to the next places or vertices on both sides, along x and
@@ -218,10 +218,12 @@ def at_places(
     N, _ = shape_functions(FACET_OF[mesh.cell], local)
     normal = np.einsum("kv,kvi->ki", N, _smooth(facing.lower, normals)[facet])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    return Points(origins + hits.distance[first, None] * upwards, cells[facet], normal, weights)
+    return FacingPoints(
+        origins + hits.distance[first, None] * upwards, cells[facet], normal, weights
+    )
 
 
-def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
+def project(mesh: SolidMesh, facing: Facing, points: FacingPoints) -> Pairs:
     """Return the pairs of points of the lower side with the upper side.
 
     A point whose normal meets no facet of the upper side that faces it is left out. That is usual
@@ -547,7 +549,7 @@ def gaps(case: Case, layout: Layout, every: Sequence[Pairs]) -> FloatArray:
     return result
 
 
-def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> Points:
+def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> FacingPoints:
     """Return the points of the lower side at which pairs are sought."""
     if case.mesh.file is not None:
         return (at_middles if mesh.cell == "tetrahedron" else at_vertices)(mesh, sides)

@@ -208,7 +208,7 @@ _MOST_ENTRIES = 4_000_000
 
 
 @dataclass(frozen=True)
-class Columns:
+class NodeColumns:
     """The columns of nodes through the thickness of a solid (R1 of unknowns.py).
 
     Attributes:
@@ -220,7 +220,7 @@ class Columns:
     reference: IntArray
 
     @classmethod
-    def of(cls, solid: Solid, held: IntArray) -> Columns:
+    def of(cls, solid: Solid, held: IntArray) -> NodeColumns:
         """Find the columns (collective).
 
         Args:
@@ -238,7 +238,7 @@ class Columns:
         return cls(solid, np.asarray(reference, dtype=np.int64))
 
     @classmethod
-    def none(cls, solid: Solid) -> Columns:
+    def none(cls, solid: Solid) -> NodeColumns:
         """Return the columns of a solid that has none: T = 1."""
         return cls(solid, np.arange(solid.n_nodes))
 
@@ -463,7 +463,7 @@ class Unknowns:
             shape (n_held,).
     """
 
-    columns: Columns
+    columns: NodeColumns
     held: Held
     own: IntArray
     first: int
@@ -471,7 +471,7 @@ class Unknowns:
     column_of: IntArray
 
     @classmethod
-    def of(cls, solid: Solid, held: Held, columns: Columns | None = None) -> Unknowns:
+    def of(cls, solid: Solid, held: Held, columns: NodeColumns | None = None) -> Unknowns:
         """Number the free dofs (collective).
 
         Args:
@@ -480,7 +480,7 @@ class Unknowns:
             columns: its columns; None: the free dofs are displacements of nodes.
         """
         dim, comm = solid.dim, solid.comm
-        columns = Columns.none(solid) if columns is None else columns
+        columns = NodeColumns.none(solid) if columns is None else columns
         every = dim * solid.first_node + np.arange(dim * solid.n_own_nodes)
         is_kept = ~np.isin(every, np.setdiff1d(held.dofs, held.place))
         order = _order(solid)

@@ -87,7 +87,7 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
 
 
 @dataclass(frozen=True)
-class Mark:
+class ObstacleMark:
     """A contact point of a stop or of an impactor, a support inside the span or a spring.
 
     Attributes:
@@ -111,7 +111,7 @@ class Mark:
     heat: float = 0.0
 
 
-def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
+def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[ObstacleMark]:
     """Return the marks of stops, impactors and supports inside the span; see `middle_lines`.
 
     The springs of Hertz's law lie behind one another, so that the first of them stands for an
@@ -142,7 +142,7 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
         face = float(middle[lamina, node]) + side * half[lamina] + enlarged * height
         state = stop["stop_state"].to_numpy()
         heat = float(stop.get("stop_heat", 0.0))
-        result.append(Mark(lamina, node, float(x[node]), side, face, motion, state, heat))
+        result.append(ObstacleMark(lamina, node, float(x[node]), side, face, motion, state, heat))
     names = [lamina.name for lamina in case.lamina]
     for support in case.support.points(case.length):
         if support.side is not None and support.kind != "spring":
@@ -151,7 +151,9 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
         place = support.position or 0.0
         node = int(np.abs(x - place).argmin())
         face = float(np.interp(place, x, middle[lamina])) - half[lamina]
-        result.append(Mark(lamina, node, place, -1, face, base, np.zeros(base.size, np.int8)))
+        result.append(
+            ObstacleMark(lamina, node, place, -1, face, base, np.zeros(base.size, np.int8))
+        )
     return result
 
 
@@ -174,7 +176,7 @@ class Ribbons:
     height: FloatArray
     vectors: Mapping[str, FloatArray]
     scalars: Mapping[str, npt.NDArray[Any]]
-    marks: list[Mark]
+    marks: list[ObstacleMark]
     blocks: FloatArray
 
     @classmethod

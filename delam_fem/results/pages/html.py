@@ -62,7 +62,7 @@ class Paragraph:
 
 
 @dataclass(frozen=True)
-class Table:
+class HtmlTable:
     """A table.
 
     Attributes:
@@ -98,7 +98,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Grid:
+class CellMap:
     """A map of coloured cells that lead somewhere.
 
     Attributes:
@@ -149,11 +149,11 @@ class Preformatted:
     text: str
 
 
-Block: TypeAlias = Paragraph | Table | Grid | Gallery | Film | Preformatted
+Block: TypeAlias = Paragraph | HtmlTable | CellMap | Gallery | Film | Preformatted
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A part of a page.
 
     Attributes:
@@ -182,7 +182,7 @@ def embedded(picture: Path) -> str:
 
 
 def page(
-    title: str, sections: Sequence[Section], *, style: str = "", contents: bool = False
+    title: str, sections: Sequence[PageSection], *, style: str = "", contents: bool = False
 ) -> str:
     """Return a complete page as HTML.
 
@@ -215,11 +215,11 @@ def page(
     )
 
 
-def files(folder: Path, meanings: Mapping[str, str]) -> Table:
+def files(folder: Path, meanings: Mapping[str, str]) -> HtmlTable:
     """Return a table of links to files of a folder with their meaning, without missing files."""
     existing = {name: meaning for name, meaning in meanings.items() if (folder / name).exists()}
     rows = [(Link(name, name), meaning) for name, meaning in existing.items()]
-    return Table(("file", "content"), rows)
+    return HtmlTable(("file", "content"), rows)
 
 
 def fragment(blocks: Iterable[Block]) -> str:
@@ -255,10 +255,10 @@ def _block(block: Block) -> str:
             f'<script type="application/json">{data}</script>'
             f"<figcaption>{_text(block.caption)}</figcaption></figure>"
         )
-    return _grid(block) if isinstance(block, Grid) else _table(block)
+    return _grid(block) if isinstance(block, CellMap) else _table(block)
 
 
-def _table(table: Table) -> str:
+def _table(table: HtmlTable) -> str:
     """Return a table as HTML."""
     head = "".join(f"<th>{_text(text)}</th>" for text in table.heading)
     none = [""] * len(table.rows)
@@ -277,7 +277,7 @@ def _table(table: Table) -> str:
     )
 
 
-def _grid(grid: Grid) -> str:
+def _grid(grid: CellMap) -> str:
     """Return a map as HTML."""
     head = "".join(f"<th>{escape(text)}</th>" for text in ("", *grid.columns))
     body = "\n".join(

@@ -30,10 +30,10 @@ from delam_fem.results.pages.html import (
     Block,
     Film,
     Gallery,
+    HtmlTable,
+    PageSection,
     Paragraph,
     Preformatted,
-    Section,
-    Table,
     embedded,
 )
 from delam_fem.results.record import of_run
@@ -208,7 +208,7 @@ def of_result(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> st
         Paragraph(case.title),
         Paragraph(sentence(history, summary, case)),
         *(Paragraph(str(text)) for text in summary.get("warnings", ())),
-        Table(("", "value", "meaning"), rows(summary, names)),
+        HtmlTable(("", "value", "meaning"), rows(summary, names)),
     ]
     return html.fragment(blocks)
 
@@ -369,9 +369,9 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     words = "laminae from bottom to top" if has_laminae else "probes"
     about = f"Over the window of the last periods; {words}: {', '.join(names)}."
     flows = "What changed the stored energy, added up over the run and in the last period."
-    energy = Table(("", "whole run [mJ]", "last period [mJ]"), energy_rows(history))
+    energy = HtmlTable(("", "whole run [mJ]", "last period [mJ]"), energy_rows(history))
     origin = [(name, str(history.attrs[name])) for name in ORIGIN if name in history.attrs]
-    table = Table(("", "value", "meaning"), rows(summary, names), kind="meanings")
+    table = HtmlTable(("", "value", "meaning"), rows(summary, names), kind="meanings")
     texts = (summary.get("message"), *summary.get("warnings", ()))
     warnings = [Paragraph(str(text), "warning") for text in texts if text]
     drawn = ((directory / "figures" / f"{name}.png", text) for name, text in CAPTIONS.items())
@@ -380,20 +380,20 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     channels = channel_rows(history, case)
     touched = contact_rows(summary)
     sections = [
-        Section("", [Paragraph(sentence(history, summary, case), "verdict"), *warnings]),
+        PageSection("", [Paragraph(sentence(history, summary, case), "verdict"), *warnings]),
         *(
-            [Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")])]
+            [PageSection("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")])]
             if has_laminae
             else []
         ),
-        Section("Numbers", [Paragraph(about, "about"), table]),
-        *([Section("Contacts", [Table(contact_heading(), touched)])] if touched else []),
-        Section("Figures", [Gallery([embedded(p)], text, text) for p, text in figures]),
-        Section("Channels", [Table(heading, channels)]),
-        Section("Energy", [Paragraph(flows, "about"), energy]),
-        Section("Files", [html.files(directory, FILES)]),
-        *([Section("Case", [Preformatted(case.to_toml())])] if has_laminae else []),
-        Section("Made by", [Table(("", "version"), origin)]),
+        PageSection("Numbers", [Paragraph(about, "about"), table]),
+        *([PageSection("Contacts", [HtmlTable(contact_heading(), touched)])] if touched else []),
+        PageSection("Figures", [Gallery([embedded(p)], text, text) for p, text in figures]),
+        PageSection("Channels", [HtmlTable(heading, channels)]),
+        PageSection("Energy", [Paragraph(flows, "about"), energy]),
+        PageSection("Files", [html.files(directory, FILES)]),
+        *([PageSection("Case", [Preformatted(case.to_toml())])] if has_laminae else []),
+        PageSection("Made by", [HtmlTable(("", "version"), origin)]),
     ]
     return html.page(case.title, sections, contents=True)
 

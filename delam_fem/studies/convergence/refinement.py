@@ -322,7 +322,7 @@ class RefinementStudy:
     def level(self) -> Callable[[Method, MeshChoice, int], Level]:
         """Function of a method, a mesh and a number of steps per period that returns their level.
 
-        Rungs are kept, because checking a case takes milliseconds.
+        Levels are kept, because checking a case takes milliseconds.
         """
         return cache(self._new)
 

@@ -70,11 +70,13 @@ from delam_fem.studies.signals.scan import (
 )
 
 SAMPLES = 50
-"""Samples per period, unless a sampling rate is given."""
+"""Samples per period, unless a sampling rate is given: contact adds orders beyond the second and
+third, which must not fold back onto them."""
 LEAST_STEPS = 100
-"""Steps per period below which contact is not resolved."""
+"""Steps per period below which contact is not resolved (docs/evidence/convergence.md)."""
 SLOWEST = 0.125
-"""Share of the excitation's frequency below which a motion is that of the surroundings."""
+"""Share of the excitation's frequency below which a motion is that of the surroundings. Clapping
+repeats after two or four periods, seldom after eight."""
 SAME_FREQUENCY, UNCERTAIN = 0.01, 0.001
 """Relative difference between the drive frequencies of a record and its case that may be one of
 clocks, and periods by which both may part over the record and count as the same."""

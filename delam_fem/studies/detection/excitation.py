@@ -41,17 +41,23 @@ from delam_fem.studies.signals.scan import Shapes, surface_of
 from delam_fem.studies.sweeps.grid import Axis, ScanRecord
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
-"""Values of g₀/A, if there is an opening."""
+"""Values of g₀/A, if there is an opening: from one that hardly matters to one that hardly closes.
+"""
 NEAR = 0.04
-"""A frequency is avoided if its double is nearer to a resonance of the beam, relatively."""
+"""A frequency is avoided if its double is nearer to a resonance of the beam, relatively. So far
+away, a mode with the damping ratio of the presets, 0.005, answers with an eighth of its peak."""
 MISLEADS = 1.0 / SHARE
 """A frequency is avoided if its contrast is below this: points outside are marked, too."""
 OPENS = 0.3
-"""A mode is an opening mode if it opens a delamination by this share of its largest deflection."""
+"""A mode is an opening mode if it opens a delamination by this share of its largest deflection. In
+the presets `embedded` and `edge` the lowest mode, which moves the whole beam, opens one by 0.27 and
+0.28; the others that open one reach 0.64 to 1.9."""
 SURE = 0.9
-"""Least rate of calls of a recommended excitation."""
+"""Least rate of calls of a recommended excitation, that of a90 in a probability of detection."""
 N_MODES = 12
+"""Modes among which resonances are looked for; in these presets they reach 1.1 and 1.6 kHz."""
 _REPETITIONS = 50
+"""Repetitions with other noise; they know a rate of 0.9 to 0.04, one standard error."""
 
 
 @dataclass(frozen=True)

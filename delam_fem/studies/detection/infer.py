@@ -80,7 +80,7 @@ def specimens_of(
 
 
 @dataclass(frozen=True)
-class Sensor:
+class ScanNoise:
     """Noise and drive of the scan at one frequency, with which the table is measured alike.
 
     Attributes:
@@ -95,7 +95,7 @@ class Sensor:
     drive: Mapping[float, ComplexArray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, scan: Shapes, rms: float, drive: Mapping[float, ComplexArray]) -> Sensor:
+    def of(cls, scan: Shapes, rms: float, drive: Mapping[float, ComplexArray]) -> ScanNoise:
         """Return the sensor of a measured scan with an overall root mean square [m/s]."""
         samples = per_sample(scan.noise, PERIODS * SAMPLES)
         return cls(20.0 * np.log10(rms / np.asarray(samples)), scan.n_lines, drive)
@@ -113,10 +113,10 @@ class SimulationTable:
         sensors: sensor at each frequency.
     """
 
-    table: statistics.Table
+    table: statistics.Simulations
     bases: tuple[FloatArray, ...]
     frequencies: tuple[float, ...]
-    sensors: tuple[Sensor, ...]
+    sensors: tuple[ScanNoise, ...]
 
     def posterior(self, scans: tuple[Shapes, ...]) -> statistics.Posterior:
         """Return the posterior of middle, length and depth for noisy scans, one per frequency."""
@@ -144,7 +144,7 @@ class SimulationTable:
 
 
 def simulation_table(
-    found: Population, parameters: FloatArray, prior: FloatArray, sensors: tuple[Sensor, ...],
+    found: Population, parameters: FloatArray, prior: FloatArray, sensors: tuple[ScanNoise, ...],
     seed: int = 3,
 ) -> SimulationTable:  # fmt: skip
     """Return the table of a population, without structures of which a run failed.
@@ -173,7 +173,7 @@ def simulation_table(
         bases.append(np.vstack([mean, components[:COMPONENTS]]))
         columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
-    table = statistics.Table(parameters[is_complete], np.concatenate(columns, axis=1), prior)
+    table = statistics.Simulations(parameters[is_complete], np.concatenate(columns, axis=1), prior)
     return SimulationTable(table, tuple(bases), frequencies, sensors)
 
 
@@ -205,7 +205,8 @@ def _statistics(shapes: Shapes, basis: FloatArray) -> FloatArray:
 
 
 SAME_PLACE = 0.05
-"""Share of the spacing by which a scanned point may be off the grid."""
+"""Share of the spacing by which a scanned point may be off the grid: less than ends are found
+to."""
 
 
 @dataclass(frozen=True)
@@ -347,11 +348,11 @@ def compute(case: Case, options: Infer, context: RunContext) -> Inferred:
         )
         rng = np.random.default_rng(1)
         scans = tuple(observed_runs.shapes(k, noise_db, rng) for k in range(len(frequencies)))
-        sensors = tuple(Sensor(noise_db, drive=drive) for drive in drives)
+        sensors = tuple(ScanNoise(noise_db, drive=drive) for drive in drives)
     else:
         scans = tuple(shapes_of(m.field, m.times, m.frequency, m.x) for m in measured)
         every = zip(scans, measured, drives, strict=True)
-        sensors = tuple(Sensor.of(scan, m.rms, drive) for scan, m, drive in every)
+        sensors = tuple(ScanNoise.of(scan, m.rms, drive) for scan, m, drive in every)
     known = simulation_table(runs, parameters, prior, sensors)
     posterior = edge_posterior(known.posterior(scans))
     return Inferred(

@@ -25,7 +25,8 @@ from delam_fem.studies.detection.study import Modulate, Scan
 from delam_fem.studies.signals.scan import surface_of
 
 MOST_TURNS = 1000
-"""Largest number of periods of the probe in a common period of both frequencies."""
+"""Largest number of periods of the probe in a common period of both frequencies: all of them are
+computed, with steps that resolve the probe."""
 _REPETITIONS = 200
 
 

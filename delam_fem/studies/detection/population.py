@@ -58,7 +58,8 @@ PERIODS, SAMPLES = 16, 50
 ELEMENTS, STEPS = 20, 100
 """Mesh and steps per period of the runs; 40 and 500 mark the same intervals (docs/detection.md)."""
 SETTLED = 0.05
-"""Share of a free motion of the lowest mode that may be left; runs start from the closed motion."""
+"""Share of a free motion of the lowest mode that may be left. Runs start from the closed motion, so
+that the free motion is a small part from the first period on."""
 
 _log = logging.getLogger(__name__)
 
@@ -149,7 +150,7 @@ def population(
             the support at the end and the frequency.
         specimens: the structures.
         directory: folder of the sweep.
-        executor: see `run_sweep`.
+        executor: "process", "mpi", "serial", or an executor of `concurrent.futures`.
         name: name of the sweep.
         spacing: distance of the scanned points [m].
         first: position of the first of them [m].

@@ -40,7 +40,8 @@ from delam_fem.studies.detection.study import Tap
 from delam_fem.studies.signals.scan import scan_positions, surface_of
 
 FALLEN = 0.1
-"""Share of the largest force at which the main pulse ends."""
+"""Share of the largest force at which the main pulse ends: above noise of 20 dB, and before the
+rebound that may follow."""
 LEAST = 0.015
 """Index that a model whose stiffness is wrong by 10 % explains on sound places (seen: 0.014)."""
 _REPETITIONS = 200
@@ -210,12 +211,10 @@ def tap(case: Case, options: Tap, context: RunContext | None = None) -> Taps:
         context: not used, because nothing is kept.
 
     Raises:
-        CaseError: the case has no delamination or not one impactor, or the points do not fit.
+        CaseError: the case has not one impactor, or the points do not fit.
     """
     lamina = surface_of(case, options.lamina)
     intact_case = intact(case)
-    if case.is_apart:
-        raise CaseError("tap: expected a case with [[delamination]], given laminae apart")
     if options.measured:
         field = read_field(options.measured, options, "force", lamina)
         x = field["position"].to_numpy()

@@ -380,7 +380,7 @@ class Experiment:
         """Check that the sought keys have values of their own, which the results show.
 
         Raises:
-            CaseError: see `require_values`.
+            CaseError: a sought key is given by multiples of the value of the case.
         """
         require_values(self.unknowns)
         require(
@@ -449,7 +449,7 @@ class Experiment:
             parameters: values of the unknowns, shape (n, n_unknowns).
             directory: folder of the sweeps.
             also: values of further keys, shape (n,) each; the unknowns go before them.
-            executor: see `run_sweep`.
+            executor: "process", "mpi", "serial", or an executor of `concurrent.futures`.
             workers: number of processes; default: one per core.
             progress: called with the number of finished simulations and of all.
 
@@ -478,7 +478,7 @@ class Experiment:
     def table(
         self, harmonics: beams.ComplexArray, parameters: FloatArray, seed: int,
         finer: beams.ComplexArray | None = None,
-    ) -> statistics.Table:  # fmt: skip
+    ) -> statistics.Simulations:  # fmt: skip
         """Return the simulations with noise as a table for the inference.
 
         A rig has no steps and elements. So each simulation is changed by what finer ones change in
@@ -506,7 +506,7 @@ class Experiment:
                 f"identification: expected at least {statistics.FEWEST} simulations, {good.sum()} "
                 f"of {good.size} were completed"
             )
-        return statistics.Table(parameters[good], values[good], self.bounds)
+        return statistics.Simulations(parameters[good], values[good], self.bounds)
 
 
 def _discrepancy(
@@ -651,7 +651,7 @@ def identify(
             change.
         checks: number of simulations that serve as observations to check the intervals.
         seed: of the prior and of the noise.
-        executor: see `run_sweep`.
+        executor: "process", "mpi", "serial", or an executor of `concurrent.futures`.
         workers: number of processes.
         progress: called with the number of finished simulations and of all.
 
@@ -689,7 +689,9 @@ def identify(
     )  # fmt: skip
 
 
-def mismatch(experiment: Experiment, table: statistics.Table, observed: FloatArray) -> str | None:
+def mismatch(
+    experiment: Experiment, table: statistics.Simulations, observed: FloatArray
+) -> str | None:
     """Return in words how an observation is unlike all simulations; None: it is not."""
     share, number = table.misfit(observed)
     if share > statistics.UNLIKE:

@@ -80,7 +80,7 @@ NOT_NOISE, NOTHING_LEFT = 1.05, 1e-4
 
 
 @dataclass(frozen=True)
-class Resonance:
+class ResonanceFit:
     """Natural frequency and damping of a mode; two of their standard errors contain 95 %.
 
     Attributes:
@@ -213,7 +213,7 @@ def _push(states: FloatArray, by_mass: float) -> FloatArray:
 
 def fit(
     time: FloatArray, displacement: FloatArray, motion: SweptMotion, *, by_mass: float = 0.0
-) -> Resonance:
+) -> ResonanceFit:
     """Fit natural frequency, damping ratio, participation, start and clock to a record.
 
     Args:
@@ -360,7 +360,7 @@ def _noise(values: FloatArray) -> float:
 def _judged(
     band: _Band, p: FloatArray, covariance: FloatArray, residual: FloatArray, weights: FloatArray,
     peak: float, cycles: FloatArray,
-) -> Resonance:  # fmt: skip
+) -> ResonanceFit:  # fmt: skip
     """Return the resonance with its errors, and remarks on its record."""
     t = band.time
     error = np.sqrt(np.diag(covariance))
@@ -394,7 +394,7 @@ def _judged(
                 f"a second of the record is {clock:.6g} ± {clock_error:.1g} s of the sweep, so one "
                 "clock is wrong: the frequency is by that of the record, its ± holds the other"
             )
-    return Resonance(
+    return ResonanceFit(
         float(p[0]), float(error[0]), float(p[1]), float(error[1]), float(weights[1] / weights[0]),
         peak, rms / top, late, late_error, clock, clock_error, tuple(remarks),
         cycles,
@@ -404,7 +404,7 @@ def _judged(
 HEADING = ("lamina", "peak read off", "frequency", "damping ratio", "EI", "EI of the case")
 
 
-def resonance_figure(found: Resonance) -> Figure:
+def resonance_figure(found: ResonanceFit) -> Figure:
     """Draw measured amplitudes, the fit, the peak and the natural frequency."""
     figure = Figure(figsize=(7.0, 4.0))
     panel = figure.subplots()
@@ -432,7 +432,7 @@ class Found(Finding):
     """
 
     case: Case
-    resonances: tuple[Resonance, ...]
+    resonances: tuple[ResonanceFit, ...]
 
     @property
     def report(self) -> Report:
@@ -519,7 +519,7 @@ def identified(case: Case, options: Options, context: RunContext | None = None) 
     return Found(case, tuple(resonances))
 
 
-def _exact(found: Resonance, step: float, ratio: float) -> Resonance:
+def _exact(found: ResonanceFit, step: float, ratio: float) -> ResonanceFit:
     """Return a simulated resonance without what steps and elements change in it.
 
     e^{μ Δt} = (1 + λ Δt/2)/(1 - λ Δt/2) for the pole μ of average acceleration and λ of the mode.

@@ -309,7 +309,7 @@ def _delaminations(
 
 
 @dataclass(frozen=True)
-class Modes(Finding):
+class NaturalModes(Finding):
     """Natural frequencies and mode shapes, computed and exact.
 
     Attributes:
@@ -387,7 +387,9 @@ class Modes(Finding):
         return figure
 
 
-def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Modes | StructureModes:
+def modes(
+    case: CaseSource, n: int = 6, *, delaminations: Kind = "free"
+) -> NaturalModes | StructureModes:
     """Return the lowest modes from the weak forms in dolfinx.
 
     Args:
@@ -414,7 +416,9 @@ def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Mode
     return replace(modes_of(structure, case, n, factor), structure=of_structure)
 
 
-def modes_of(structure: Structure, case: Case, n: int, factor: Factor | None = None) -> Modes:
+def modes_of(
+    structure: Structure, case: Case, n: int, factor: Factor | None = None
+) -> NaturalModes:
     """Return the lowest modes of each lamina of a structure that is already assembled.
 
     Args:
@@ -443,9 +447,9 @@ def modes_of(structure: Structure, case: Case, n: int, factor: Factor | None = N
         deflections = nodal(layout, full_shapes, np.zeros(n))[0, i]
         shapes[i] = deflections / deflections[:, -1:]  # 1 at the last point
     exact = np.stack([lamina.angular_frequencies(n) / (2.0 * np.pi) for lamina in case.lamina])
-    return Modes(layout.names, frequencies, exact, layout.x, shapes)
+    return NaturalModes(layout.names, frequencies, exact, layout.x, shapes)
 
 
-def compute(case: Case, options: Options, _: RunContext) -> Modes | StructureModes:
+def compute(case: Case, options: Options, _: RunContext) -> NaturalModes | StructureModes:
     """Compute the natural modes of a case with the options of a user."""
     return modes(case, options.number, delaminations=options.delaminations)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from delam_fem.api import Flag, Options, Study
 
 if TYPE_CHECKING:
-    from delam_fem.studies.modes.frequencies import Modes as LaminaModes, StructureModes
+    from delam_fem.studies.modes.frequencies import NaturalModes, StructureModes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class Modes(Options):
     delaminations: Literal["free", "closed"] = "free"
 
 
-MODES: Study[Modes, LaminaModes | StructureModes] = Study(
+MODES: Study[Modes, NaturalModes | StructureModes] = Study(
     Modes,
     "delam_fem.studies.modes.frequencies:compute",
     "Compute",

@@ -60,7 +60,7 @@ _REAL = 1e-9
 
 
 @dataclass(frozen=True)
-class Event:
+class BranchEvent:
     """An event on a branch.
 
     Attributes:
@@ -77,7 +77,7 @@ class Event:
     index: int
 
 
-def events_of(points: Sequence[Point], span: float) -> list[Event]:
+def events_of(points: Sequence[BranchPoint], span: float) -> list[BranchEvent]:
     """Return the events on a branch, in the order of its points.
 
     Args:
@@ -105,7 +105,9 @@ def events_of(points: Sequence[Point], span: float) -> list[Event]:
     return sorted(events, key=lambda event: event.index)
 
 
-def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: float) -> list[Event]:
+def crossings(
+    kind: Kind, tests: FloatArray, points: Sequence[BranchPoint], span: float
+) -> list[BranchEvent]:
     """Return the events at which a test function passes 0.
 
     Args:
@@ -148,11 +150,11 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
         ends = [*interval(at), *crossed, beyond, *open_]
         low = float(min(ends))
         high = float(max(ends))
-        events.append(Event(kind, float(at[0]), low - error, high + error, after))
+        events.append(BranchEvent(kind, float(at[0]), low - error, high + error, after))
     return events
 
 
-def turns(points: Sequence[Point], span: float) -> list[tuple[float, float]]:
+def turns(points: Sequence[BranchPoint], span: float) -> list[tuple[float, float]]:
     """Return pairs of neighbouring λ between which two doublings may lie that no point shows.
 
     The test function has one sign at both, and the lines through two points on either side cross
@@ -189,7 +191,7 @@ def _root(place: FloatArray, values: FloatArray, degree: int = 1, middle: float 
     return middle + float(real[np.argmin(np.abs(real))]) if real.size else float("nan")
 
 
-def lengths(points: Sequence[Point], span: float) -> FloatArray:
+def lengths(points: Sequence[BranchPoint], span: float) -> FloatArray:
     """Return the length of a branch up to each point, shape (n_points,)."""
     steps = [
         float(np.linalg.norm(right.x(span) - left.x(span))) for left, right in pairwise(points)
@@ -197,7 +199,7 @@ def lengths(points: Sequence[Point], span: float) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def folds(points: Sequence[Point], span: float) -> list[Event]:
+def folds(points: Sequence[BranchPoint], span: float) -> list[BranchEvent]:
     """Return the folds of a branch: where λ turns back by more than its errors."""
     parameters = np.array([point.parameter for point in points])
     place = lengths(points, span)
@@ -220,7 +222,7 @@ def folds(points: Sequence[Point], span: float) -> list[Event]:
     return events
 
 
-def _fold(points: Sequence[Point], place: FloatArray, extreme: int) -> Event:
+def _fold(points: Sequence[BranchPoint], place: FloatArray, extreme: int) -> BranchEvent:
     """Return the fold at an extreme point, from a parabola through its neighbours."""
     near = slice(max(extreme - BESIDE, 0), extreme + BESIDE + 1)
     s = place[near] - place[extreme]
@@ -231,12 +233,12 @@ def _fold(points: Sequence[Point], place: FloatArray, extreme: int) -> Event:
     scatter = float(np.sqrt(np.mean((np.polyval([a, b, c], s) - values) ** 2)))
     error = TWO_SIDES * max(scatter, points[extreme].parameter_error)
     value = points[extreme].parameter
-    return Event(
+    return BranchEvent(
         "fold", fitted, min(fitted - error, value), max(fitted + error, value), extreme + 1
     )
 
 
-def grazings(points: Sequence[Point]) -> list[Event]:
+def grazings(points: Sequence[BranchPoint]) -> list[BranchEvent]:
     """Return the grazings of a branch: where tips begin or cease to touch in one of the periods."""
     events = []
     for period in range(points[0].gaps.size):
@@ -245,12 +247,12 @@ def grazings(points: Sequence[Point]) -> list[Event]:
             after = right.gaps[period]
             if np.isfinite([before, after]).all() and (before > 0.0) != (after > 0.0):
                 low, high = sorted((left.parameter, right.parameter))
-                events.append(Event("grazing", 0.5 * (low + high), low, high, i + 1))
+                events.append(BranchEvent("grazing", 0.5 * (low + high), low, high, i + 1))
     return events
 
 
 @dataclass(frozen=True)
-class Point:
+class BranchPoint:
     """A point of a branch.
 
     Attributes:
@@ -317,7 +319,7 @@ class Point:
 
 def measured(
     ensemble: Ensemble, at: Solved, *, heading: FloatArray, span: float, step: float
-) -> Point:
+) -> BranchPoint:
     """Return the point of a branch at a solved orbit: its derivatives, multipliers and motion.
 
     Args:
@@ -349,7 +351,7 @@ def measured(
         else np.full(ensemble.periods, trajectory.smallest_gap)
     )
     error = at.uncertainty[-1] * span if at.uncertainty.size > y.size else 0.0
-    point = Point(
+    point = BranchPoint(
         at.state,
         at.parameter,
         y,
@@ -448,7 +450,7 @@ class Path:
         return low <= parameter <= high
 
 
-def first_point(ensemble: Ensemble, guess: FloatArray, path: Path) -> Point:
+def first_point(ensemble: Ensemble, guess: FloatArray, path: Path) -> BranchPoint:
     """Return the first point of a branch, at the start of the range, from a state near it.
 
     Raises:
@@ -466,7 +468,9 @@ def first_point(ensemble: Ensemble, guess: FloatArray, path: Path) -> Point:
     return measured(ensemble, solution, heading=heading, span=path.span, step=path.step)
 
 
-def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path) -> Point:
+def doubled_point(
+    ensemble: Ensemble, near: BranchPoint, parameter: float, path: Path
+) -> BranchPoint:
     """Return the first point of the branch that leaves a period doubling.
 
     The orbit of twice the period is sought at a given distance from the old one, along the
@@ -486,7 +490,7 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
     values, vectors = np.linalg.eig(near.multipliers.derivative)
     direction = np.real(vectors[:, np.argmin(np.abs(values + 1.0))])
     direction *= _opening_side(ensemble, near, parameter, direction) / np.linalg.norm(direction)
-    first: Point | None = None
+    first: BranchPoint | None = None
     for onset in ONSETS:
         state = near.state + slow.lifted(onset * scale * direction)
         predicted = np.append(slow.of(state) / scale, parameter / path.span)
@@ -505,9 +509,9 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
     return first
 
 
-def _leads_on(ensemble: Ensemble, point: Point, path: Path) -> bool:
+def _leads_on(ensemble: Ensemble, point: BranchPoint, path: Path) -> bool:
     """Return whether `LEADS_ON` further steps are accepted behind a point."""
-    after: Point | None = point
+    after: BranchPoint | None = point
     for _ in range(LEADS_ON):
         after = None if after is None else next_point(ensemble, after, path)
     return after is not None
@@ -533,7 +537,7 @@ def _across(
 
 
 def _opening_side(
-    ensemble: Ensemble, near: Point, parameter: float, direction: FloatArray
+    ensemble: Ensemble, near: BranchPoint, parameter: float, direction: FloatArray
 ) -> float:
     """Return the sign of a direction with which the tips are farther apart at the beginning.
 
@@ -550,12 +554,12 @@ def _opening_side(
 
 def followed(
     ensemble: Ensemble,
-    points: list[Point],
+    points: list[BranchPoint],
     path: Path,
     *,
-    keep: Callable[[Point, int], None],
+    keep: Callable[[BranchPoint, int], None],
     is_stopped: Callable[[], bool],
-) -> tuple[list[Point], str]:
+) -> tuple[list[BranchPoint], str]:
     """Go on with a branch until it leaves the range.
 
     Args:
@@ -582,7 +586,7 @@ def followed(
     return points, "points"
 
 
-def next_point(ensemble: Ensemble, last: Point, path: Path) -> Point | None:
+def next_point(ensemble: Ensemble, last: BranchPoint, path: Path) -> BranchPoint | None:
     """Return the next point of a branch; None if no step, however short, leads to one."""
     step = last.step
     while True:
@@ -607,7 +611,7 @@ def next_point(ensemble: Ensemble, last: Point, path: Path) -> Point | None:
         return None
 
 
-def why_lost(ensemble: Ensemble, last: Point, path: Path) -> str:
+def why_lost(ensemble: Ensemble, last: BranchPoint, path: Path) -> str:
     """Return in words why no step leads on from the last point of a branch."""
     solution = _corrected(ensemble, last, path.span, path.shortest)
     if solution is None:
@@ -621,7 +625,7 @@ def why_lost(ensemble: Ensemble, last: Point, path: Path) -> str:
     return "motions beside the orbit diverge"
 
 
-def _corrected(ensemble: Ensemble, last: Point, span: float, step: float) -> Solved | None:
+def _corrected(ensemble: Ensemble, last: BranchPoint, span: float, step: float) -> Solved | None:
     """Return the corrected point of a step; None if motions diverge or equations are singular."""
     predicted = last.x(span) + step * last.tangent
     move = last.scale * step * last.tangent[:-1]

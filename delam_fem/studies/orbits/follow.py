@@ -52,9 +52,9 @@ from delam_fem.api import (
     write_dataset,
 )
 from delam_fem.studies.orbits.continuation import (
-    Event,
+    BranchEvent,
+    BranchPoint,
     Path as BranchPath,
-    Point,
     doubled_point,
     events_of,
     first_point,
@@ -137,8 +137,8 @@ class Branch:
     """
 
     periods: int
-    points: tuple[Point, ...]
-    events: tuple[Event, ...]
+    points: tuple[BranchPoint, ...]
+    events: tuple[BranchEvent, ...]
     ending: str
 
 
@@ -384,19 +384,21 @@ class PointJournal:
         self.folder.mkdir(parents=True, exist_ok=True)
         belong(self.folder, identity(case, **plan))
 
-    def points(self, branch: int, n_state: int) -> list[Point]:
+    def points(self, branch: int, n_state: int) -> list[BranchPoint]:
         """Return the points of a branch, up to the first that is missing or damaged.
 
         Args:
             branch: number of the branch.
             n_state: number of entries of a state of the map.
         """
-        points: list[Point] = []
+        points: list[BranchPoint] = []
         while (path := self._path(branch, len(points))).is_file():
             try:
                 values = read_arrays(path)
                 numbers = {name: float(values[name]) for name in _NUMBERS}
-                point = Point(**{**values, **numbers, "iterations": int(values["iterations"])})
+                point = BranchPoint(
+                    **{**values, **numbers, "iterations": int(values["iterations"])}
+                )
                 _require_fitting(point, n_state)
                 points.append(point)
             except (ValueError, KeyError, TypeError) as error:
@@ -404,7 +406,7 @@ class PointJournal:
                 break
         return points
 
-    def keep(self, branch: int, number: int, point: Point) -> None:
+    def keep(self, branch: int, number: int, point: BranchPoint) -> None:
         """Write a point and wait until it is on the disk.
 
         Raises:
@@ -416,8 +418,8 @@ class PointJournal:
         return self.folder / f"{branch:02d}-{number:04d}.npz"
 
 
-def _require_fitting(point: Point, n_state: int) -> None:
-    """Require that the arrays of a point have the shapes of `Point` and are finite.
+def _require_fitting(point: BranchPoint, n_state: int) -> None:
+    """Require that the arrays of a point have the shapes of `BranchPoint` and are finite.
 
     Raises:
         ValueError: they do not.
@@ -551,18 +553,18 @@ def _branches(
     Each doubling on a branch begins another one, up to `plan.doublings` times in a row.
     """
 
-    def first(ensemble: Ensemble) -> Point:
+    def first(ensemble: Ensemble) -> BranchPoint:
         guess, *_ = mean_of_motion(map_, plan.way.start, state, plan.periods)
         return first_point(ensemble, guess, plan.way)
 
-    ready: list[tuple[int, int, Callable[[Ensemble], Point]]] = [(plan.periods, 0, first)]
+    ready: list[tuple[int, int, Callable[[Ensemble], BranchPoint]]] = [(plan.periods, 0, first)]
     branches: list[Branch] = []
     while ready and (not branches or branches[-1].ending != "interrupted"):
         (periods, doubled, begin), number = ready.pop(0), len(branches)
         ensemble = Ensemble(map_, periods, plan.perturbations)
         points = journal.points(number, state.size)
 
-        def keep(point: Point, count: int, number: int = number) -> None:
+        def keep(point: BranchPoint, count: int, number: int = number) -> None:
             journal.keep(number, count - 1, point)
             report(number, count, point.parameter)
 

@@ -36,12 +36,12 @@ from delam_fem.api import (
     N_BASE,
     Case,
     CaseError,
-    Drive,
     Engine,
     FloatArray,
     Law,
     Operators,
     Period,
+    PeriodDrive,
     PeriodRecord,
     Periods,
     Prescribed,
@@ -228,7 +228,7 @@ class ProblemMap:
 
     def __init__(
         self,
-        problem_of: Callable[[float, float], Problem | ModalProblem],
+        problem_of: Callable[[float, float], PeriodicProblem | ModalProblem],
         slow: SlowCoordinates,
         info: MapInfo,
         phase: float = 0.0,
@@ -295,7 +295,7 @@ class ProblemMap:
 
 
 @dataclass(frozen=True)
-class Problem:
+class PeriodicProblem:
     """One problem whose drive repeats after each period, stepped by an engine.
 
     Attributes:
@@ -394,7 +394,11 @@ class StrobeMap(ProblemMap):
     """The map of a family of problems that an engine steps; see `PeriodMap`."""
 
     def __init__(
-        self, problem_of: Callable[[float], Problem], slow: SlowCoordinates, *, phase: float = 0.0
+        self,
+        problem_of: Callable[[float], PeriodicProblem],
+        slow: SlowCoordinates,
+        *,
+        phase: float = 0.0,
     ) -> None:
         """Store the family.
 
@@ -441,11 +445,11 @@ class CaseFamily:
         """Return the case for a value of the key."""
         return self.case.with_overrides({self.key: value})
 
-    def problem(self, value: float) -> Problem:
+    def problem(self, value: float) -> PeriodicProblem:
         """Return the problem for a value of the key."""
         case = self.at(value)
         structure = self.structure(case)
-        return Problem(
+        return PeriodicProblem(
             structure.operators,
             law_of(case),
             scheme_of(case),
@@ -586,7 +590,7 @@ class ModalProblem:
     """
 
     periods: Periods
-    drive: Drive
+    drive: PeriodDrive
     first: int
     tip: tuple[int, int, float] | None
 

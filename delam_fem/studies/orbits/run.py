@@ -60,7 +60,7 @@ SHOWN = 60
 """Largest number of bootstrap samples that are drawn as small points, about."""
 
 
-def orbit_figure(found: Orbit) -> Figure:
+def orbit_figure(found: PeriodicOrbit) -> Figure:
     """Return a figure with the tips over the orbit's periods, and the multipliers."""
     figure = Figure(figsize=(style.WIDTH, 4.3), layout="constrained")
     motion, plane = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
@@ -113,7 +113,7 @@ LISTED = 0.05
 
 
 @dataclass(frozen=True)
-class Orbit(Finding):
+class PeriodicOrbit(Finding):
     """A periodic orbit of a case.
 
     Attributes:
@@ -322,7 +322,7 @@ def orbit(
     map_: PeriodMap | None = None,
     start: FloatArray | None = None,
     kept: Path | None = None,
-) -> Orbit:
+) -> PeriodicOrbit:
     """Find the orbit near where the motion of a case settles, and judge its stability.
 
     The search starts from the mean of the settled motion. So it also finds an unstable orbit in the
@@ -364,7 +364,7 @@ def orbit(
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CaseError(f"case {case.name}: no orbit is found: {error}") from None
     state = coarse.solved.state if exact is None else exact.root.state
-    return Orbit(
+    return PeriodicOrbit(
         case,
         periods,
         coarse,
@@ -378,7 +378,7 @@ def orbit(
     )
 
 
-def compute(case: Case, options: Options, context: RunContext) -> Orbit:
+def compute(case: Case, options: Options, context: RunContext) -> PeriodicOrbit:
     """Find the orbit of a case with the options of a user."""
     return orbit(
         case,

@@ -10,7 +10,7 @@ from delam_fem.api import Flag, Options, Study
 
 if TYPE_CHECKING:
     from delam_fem.studies.orbits.follow import Branches
-    from delam_fem.studies.orbits.run import Orbit as FoundOrbit
+    from delam_fem.studies.orbits.run import PeriodicOrbit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +61,7 @@ class Follow(OfOrbits):
 
 
 HOME = "delam_fem.studies.orbits"
-ORBIT: Study[Orbit, FoundOrbit] = Study(
+ORBIT: Study[Orbit, PeriodicOrbit] = Study(
     Orbit,
     f"{HOME}.run:compute",
     "Compute",

@@ -30,7 +30,7 @@ POINTS_PER_ORDER = 16
 
 
 @dataclass(frozen=True)
-class Course:
+class MotionCourse:
     """Histories of a run between and beyond its steps.
 
     Attributes:
@@ -56,7 +56,7 @@ class Course:
     @classmethod
     def of(
         cls, time: FloatArray, values: FloatArray, period: float | None, multiple: int = 1
-    ) -> Course:
+    ) -> MotionCourse:
         """Return the course through the steps of a run.
 
         Args:
@@ -83,7 +83,7 @@ class Course:
         """Number of points through which the course goes."""
         return int(self.spline.x.size) - 1
 
-    def below(self, highest: float) -> Course:
+    def below(self, highest: float) -> MotionCourse:
         """Return the course of a motion that repeats without what is above a frequency.
 
         It is the same if the steps of the run cannot show more either.
@@ -125,7 +125,7 @@ class Course:
         starts = np.arange(self.start - room, self.end - span + room, step)
         return starts if starts.size else np.arange(self.start, self.end, step)
 
-    def only(self, rows: Sequence[int]) -> Course:
+    def only(self, rows: Sequence[int]) -> MotionCourse:
         """Return the course of some of the histories."""
         return replace(self, rows=tuple(rows))
 
@@ -179,7 +179,7 @@ SMOOTH = 5
 
 
 @dataclass(frozen=True)
-class Pairs:
+class MatchedHistories:
     """Histories that a measurement and a run both have.
 
     Attributes:
@@ -205,7 +205,7 @@ class Pairs:
     notes: tuple[str, ...] = ()
 
 
-def matched(run: xr.Dataset, measured: xr.Dataset, *, repeats: bool) -> Pairs:
+def matched(run: xr.Dataset, measured: xr.Dataset, *, repeats: bool) -> MatchedHistories:
     """Return the channels that a measurement and a run have at the same places.
 
     Of a motion, the run may have another quantity at the place: its nearest one is differentiated,
@@ -242,7 +242,7 @@ def matched(run: xr.Dataset, measured: xr.Dataset, *, repeats: bool) -> Pairs:
             "'tip LAMINA=SOURCE:UNIT' or --channel 'NAME=SOURCE:UNIT@POSITION/LAMINA'"
         )
     names, all_units, samples, computed, is_drive = zip(*matches, strict=True)
-    return Pairs(
+    return MatchedHistories(
         names, all_units, measured["time"].to_numpy(), np.array(samples), run["time"].to_numpy(),
         np.array(computed), is_drive, tuple(unmatched), tuple(notes),
     )  # fmt: skip
@@ -358,7 +358,7 @@ class Alignment:
 def aligned(
     time: FloatArray,
     measured: FloatArray,
-    course: Course,
+    course: MotionCourse,
     rate: float,
     *,
     is_rate_free: bool,
@@ -403,7 +403,7 @@ def aligned(
 def with_common_rate(
     time: FloatArray,
     measured: FloatArray,
-    course: Course,
+    course: MotionCourse,
     alignment: Alignment,
     leaders: Sequence[int],
 ) -> Alignment:
@@ -446,8 +446,8 @@ def with_common_rate(
 
 
 def best_start(
-    time: FloatArray, measured: FloatArray, course: Course, trial: Alignment, starts: FloatArray,
-    power: int = 1,
+    time: FloatArray, measured: FloatArray, course: MotionCourse, trial: Alignment,
+    starts: FloatArray, power: int = 1,
 ) -> float:  # fmt: skip
     """Return that of several tau at which the sum of the channels' correlations is largest.
 
@@ -497,7 +497,7 @@ def gains(measured: FloatArray, computed: FloatArray) -> tuple[float, float, flo
 
 
 def _linearised(
-    time: FloatArray, measured: FloatArray, course: Course, trial: Alignment
+    time: FloatArray, measured: FloatArray, course: MotionCourse, trial: Alignment
 ) -> tuple[FloatArray, FloatArray]:
     """Return residuals over their deviation, and their derivatives by tau and s.
 

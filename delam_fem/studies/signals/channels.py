@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from delam_fem.api import CaseError, FloatArray, shown
-from delam_fem.studies.signals.units import Unit, of_quantity, unit_of
+from delam_fem.studies.signals.units import MeasuredUnit, of_quantity, unit_of
 
 Values = npt.NDArray[Any]
 """Real or complex values, shape (n,)."""
@@ -163,7 +163,7 @@ class Channel(Column):
 
     axis: str
     points: FloatArray
-    si: Unit
+    si: MeasuredUnit
     source: str
 
 
@@ -498,7 +498,7 @@ WORDS = ("velocity", "acceleration", "force", "strain", "displacement", "recepta
 """Quantities that the name of a column may say."""
 
 
-def _si(column: Column, kind: str, label: str) -> Unit:
+def _si(column: Column, kind: str, label: str) -> MeasuredUnit:
     """Return the SI unit of a column whose file says what it measures.
 
     Raises:

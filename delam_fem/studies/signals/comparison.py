@@ -16,8 +16,8 @@ from delam_fem.api import FloatArray, beams, harmonics
 from delam_fem.studies.signals.alignment import (
     COARSE,
     Alignment,
-    Course,
-    Pairs,
+    MatchedHistories,
+    MotionCourse,
     aligned,
     correlation,
     gains,
@@ -207,7 +207,7 @@ def _unlike_halves(turns: FloatArray, values: FloatArray) -> float:
     return float(np.sqrt(0.5 * np.mean((values[n:] - first[place])[is_same] ** 2)))
 
 
-def of_course(course: Course, multiple: int, n_orders: int) -> HarmonicFit:
+def of_course(course: MotionCourse, multiple: int, n_orders: int) -> HarmonicFit:
     """Return the harmonics of a run that repeats, which have no noise.
 
     Args:
@@ -285,7 +285,7 @@ ALIKE = 0.8
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ChannelComparison:
     """One channel of a measurement beside that of a run.
 
     Attributes:
@@ -325,8 +325,8 @@ class Comparison:
 
 
 def compared(
-    pairs: Pairs, k: int, course: Course, alignment: Alignment, turn: float | None
-) -> Comparison:
+    pairs: MatchedHistories, k: int, course: MotionCourse, alignment: Alignment, turn: float | None
+) -> ChannelComparison:
     """Return the comparison of one channel of a measurement with that of a run.
 
     The channel's own phase is that at which it correlates best within a period of the drive; a
@@ -364,7 +364,9 @@ def compared(
     }  # fmt: skip
     if period is None:  # noise by third differences, in which a motion leaves little
         noise = float(np.std(np.diff(values[0], 3))) / np.sqrt(20.0)
-        return Comparison(**about, unlike=_unlike(values[0], gain * own_course + mean, noise))
+        return ChannelComparison(
+            **about, unlike=_unlike(values[0], gain * own_course + mean, noise)
+        )
     measured = fitted(u, values[0], course.multiple / period, course.multiple)
     # a run that explains all leaves the noise alone, and with fewer fitted numbers
     measured = replace(measured, noise=min(measured.noise, about["residual"]))
@@ -375,7 +377,7 @@ def compared(
     motion = measured.power_beside(run, 0.0)
     is_unlike = unexplained > SEVERAL**2 * power_of_noise
     misfit = max(measured.power_beside(run, 1.0) - power_of_noise, 0.0)
-    return Comparison(
+    return ChannelComparison(
         **about, unlike=float(np.sqrt(unexplained / motion)) if is_unlike else 0.0,
         misfit=float(np.sqrt(misfit)), noise=measured.noise, measured=measured, computed=run,
     )  # fmt: skip
@@ -411,7 +413,7 @@ NO_NUMBERS = "not compared, as its gain, delay or correlation is no finite numbe
 
 
 @dataclass(frozen=True)
-class Finding:
+class Deviation:
     """One difference between a measurement and a run.
 
     Attributes:
@@ -426,8 +428,8 @@ class Finding:
 
 
 def findings(
-    channels: Sequence[Comparison], alignment: Alignment, frequency: float | None
-) -> list[Finding]:
+    channels: Sequence[ChannelComparison], alignment: Alignment, frequency: float | None
+) -> list[Deviation]:
     """Return the differences between a measurement and a run that are worth a sentence.
 
     Args:
@@ -447,7 +449,7 @@ def findings(
             channel.unlike,
         )
         if not all(map(math.isfinite, numbers)):
-            result.append(Finding("numbers", channel.name, f"{channel.name}: {NO_NUMBERS}"))
+            result.append(Deviation("numbers", channel.name, f"{channel.name}: {NO_NUMBERS}"))
             continue
         result += _of_shape(channel)
         if channel is not reference and frequency is not None:
@@ -455,7 +457,7 @@ def findings(
     return result
 
 
-def _of_clock(alignment: Alignment, frequency: float | None) -> Iterator[Finding]:
+def _of_clock(alignment: Alignment, frequency: float | None) -> Iterator[Deviation]:
     """Yield a finding if the clocks differ, or the frequencies of the drives, which looks alike."""
     rate, error = alignment.rate, alignment.rate_error
     if not abs(rate - 1.0) <= max(SAME_RATE, SIGNIFICANT * error):
@@ -463,16 +465,16 @@ def _of_clock(alignment: Alignment, frequency: float | None) -> Iterator[Finding
             f", or the measurement was driven at {rate * frequency:.5g} Hz, the run at "
             f"{frequency:.5g} Hz, which is not the same motion"
         )  # fmt: skip
-        yield Finding(
+        yield Deviation(
             "clock", "", f"the run's clock is {rate:.6g} ± {error:.1g} times as fast{driven}"
         )
 
 
-def _of_shape(own: Comparison) -> Iterator[Finding]:
+def _of_shape(own: ChannelComparison) -> Iterator[Deviation]:
     """Yield findings if a channel moves in another way, or by another amplitude, than the run."""
     is_found = abs(own.gain) > SIGNIFICANT * own.gain_error
     if own.unlike > SAME_SHAPE or not is_found:
-        yield Finding(
+        yield Deviation(
             "shape", own.name,
             f"{own.name}: the measured motion is not that of the run (correlation "
             f"{own.correlation:.2f}, {100 * own.unlike:.2g} % of it is left)",
@@ -480,21 +482,23 @@ def _of_shape(own: Comparison) -> Iterator[Finding]:
     if abs(own.gain - 1.0) > max(SAME_GAIN, SIGNIFICANT * own.gain_error):
         factor = next((f for f in FACTORS if abs(own.gain / f - 1.0) < NEAR_FACTOR), None)
         hint = f", {FACTORS[factor]}" if factor is not None else ""
-        yield Finding(
+        yield Deviation(
             "amplitude", own.name,
             f"{own.name}: measured {own.gain:.4g} ± {own.gain_error:.2g} times the amplitude of "
             f"the run{hint}",
         )  # fmt: skip
 
 
-def _of_phase(own: Comparison, reference: Comparison, frequency: float) -> Iterator[Finding]:
+def _of_phase(
+    own: ChannelComparison, reference: ChannelComparison, frequency: float
+) -> Iterator[Deviation]:
     """Yield a finding if a channel's phase differs from that of the reference channel."""
     turn = 360.0 * frequency
     phase = (turn * (own.delay - reference.delay) + 180.0) % 360.0 - 180.0
     error = turn * math.hypot(own.delay_error, reference.delay_error)
     if abs(phase) > max(SAME_PHASE, SIGNIFICANT * error):
         hint = "" if reference.is_drive else "; no drive was measured, so either may be wrong"
-        yield Finding(
+        yield Deviation(
             "phase", own.name,
             f"{own.name}: measured {abs(phase):.1f}° ± {error:.1g}° "
             f"{'later' if phase > 0 else 'earlier'} than {reference.name}{hint}",

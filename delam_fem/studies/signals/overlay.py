@@ -32,8 +32,8 @@ from delam_fem.studies.signals import reading
 from delam_fem.studies.signals.alignment import (
     COARSE,
     Alignment,
-    Course,
-    Pairs,
+    MatchedHistories,
+    MotionCourse,
     aligned,
     best_start,
     correlation,
@@ -41,8 +41,8 @@ from delam_fem.studies.signals.alignment import (
     with_common_rate,
 )
 from delam_fem.studies.signals.comparison import (
-    Comparison,
-    Finding,
+    ChannelComparison,
+    Deviation,
     compared,
     drive_frequency,
     findings,
@@ -76,7 +76,7 @@ def save_figures(overlay: Overlay, directory: Path) -> list[Path]:
     ]
 
 
-def _channels(overlay: Overlay) -> list[tuple[int, Comparison, str]]:
+def _channels(overlay: Overlay) -> list[tuple[int, ChannelComparison, str]]:
     """Return number, comparison and colour of the channels that are shown."""
     colours = iter(style.lamina_colours(len(overlay.channels)))
     return [
@@ -219,15 +219,18 @@ def page(overlay: Overlay, figures: Sequence[Path]) -> str:
         for path in figures
     ]
     sections = [
-        html.Section("", outcome),
-        html.Section("Alignment", [_alignment(overlay, numbers)]),
-        *(html.Section(name, [_channel(channel)]) for name, channel in numbers["channels"].items()),
-        html.Section("Figures", pictures),
+        html.PageSection("", outcome),
+        html.PageSection("Alignment", [_alignment(overlay, numbers)]),
+        *(
+            html.PageSection(name, [_channel(channel)])
+            for name, channel in numbers["channels"].items()
+        ),
+        html.PageSection("Figures", pictures),
     ]
     return html.page(f"Measured over {overlay.case.title}", sections, contents=True)
 
 
-def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> html.Table:
+def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> html.HtmlTable:
     """Return the numbers of the alignment as a table."""
     offset, offset_error, drift = (
         schema.shown(numbers[key], 1e3) for key in ("offset", "offset_error", "clock_drift")
@@ -248,10 +251,10 @@ def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> html.Table:
         rows.append(("phase", f"{phase}°", "the offset at the drive"))
     if overlay.pairs.unmatched:
         rows.append(("not in the run", ", ".join(overlay.pairs.unmatched), "left out"))
-    return html.Table(("", "value", "meaning"), rows)
+    return html.HtmlTable(("", "value", "meaning"), rows)
 
 
-def _channel(own: dict[str, Any]) -> html.Table:
+def _channel(own: dict[str, Any]) -> html.HtmlTable:
     """Return the numbers of one channel as a table."""
     rows = []
     for key, (meaning, error) in MEANINGS.items():
@@ -262,7 +265,7 @@ def _channel(own: dict[str, Any]) -> html.Table:
         if error and own.get(error) is not None:
             text += f" ± {own[error]:.2g}"
         rows.append((key.replace("_", " "), f"{text}\u00a0{unit}" if unit else text, meaning))
-    return html.Table(("", "value", "meaning"), rows)
+    return html.HtmlTable(("", "value", "meaning"), rows)
 
 
 @dataclass(frozen=True)
@@ -280,12 +283,12 @@ class Overlay:
     """
 
     case: Case
-    pairs: Pairs
-    course: Course
+    pairs: MatchedHistories
+    course: MotionCourse
     alignment: Alignment
     measured_frequency: float | None
-    channels: tuple[Comparison, ...]
-    findings: tuple[Finding, ...]
+    channels: tuple[ChannelComparison, ...]
+    findings: tuple[Deviation, ...]
 
     @property
     def offset(self) -> float:
@@ -355,7 +358,7 @@ class Overlay:
         """Frequency of the drive of the run [Hz]; None: it has none."""
         return 1.0 / self.case.period if self.case.is_harmonic else None
 
-    def _of_channel(self, own: Comparison) -> dict[str, Any]:
+    def _of_channel(self, own: ChannelComparison) -> dict[str, Any]:
         """Return the numbers of one channel."""
         turn = None if self.frequency is None else 360.0 * self.frequency
         drives = (channel.delay_error for channel in self.channels if channel.is_drive)
@@ -477,7 +480,9 @@ def overlay(
     return Overlay(case, pairs, course, alignment, frequency, channels, differences)
 
 
-def _alignment_with(pairs: Pairs, course: Course, rate: float, turn: float | None) -> Alignment:
+def _alignment_with(
+    pairs: MatchedHistories, course: MotionCourse, rate: float, turn: float | None
+) -> Alignment:
     """Return the alignment with a course of the run.
 
     Args:
@@ -506,22 +511,22 @@ def _alignment_with(pairs: Pairs, course: Course, rate: float, turn: float | Non
     return replace(alignment, start=start)
 
 
-def _likeness(pairs: Pairs, course: Course, alignment: Alignment) -> float:
+def _likeness(pairs: MatchedHistories, course: MotionCourse, alignment: Alignment) -> float:
     """Return the sum of the squared correlations of all channels."""
     computed = course.at(alignment.on_clock_of_run(pairs.time))
     return correlation(pairs.measured, computed, power=2)
 
 
 def _course(
-    pairs: Pairs, case: Case, periodicity: int | None
-) -> tuple[Course, float, float | None]:
+    pairs: MatchedHistories, case: Case, periodicity: int | None
+) -> tuple[MotionCourse, float, float | None]:
     """Return the course of the run, a first rate s of the clock, the drive's measured frequency."""
     if not case.is_harmonic:
-        return Course.of(pairs.run_time, pairs.computed, None), 1.0, None
+        return MotionCourse.of(pairs.run_time, pairs.computed, None), 1.0, None
     frequency = drive_frequency(pairs.time, pairs.measured, 1.0 / case.period)
     rate = 1.0 if frequency is None else frequency * case.period
     period = None if periodicity is None else periodicity * case.period
     if period and period > pairs.run_time.size * case.time_step * (1.0 + 1e-9):
         period = None
-    course = Course.of(pairs.run_time, pairs.computed, period, periodicity or 1)
+    course = MotionCourse.of(pairs.run_time, pairs.computed, period, periodicity or 1)
     return course, rate, frequency

@@ -23,7 +23,7 @@ import xarray as xr
 from delam_fem.api import (
     DAY,
     CaseError,
-    Columns,
+    TableColumns,
     footprint,
     hdf5,
     heading,
@@ -74,7 +74,7 @@ def read_text(path: Path) -> list[Sheet]:
     return [Sheet(str(path), (clock, *others), notes=notes, axis="time")]
 
 
-def _clock(table: Columns, path: Path) -> Column:
+def _clock(table: TableColumns, path: Path) -> Column:
     """Return the time that columns of dates and clocks say, from the first row on [s].
 
     Raises:
@@ -95,7 +95,7 @@ def _clock(table: Columns, path: Path) -> Column:
     return Column("time", time - time[0], "s")
 
 
-def _names_of_columns(table: Columns) -> list[tuple[str, str | None]]:
+def _names_of_columns(table: TableColumns) -> list[tuple[str, str | None]]:
     """Return names and units of the columns; without headings they are col1, col2 and so on."""
     if not table.headings:
         return [(f"col{k}", None) for k in range(1, len(table.values) + 1)]
@@ -459,7 +459,7 @@ MOST_BYTES = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Block:
+class UniversalSet:
     """A set of a universal file.
 
     Attributes:
@@ -477,7 +477,7 @@ class Block:
     notes: tuple[str, ...] = ()
 
 
-def blocks_of(path: Path) -> list[Block]:
+def blocks_of(path: Path) -> list[UniversalSet]:
     """Return the sets of a universal file.
 
     Raises:
@@ -487,7 +487,7 @@ def blocks_of(path: Path) -> list[Block]:
         raise CaseError(f"{path}: expected at most {MOST_BYTES} bytes")
     content = path.read_bytes()
     place = 0
-    blocks: list[Block] = []
+    blocks: list[UniversalSet] = []
     while (tag := TAG_LINE.search(content, place)) is not None:
         block, place = _block(content, tag.start(), len(blocks) + 1, path)
         blocks.append(block)
@@ -498,7 +498,7 @@ def blocks_of(path: Path) -> list[Block]:
     return blocks
 
 
-def _block(content: bytes, start: int, number: int, path: Path) -> tuple[Block, int]:
+def _block(content: bytes, start: int, number: int, path: Path) -> tuple[UniversalSet, int]:
     """Return the set that begins at a tag, and where the file goes on after it."""
     type_line = LINE.match(content, _line_end(content, start))
     kind = type_line.group().strip().decode("ascii", "replace") if type_line else ""
@@ -508,10 +508,10 @@ def _block(content: bytes, start: int, number: int, path: Path) -> tuple[Block, 
     if end is None:
         raise CaseError(f"{path}: set {number} (type {kind[:6]}) has no end; the file is cut off")
     kind = kind.split()[0] if kind.split() else "empty"
-    return Block(number, kind, content[start : end.start()]), end.end()
+    return UniversalSet(number, kind, content[start : end.start()]), end.end()
 
 
-def _binary(content: bytes, start: int, number: int, path: Path) -> tuple[Block, int]:
+def _binary(content: bytes, start: int, number: int, path: Path) -> tuple[UniversalSet, int]:
     """Return a set 58b; the size of its data follows from its header, not from the next tag."""
     place = start
     lines = []
@@ -538,7 +538,9 @@ def _binary(content: bytes, start: int, number: int, path: Path) -> tuple[Block,
     if before or behind:
         notes.append(f"{before + behind} stray bytes about its binary data left out")
     header = b"".join(line.rstrip() + b"\n" for line in lines)
-    return Block(number, "58b", header, data[before : before + size], tuple(notes)), end_tag.end()
+    return UniversalSet(
+        number, "58b", header, data[before : before + size], tuple(notes)
+    ), end_tag.end()
 
 
 def _strays(data: bytes, size: int, order: str) -> tuple[int, int]:
@@ -566,7 +568,7 @@ def _line_end(content: bytes, place: int) -> int:
     return match.end() if match else len(content)
 
 
-def cleaned(block: Block) -> bytes:
+def cleaned(block: UniversalSet) -> bytes:
     """Return the bytes of a set for pyuff: plain tags and line ends, no trailing blanks, no D."""
     header = _in_utf8(block.header)
     if block.kind == "58b":
@@ -641,7 +643,7 @@ def read_universal(path: Path) -> list[Sheet]:
             places |= {
                 int(n): float(x) / length for n, x in zip(numbers, dataset["x"], strict=False)
             }
-    functions = list[tuple[Block, dict[str, Any]]]()
+    functions = list[tuple[UniversalSet, dict[str, Any]]]()
     others = list[str]()
     for block, fields in zip(blocks, sets, strict=True):
         if fields["type"] != 58:
@@ -678,7 +680,7 @@ def _described(fields: dict[str, Any]) -> str:
     return FUNCTION_NAMES[number] if is_known else f"function of type {number}"
 
 
-def _parsed(block: Block, path: Path) -> dict[str, Any]:
+def _parsed(block: UniversalSet, path: Path) -> dict[str, Any]:
     """Return a set as pyuff parses it, after its bytes have been put right."""
     import pyuff
 
@@ -727,7 +729,7 @@ def _names(functions: list[dict[str, Any]], numbers: list[int]) -> list[str]:
     return next((names for names in (*labels, nodes, pairs) if are_told(names)), counted)
 
 
-def _sheet(path: Path, block: Block, own: dict[str, Any], about: tuple[Any, ...]) -> Sheet:
+def _sheet(path: Path, block: UniversalSet, own: dict[str, Any], about: tuple[Any, ...]) -> Sheet:
     """Return the sheet of a set: its abscissa and its values."""
     name, factors, places = about
     kind = FUNCTIONS[own["func_type"]]

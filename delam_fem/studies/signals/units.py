@@ -22,7 +22,7 @@ from delam_fem.api import CaseError, shown
 
 
 @dataclass(frozen=True)
-class Unit:
+class MeasuredUnit:
     """A unit of measurement as a factor to the SI unit.
 
     Attributes:
@@ -202,7 +202,7 @@ class _Term:
         self.parts += other.parts
 
 
-def unit_of(text: str, label: str, *, is_response: bool = False) -> Unit:
+def unit_of(text: str, label: str, *, is_response: bool = False) -> MeasuredUnit:
     """Return the factor, the SI unit and the quantity of a unit that is given as text.
 
     A sensitivity may stand in it: `V/(100 mV/g)` is an acceleration.
@@ -224,7 +224,7 @@ def unit_of(text: str, label: str, *, is_response: bool = False) -> Unit:
         ) from None
 
 
-def _evaluated(text: str, is_response: bool) -> Unit:
+def _evaluated(text: str, is_response: bool) -> MeasuredUnit:
     """Return a text as a unit of a quantity.
 
     Raises:
@@ -233,7 +233,7 @@ def _evaluated(text: str, is_response: bool) -> Unit:
     if text.startswith("[") and text.endswith("]"):
         text = text[1:-1].strip()
     if text in PLAIN:
-        return Unit(1.0, "1", "")
+        return MeasuredUnit(1.0, "1", "")
     if len(text) > LONGEST:
         raise _Wrong(f"longer than {LONGEST} characters")
     for start, reason in REASONS.items():
@@ -254,12 +254,12 @@ def _evaluated(text: str, is_response: bool) -> Unit:
     is_strain = any(part == STRAIN for part in term.parts)
     powers.pop("strain", None)
     if not powers:
-        return Unit(term.factor, "1", _of_ratio(term.parts, is_strain))
+        return MeasuredUnit(term.factor, "1", _of_ratio(term.parts, is_strain))
     for quantity, (units, dimensions) in QUANTITIES.items():
         if dimensions == powers:
-            return Unit(term.factor, units, quantity)
+            return MeasuredUnit(term.factor, units, quantity)
     if is_response and _is_response(powers):
-        return Unit(term.factor, written(powers), "")
+        return MeasuredUnit(term.factor, written(powers), "")
     raise _Wrong(f"taken for {written(powers)}, which is the unit of no channel")
 
 
@@ -453,6 +453,6 @@ def ratio_of(units: str, divisor: str) -> str:
     return named[0] if named else written(powers)
 
 
-def of_quantity(quantity: str) -> Unit:
+def of_quantity(quantity: str) -> MeasuredUnit:
     """Return the SI unit of a quantity."""
-    return Unit(1.0, QUANTITIES[quantity][0], quantity)
+    return MeasuredUnit(1.0, QUANTITIES[quantity][0], quantity)

@@ -39,7 +39,13 @@ from delam_fem.api import (
 )
 from delam_fem.studies.signals.scan import ORDERS, scan_positions
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
-from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Journal, MergedParts, remove_journal
+from delam_fem.studies.sweeps.journal import (
+    OUTCOMES,
+    Journal,
+    MergedParts,
+    PointRange,
+    remove_journal,
+)
 from delam_fem.studies.sweeps.point import (
     HARMONICS,
     VARIABLES,
@@ -194,7 +200,7 @@ def _variable(
 def _fill(
     file: h5netcdf.File,
     slab: slice,
-    block: Block,
+    block: PointRange,
     wanted: tuple[Quantity, ...],
     lead: tuple[int, ...],
 ) -> None:

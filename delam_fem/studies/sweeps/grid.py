@@ -602,11 +602,11 @@ def sweep_of(
 
     Args:
         data: content of a sweep file as `tomllib` returns it, with `name`.
-        overrides: see `load_sweep`.
+        overrides: values of the base case by key; they replace those in `[set]` of the file.
         folder: folder of the base case file; default: the working directory.
 
     Raises:
-        CaseError: see `load_sweep`.
+        CaseError: the file is missing or is not a valid sweep file, or a value is not valid.
     """
     label = f"sweep {data.get('name')}"
     file = _file_of(data)

@@ -158,7 +158,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Block:
+class PointRange:
     """Finished points of a range, in order.
 
     Attributes:
@@ -289,7 +289,7 @@ class MergedParts(ExitStack):
         counts = np.bincount(self._outcome, minlength=len(OUTCOMES))
         return dict(zip(OUTCOMES, counts.tolist(), strict=True))
 
-    def block(self, start: int, stop: int, size: int) -> Block:
+    def block(self, start: int, stop: int, size: int) -> PointRange:
         """Return the finished points with indices from `start` to below `stop`.
 
         Args:
@@ -314,7 +314,7 @@ class MergedParts(ExitStack):
             if chunk.others:
                 bad = indices[outcomes[indices] > 0]
                 errors |= {int(numbers[k]): chunk.others[int(place[k])][1] for k in bad}
-        return Block(numbers, outcomes, errors, rows)
+        return PointRange(numbers, outcomes, errors, rows)
 
     def reached(self, points: IntArray, track: int) -> tuple[int, State | None]:
         """Return how many points of a track are finished, and the state after them.

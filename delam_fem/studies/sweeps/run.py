@@ -356,8 +356,8 @@ def run_shard(
         sweep: the sweep.
         directory: folder of the sweep; the shard only writes to the journal in it.
         shard: the share of the points.
-        executor: see `run_sweep`.
-        workers: see `run_sweep`.
+        executor: "process", "mpi", "serial", or an executor of `concurrent.futures`.
+        workers: number of workers; by default those of the executor, or one per core.
         resume: whether to continue with the finished points of the shard.
         is_confirmed: see `run_sweep`; it is asked of the points of the shard.
         progress: called with the number of finished points and of all points of the shard.
@@ -366,8 +366,9 @@ def run_shard(
         How far the shard has come.
 
     Raises:
-        CaseError: see `run_sweep`.
-        BrokenExecutor: see `run_sweep`.
+        CaseError: the folder holds another, a damaged or an unfinished sweep, or the first point is
+            not a valid case; all reasons: `run_sweep`.
+        BrokenExecutor: a worker of the given executor died; the journal keeps the finished points.
         OSError: the folder cannot be written.
     """
     executors.leave_if_imported()
@@ -451,8 +452,8 @@ def require_computable(
 
     Args:
         sweep: the sweep.
-        executor: see `run_sweep`.
-        workers: see `run_sweep`.
+        executor: "process", "mpi", "serial", or an executor of `concurrent.futures`.
+        workers: number of workers; by default those of the executor, or one per core.
         is_confirmed: whether a large sweep is computed.
         folder: where the files go.
         n_points: number of points that are computed; default: all.

@@ -30,7 +30,7 @@ from scipy.optimize import brentq
 
 from delam_fem.api import FloatArray
 from delam_fem.studies.orbits import continuation
-from delam_fem.studies.orbits.continuation import Event, events_of, first_point, followed
+from delam_fem.studies.orbits.continuation import BranchEvent, events_of, first_point, followed
 from delam_fem.studies.orbits.maps import MapInfo, SlowCoordinates, Trajectory
 from delam_fem.studies.orbits.newton import Ensemble
 
@@ -103,7 +103,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
 
 def judged(
     kind: str, map_: Plane, state: FloatArray, path: continuation.Path, exact: float
-) -> tuple[Event | None, float]:
+) -> tuple[BranchEvent | None, float]:
     """Return the only event of a kind on a branch, else None, and where the truth is."""
     ensemble = Ensemble(map_)
     try:

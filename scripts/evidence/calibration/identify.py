@@ -85,7 +85,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     full_table = experiment.table(exact, parameters, 3, finer)
     part = np.arange(len(full_table.parameters)) // left_out  # 20 truths of a short form are enough
     partial_tables = [
-        statistics.Table(
+        statistics.Simulations(
             full_table.parameters[part != k], full_table.statistics[part != k], full_table.bounds
         )
         for k in range(part[-1] + 1)
@@ -168,7 +168,7 @@ def moved(
 def judged(
     rig: str,
     given: Experiment,
-    tables: list[statistics.Table],
+    tables: list[statistics.Simulations],
     truths: FloatArray,
     seen: FloatArray,
 ) -> list[Row]:

@@ -62,7 +62,9 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             noise = LOUD_DB + rng.normal(0.0, 6.0, runs.x.size)
             lines = N_LINES
             sensors = tuple(
-                infer.Sensor.of(runs.shapes(i, noise, rng, lines), float(runs.rms[i]), sensor.drive)
+                infer.ScanNoise.of(
+                    runs.shapes(i, noise, rng, lines), float(runs.rms[i]), sensor.drive
+                )
                 for i, sensor in zip((0, n), known.sensors, strict=True)
             )
             judge = infer.simulation_table(table, parameters, prior, sensors)
@@ -125,7 +127,7 @@ def known_of(
     intact_case = intact(case)
     surface = surface_of(case, None)
     sensors = tuple(
-        infer.Sensor(NOISE_DB, drive=drive_responses(intact_case, surface, table.x, f, (2.0,)))
+        infer.ScanNoise(NOISE_DB, drive=drive_responses(intact_case, surface, table.x, f, (2.0,)))
         for f in Infer().frequency
     )
     return infer.simulation_table(table, parameters, prior, sensors)

@@ -32,7 +32,7 @@ from calibration.oscillator import (
 from calibration.row import OWN, Row
 
 from delam_fem.api import SCHEMES, FloatArray, Law, Span
-from delam_fem.studies.orbits.maps import PeriodMap, Problem, StrobeMap, slow_modes
+from delam_fem.studies.orbits.maps import PeriodicProblem, PeriodMap, StrobeMap, slow_modes
 from delam_fem.studies.orbits.newton import USUAL
 from delam_fem.studies.orbits.search import coarse_orbit, matched
 
@@ -117,10 +117,10 @@ def stepped(s: float, e: float, steps: int) -> StrobeMap:
     """Return the map of x'' + x = cos ωt, x <= s, as the program steps it; its parameter is ω."""
     operators = oscillator(s)
 
-    def problem(omega: float) -> Problem:
+    def problem(omega: float) -> PeriodicProblem:
         span = Span(2.0 * math.pi / omega / steps, steps, 1, limit=1e6)
         law = Law("newton", restitution=e)
-        return Problem(operators, law, SCHEMES["newmark"], Harmonic(omega), span)
+        return PeriodicProblem(operators, law, SCHEMES["newmark"], Harmonic(omega), span)
 
     return StrobeMap(problem, slow_modes(operators))
 

@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from delam_fem.api import FloatArray, SweptMotion
-from delam_fem.studies.identification.resonance import Resonance, fit
+from delam_fem.studies.identification.resonance import ResonanceFit, fit
 
 AMPLITUDE = 0.0025
 TRUTHS = 200
@@ -86,7 +86,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     return result
 
 
-def _trial(rig: Rig, rng: np.random.Generator) -> tuple[Resonance, float, float]:
+def _trial(rig: Rig, rng: np.random.Generator) -> tuple[ResonanceFit, float, float]:
     """Return what is found in a record, and the true frequency [Hz] and damping ratio."""
     f = rng.uniform(1.2, 3.5)
     D = rig.damping * np.exp(rng.uniform(*np.log([0.004, 0.02])))

@@ -40,7 +40,7 @@ import delam_fem as df
 from delam_fem.api import Case, FloatArray
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, ProblemMap, StrobeMap
 from delam_fem.studies.orbits.newton import USUAL
-from delam_fem.studies.orbits.run import LEFT, Orbit
+from delam_fem.studies.orbits.run import LEFT, PeriodicOrbit
 from delam_fem.studies.orbits.search import (
     RESETTLE,
     SETTLE,
@@ -144,7 +144,7 @@ def verdict_and_truth(case: Case, periods: int) -> tuple[str, bool]:
     coarse = coarse_orbit(map_, parameter, guess, periods, USUAL, multiple)
     state = coarse.solved.state
     trajectory = map_.trajectory(state, parameter, periods)
-    closed_orbit = Orbit(
+    closed_orbit = PeriodicOrbit(
         case, periods, coarse, None, np.inf, scatter, map_.info, trajectory, 0.0, 0
     )
     steps = FINER * case.steps_per_period

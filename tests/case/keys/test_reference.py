@@ -9,12 +9,12 @@ import pytest
 from project import ROOT
 
 from delam_fem.api import PRESETS, preset, tables
-from delam_fem.case.keys import Key, Table
+from delam_fem.case.keys import Key, KeyTable
 
 TABLE = ROOT / "docs" / "reference" / "keys.csv"
 
 
-def table(name: str, kind: str = "") -> Table:
+def table(name: str, kind: str = "") -> KeyTable:
     match, *_ = (t for t in tables() if (t.name, t.kind) == (name, kind))
     return match
 

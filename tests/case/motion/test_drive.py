@@ -220,7 +220,7 @@ def test_bad_time_of_a_blow(keys: dict[str, object], expected: str) -> None:
 
 def test_two_steps_are_one_too_many() -> None:
     text = with_excitation(**HAMMER).to_toml()
-    with pytest.raises(CaseError, match=r"time.step: expected time.steps_per_period instead, not"):
+    with pytest.raises(CaseError, match=r"time.step: "):
         Case.from_toml(text.replace("[time]\n", "[time]\nsteps_per_period = 100\n"))
 
 

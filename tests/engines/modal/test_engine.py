@@ -177,7 +177,7 @@ def test_what_massless_points_cannot_do_is_refused(keys: dict[str, Any], message
 def test_a_structure_that_is_not_held_is_refused() -> None:
     keys = {"time.mass": "massless", "model.kind": "modes", "contact.law": "newton"}
     ends = {"support.start": "pinned", "support.end": "free", "contact.restitution": 0.0}
-    with pytest.raises(df.CaseError, match="support: expected a structure that is held with"):
+    with pytest.raises(df.CaseError, match="support: "):
         df.preset("embedded", keys | ends)
 
 

@@ -34,7 +34,7 @@ def options() -> Iterator[PETSc.Options]:
 
 
 def solution(scale: float = -0.5) -> np.ndarray:
-    factor = linear_algebra.Factor(matrix(CHAIN.copy(), MPI.COMM_SELF), "moreau_", scale)
+    factor = linear_algebra.PetscFactor(matrix(CHAIN.copy(), MPI.COMM_SELF), "moreau_", scale)
     x = PETSc.Vec().createSeq(N)
     factor.solve(linear_algebra.vector_in(LOAD.copy()), x)
     factor.destroy()
@@ -43,7 +43,7 @@ def solution(scale: float = -0.5) -> np.ndarray:
 
 def test_a_destroyed_factor_leaves_no_matrix_behind() -> None:
     petsc_matrix = matrix(CHAIN.copy(), MPI.COMM_SELF)
-    factor = linear_algebra.Factor(petsc_matrix, "moreau_")
+    factor = linear_algebra.PetscFactor(petsc_matrix, "moreau_")
     assert not petsc_matrix  # a factor is enough: in 3D its matrix is as large
     factored_matrix = factor.solve.__self__
     assert isinstance(factored_matrix, PETSc.Mat) and factored_matrix
@@ -59,7 +59,7 @@ def test_small_factors_solve_as_dense_ones_do(kind: str) -> None:
     rows = sp.csr_matrix(o.mass + reach * o.damping + reach**2 * o.stiffness)
     load, x = np.cos(np.arange(o.n_dofs)), np.zeros(o.n_dofs)
     expected = np.linalg.solve(rows.toarray(), load)
-    factor = linear_algebra.Factor(matrix(rows, MPI.COMM_SELF), "moreau_")
+    factor = linear_algebra.PetscFactor(matrix(rows, MPI.COMM_SELF), "moreau_")
     factor.solve(linear_algebra.vector_in(load), linear_algebra.vector_in(x))
     factor.destroy()
     np.testing.assert_allclose(x, expected, rtol=0.0, atol=1e-8 * np.abs(expected).max())
@@ -68,7 +68,7 @@ def test_small_factors_solve_as_dense_ones_do(kind: str) -> None:
 def test_gradients_go_on_to_what_the_ledger_asks_for(options: PETSc.Options) -> None:
     options.insertString("-moreau_pc_type jacobi")
     rows = sp.diags([-1.0, 2.1, -1.0], [-1, 0, 1], shape=(1000, 1000), format="csr")
-    factor = linear_algebra.Factor(matrix(rows.copy(), MPI.COMM_SELF), "moreau_")
+    factor = linear_algebra.PetscFactor(matrix(rows.copy(), MPI.COMM_SELF), "moreau_")
     load, x = np.ones(1000), PETSc.Vec().createSeq(1000)
     factor.solve(linear_algebra.vector_in(load), x)
     factor.destroy()
@@ -112,7 +112,7 @@ def test_what_does_not_solve_is_refused(text: str, given: str, options: PETSc.Op
 
 def test_options_of_one_prefix_leave_the_others_alone(options: PETSc.Options) -> None:
     options.insertString("-newmark_mass_ksp_type cg")
-    factor = linear_algebra.Factor(matrix(CHAIN.copy(), MPI.COMM_SELF), "newmark_")
+    factor = linear_algebra.PetscFactor(matrix(CHAIN.copy(), MPI.COMM_SELF), "newmark_")
     assert factor.solve.__self__.__class__ is PETSc.Mat  # the factor itself, without a KSP
     factor.destroy()
 

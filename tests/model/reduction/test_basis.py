@@ -92,7 +92,7 @@ def test_the_stiffest_shapes_are_left_out_first() -> None:
     assert 1e-4 < cut.compliance_error < 1.0
     assert cut.squares.max() < full_basis.squares.max()
     assert basis_of(o, 4, max_coordinates=8).squares.size == 8
-    with pytest.raises(ValueError, match="coordinates: expected at least 8, the number of"):
+    with pytest.raises(ValueError, match="coordinates: "):
         basis_of(o, 4, max_coordinates=7)
 
 

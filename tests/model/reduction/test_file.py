@@ -176,7 +176,7 @@ def test_a_file_that_was_changed_is_refused(made: tuple[Reduction, Case], tmp_pa
 def test_a_reduced_case_and_a_lumped_mass_are_not_reduced(made: tuple[Reduction, Case]) -> None:
     with pytest.raises(CaseError, match="expected a model that is not reduced yet"):
         reduced_case(made[1])
-    with pytest.raises(CaseError, match=r'contact\.impulse: expected "consistent"'):
+    with pytest.raises(CaseError, match=r"contact\.impulse: "):
         reduced_case(preset("paper", SMALL))
-    with pytest.raises(CaseError, match="modes: expected at least 1, given 0"):
+    with pytest.raises(CaseError, match=r"modes: .*given 0"):
         reduced_case(preset("default", SMALL), 0)

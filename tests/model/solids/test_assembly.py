@@ -229,7 +229,7 @@ def test_lumped_mass_is_diagonal_and_whole() -> None:
 
 def test_point_masses_on_a_lumped_mass_are_refused() -> None:
     masses = {"time.mass": "lumped", "point_mass": [{"lamina": "thin", "mass": 0.04}]}
-    with pytest.raises(CaseError, match=r'point_mass: expected time.mass = "consistent"'):
+    with pytest.raises(CaseError, match="point_mass: "):
         assemble(preset("default", {**PLANE, **masses}))
 
 

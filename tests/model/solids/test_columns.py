@@ -11,7 +11,7 @@ from delam_fem.model.solids.assembly import assemble
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.model.solids.meshing import lattice
-from delam_fem.model.solids.unknowns import Columns
+from delam_fem.model.solids.unknowns import NodeColumns
 
 COUNTS = {"quadrilateral": (3, 2), "hexahedron": (2, 2, 1)}
 ROUND_OFF = 1e-12
@@ -37,7 +37,7 @@ def solid(request: pytest.FixtureRequest) -> Solid:
 
 
 def test_nodes_of_a_column_are_those_above_one_another(solid: Solid) -> None:
-    columns = Columns.of(solid, np.zeros(0, dtype=np.int64))
+    columns = NodeColumns.of(solid, np.zeros(0, dtype=np.int64))
     at = solid.coordinates
     upper = at[:, 1] > 0.55
     along = np.delete(at, 1, axis=1)
@@ -50,7 +50,7 @@ def test_nodes_of_a_column_are_those_above_one_another(solid: Solid) -> None:
 
 def test_columns_of_held_nodes_keep_their_displacements(solid: Solid) -> None:
     clamped = np.flatnonzero(solid.coordinates[:, 0] < ROUND_OFF)
-    columns = Columns.of(solid, clamped[:1])
+    columns = NodeColumns.of(solid, clamped[:1])
     at_end = columns.reference == np.arange(solid.n_nodes)
     beside = np.delete(solid.coordinates, 1, axis=1)
     is_same = np.all(np.abs(beside - beside[clamped[0]]) < ROUND_OFF, axis=1)
@@ -63,7 +63,7 @@ def test_stiffness_is_that_of_the_solid(solid: Solid) -> None:
     """K_d = Tᵀ K T, and u = T d."""
     clamped = np.flatnonzero(solid.coordinates[:, 0] < ROUND_OFF)
     E = 1.0 + np.arange(len(solid.mesh.cells))
-    columns = Columns.of(solid, clamped)
+    columns = NodeColumns.of(solid, clamped)
     assert not columns.is_plain
     T, K = columns.transformation(np.arange(solid.n_nodes)), csr(solid.stiffness(E, NU))
     stiffness = csr(columns.stiffness(E, NU))
@@ -86,16 +86,16 @@ def test_skewed_and_split_cells() -> None:
         lattice(preset("embedded", {"model.kind": "solid", "mesh.elements": 8})),
     ):
         solid = Solid.on(solid_mesh, MPI.COMM_SELF, 2)
-        columns = Columns.of(solid, np.zeros(0, dtype=np.int64))
+        columns = NodeColumns.of(solid, np.zeros(0, dtype=np.int64))
         E = np.ones(len(solid_mesh.cells))
         T, K = columns.transformation(np.arange(solid.n_nodes)), csr(solid.stiffness(E, NU))
         assert abs(csr(columns.stiffness(E, NU)) - T.T @ K @ T).max() < 1e-11 * abs(K).max()
     triangles = Solid.on(two_bricks("triangle", (3, 2), (2, 1)), MPI.COMM_SELF, 2)
-    assert Columns.of(triangles, np.zeros(0, dtype=np.int64)).is_plain
+    assert NodeColumns.of(triangles, np.zeros(0, dtype=np.int64)).is_plain
 
 
 def test_many_cells_are_summed_in_portions(solid: Solid, monkeypatch: pytest.MonkeyPatch) -> None:
-    columns, E = Columns.of(solid, np.arange(1)), 1.0 + np.arange(len(solid.mesh.cells))
+    columns, E = NodeColumns.of(solid, np.arange(1)), 1.0 + np.arange(len(solid.mesh.cells))
     stiffness = csr(columns.stiffness(E, NU))
     monkeypatch.setattr(unknowns, "_MOST_ENTRIES", 1)
     assert abs(csr(columns.stiffness(E, NU)) - stiffness).max() < ROUND_OFF * abs(stiffness).max()

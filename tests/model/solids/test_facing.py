@@ -12,8 +12,8 @@ from scipy.sparse.linalg import splu
 
 from delam_fem.api import MPI, Part
 from delam_fem.model.solids.facing import (
+    FacingPoints,
     Pairs,
-    Points,
     at_middles,
     at_places,
     at_vertices,
@@ -212,7 +212,7 @@ def test_shared_vertices_are_no_pairs() -> None:
 @pytest.mark.parametrize("places", [at_vertices, at_middles])
 @pytest.mark.parametrize("cell", COUNTS)
 def test_constant_pressure_transmits_its_force_and_moment(
-    cell: str, places: Callable[[SolidMesh, Facing], Points]
+    cell: str, places: Callable[[SolidMesh, Facing], FacingPoints]
 ) -> None:
     """Nothing is lost between surfaces that do not match: force and moment are exact on both."""
     mesh = two_bricks(cell, *COUNTS[cell], gap=GAP)

@@ -254,7 +254,7 @@ def test_cells_of_the_other_dimension_are_refused() -> None:
 def test_pairs_inside_cells_are_refused() -> None:
     keys = {"contact.points_per_element": 2, "contact.impulse": "consistent"}
     case = case_of("plane_strips", **keys)
-    with pytest.raises(CaseError, match=r"points_per_element: expected 1 .* given 2"):
+    with pytest.raises(CaseError, match=r"points_per_element: .*given 2"):
         solid_mesh(case)
 
 

@@ -10,15 +10,15 @@ import pytest
 from delam_fem.api import html
 from delam_fem.results.pages.html import (
     Cell,
+    CellMap,
     Code,
     Film,
     Gallery,
-    Grid,
+    HtmlTable,
     Link,
+    PageSection,
     Paragraph,
     Preformatted,
-    Section,
-    Table,
 )
 
 NASTY = '<b>"it\'s" & 1 < 2</b>'
@@ -61,15 +61,15 @@ def test_title_stands_in_the_head_and_above_the_content() -> None:
         Paragraph(NASTY),
         Paragraph((NASTY, Link(NASTY, NASTY))),
         Preformatted(NASTY),
-        Table([NASTY], [[NASTY], [Link(NASTY, NASTY)]]),
+        HtmlTable([NASTY], [[NASTY], [Link(NASTY, NASTY)]]),
         Gallery([NASTY], NASTY, NASTY),
         Film({"name": "</script><b>"}, NASTY, NASTY),
-        Grid(NASTY, [NASTY], [(NASTY, [Cell(NASTY, NASTY, NASTY, NASTY)])]),
+        CellMap(NASTY, [NASTY], [(NASTY, [Cell(NASTY, NASTY, NASTY, NASTY)])]),
         Paragraph((NASTY, Code(NASTY))),
     ],
 )
 def test_texts_and_addresses_are_escaped(block: html.Block) -> None:
-    tags = Tags(html.page("title", [Section(NASTY, [block], anchor=NASTY)]))
+    tags = Tags(html.page("title", [PageSection(NASTY, [block], anchor=NASTY)]))
     assert "b" not in {tag for tag, _ in tags.found}
     assert NASTY in {text for _, text in tags.texts}
     values = {value for _, attributes in tags.found for value in attributes.values()}
@@ -77,14 +77,18 @@ def test_texts_and_addresses_are_escaped(block: html.Block) -> None:
 
 
 def test_sections_without_heading_or_anchor() -> None:
-    tags = Tags(html.page("title", [Section("", [Paragraph("p", "about")]), Section("two", [])]))
+    tags = Tags(
+        html.page("title", [PageSection("", [Paragraph("p", "about")]), PageSection("two", [])])
+    )
     assert [name for name, _ in tags.found].count("h2") == 1
     assert ("p", {"class": "about"}) in tags.found and ("h2", {"id": "two"}) in tags.found
 
 
 def test_contents_lead_to_every_section_and_follow_what_has_no_heading() -> None:
     sections = [
-        Section("", [Paragraph("first")]), Section("In motion", []), Section("Case", [], "file")
+        PageSection("", [Paragraph("first")]),
+        PageSection("In motion", []),
+        PageSection("Case", [], "file"),
     ]  # fmt: skip
     tags = Tags(html.page("title", sections, contents=True))
     links = [attributes["href"] for tag, attributes in tags.found if tag == "a"]
@@ -98,17 +102,17 @@ def test_contents_lead_to_every_section_and_follow_what_has_no_heading() -> None
 
 def test_data_of_a_film_cannot_end_its_script() -> None:
     data = {"name": "</script><b>", "y": [1.5, None]}
-    tags = Tags(html.page("title", [Section("", [Film(data, "words", "caption")])]))
+    tags = Tags(html.page("title", [PageSection("", [Film(data, "words", "caption")])]))
     texts = [text for tag, text in tags.texts if tag == "script"]
     assert json.loads(texts[0]) == data
     assert len(texts) == 2 and "figure.film" in texts[1]
     with pytest.raises(ValueError, match="JSON compliant"):
-        html.page("title", [Section("", [Film({"y": float("nan")}, "", "")])])
+        html.page("title", [PageSection("", [Film({"y": float("nan")}, "", "")])])
 
 
 def test_scripts_are_on_the_page_once_and_only_where_they_are_needed() -> None:
     def count(*blocks: html.Block) -> int:
-        return html.page("title", [Section("", list(blocks))]).count("<script>")
+        return html.page("title", [PageSection("", list(blocks))]).count("<script>")
 
     figure, film = Gallery(["a.png"], "words", "caption"), Film({}, "words", "caption")
     assert count(Paragraph("words")) == 0
@@ -117,22 +121,24 @@ def test_scripts_are_on_the_page_once_and_only_where_they_are_needed() -> None:
 
 
 def test_rows_of_a_table_have_their_kinds() -> None:
-    tags = Tags(html.page("title", [Section("", [Table(["a"], [["1"], ["2"]], ["good", ""])])]))
+    tags = Tags(
+        html.page("title", [PageSection("", [HtmlTable(["a"], [["1"], ["2"]], ["good", ""])])])
+    )
     assert [attributes for tag, attributes in tags.found if tag == "tr"] == [
         {}, {"class": "good"}, {},
     ]  # fmt: skip
 
 
 def test_rows_of_a_table_can_be_linked() -> None:
-    table = Table(["a"], [["1"], ["2"]], anchors=["first", "second"])
-    tags = Tags(html.page("title", [Section("", [table])]))
+    table = HtmlTable(["a"], [["1"], ["2"]], anchors=["first", "second"])
+    tags = Tags(html.page("title", [PageSection("", [table])]))
     rows = [attributes for tag, attributes in tags.found if tag == "tr"]
     assert rows == [{}, {"id": "first"}, {"id": "second"}]
 
 
 def test_a_kind_per_row_is_required() -> None:
     with pytest.raises(ValueError, match="shorter"):
-        html.page("title", [Section("", [Table(["a"], [["1"], ["2"]], ["good"])])])
+        html.page("title", [PageSection("", [HtmlTable(["a"], [["1"], ["2"]], ["good"])])])
 
 
 def test_links_and_pictures_keep_their_addresses(tmp_path: Path) -> None:
@@ -141,7 +147,7 @@ def test_links_and_pictures_keep_their_addresses(tmp_path: Path) -> None:
     figure = Gallery(
         [html.embedded(picture), "film.gif"], "words", ("see ", Link("it", "#it"), ".")
     )
-    tags = Tags(html.page("title", [Section("", [figure])]))
+    tags = Tags(html.page("title", [PageSection("", [figure])]))
     embedded, film = (attributes for tag, attributes in tags.found if tag == "img")
     data = str(embedded["src"]).removeprefix("data:image/png;base64,")
     assert base64.b64decode(data, validate=True) == b"\x89PNG"

@@ -12,8 +12,8 @@ from analytic_maps import DelayedLogistic, Henon, Toy
 from delam_fem.api import FloatArray
 from delam_fem.studies.orbits import continuation
 from delam_fem.studies.orbits.continuation import (
+    BranchPoint,
     Path,
-    Point,
     doubled_point,
     events_of,
     first_point,
@@ -28,7 +28,7 @@ ROUGH = Perturbations(copies=48, size=0.01, kick=0.06)
 """Perturbations far above a roughness of 1e-3."""
 
 
-def branch(map_: Toy, start: FloatArray, path: Path, how: Perturbations) -> list[Point]:
+def branch(map_: Toy, start: FloatArray, path: Path, how: Perturbations) -> list[BranchPoint]:
     ensemble = Ensemble(map_, 1, how)
     points = [first_point(ensemble, start, path)]
     branch_points, ending = followed(

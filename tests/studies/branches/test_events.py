@@ -12,7 +12,7 @@ from analytic_maps import Cubic, DelayedLogistic, Henon, Toy
 from delam_fem.api import FloatArray
 from delam_fem.studies.orbits.continuation import (
     LASTS,
-    Event,
+    BranchEvent,
     Path,
     crossings,
     events_of,
@@ -25,7 +25,7 @@ from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 KICK = 0.1
 
 
-def event(map_: Toy, start: FloatArray, path: Path, kick: float) -> Event:
+def event(map_: Toy, start: FloatArray, path: Path, kick: float) -> BranchEvent:
     """Return the only event of a branch."""
     ensemble = Ensemble(map_, 1, Perturbations(copies=8, size=1e-6, kick=kick))
     points, _ = followed(

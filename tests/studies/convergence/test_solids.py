@@ -59,7 +59,7 @@ def test_size_of_a_mesh_of_ones_own_is_its_cells_along_the_laminae(
     case = df.preset("default", {"model.kind": kind, "mesh.elements": 2})
     refinement = RefinementStudy(case, (LAW,), files(case, tmp_path), (100,), 2, 0)
     assert [level.elements for level in refinement.along_meshes(LAW, 100)] == list(SIZES)
-    with pytest.raises(CaseError, match="elements: expected increasing numbers, coarse first"):
+    with pytest.raises(CaseError, match="elements: "):
         RefinementStudy(case, (LAW,), refinement.meshes[::-1], (100,), 2, 0)
 
 

@@ -8,7 +8,7 @@ from delam_fem.numerics.statistics import Posterior, uniform
 from delam_fem.studies.detection.indices import curvature
 from delam_fem.studies.detection.infer import (
     COMPONENTS,
-    Sensor,
+    ScanNoise,
     SimulationTable,
     _statistics,
     edge_posterior,
@@ -37,7 +37,11 @@ def made_up() -> tuple[Population, np.ndarray, SimulationTable]:
         s = np.clip((X - middle + 0.5 * length) / length, 0.0, 1.0)
         V[1] = 3e-5 / depth * np.sin(np.pi * s) ** 2
     population = Population(tuple(specimens), X, (1.0, 2.0), values, np.full(N, 0.7))
-    return population, parameters, simulation_table(population, parameters, PRIOR, (Sensor(40.0),))
+    return (
+        population,
+        parameters,
+        simulation_table(population, parameters, PRIOR, (ScanNoise(40.0),)),
+    )
 
 
 def test_edges_follow_from_middle_and_length() -> None:

@@ -64,5 +64,5 @@ def test_one_more_record_exceeds_the_limit_in_1_percent(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("frequency", [0.0, 50.0, 400.0, 60.0001])
 def test_frequencies_that_do_not_go_together_are_refused(frequency: float) -> None:
-    with pytest.raises(CaseError, match=r"^pump frequency: expected .*, given"):
+    with pytest.raises(CaseError, match=r"^pump frequency: "):
         pump_of(embedded(), frequency, 0.1)

@@ -3,7 +3,7 @@ import pytest
 from calibration.resonance import Rig, tip
 
 from delam_fem.api import CaseError, FloatArray, SweptMotion, preset
-from delam_fem.studies.identification.resonance import BLOCKS, Resonance, _covariance, fit
+from delam_fem.studies.identification.resonance import BLOCKS, ResonanceFit, _covariance, fit
 
 FREQUENCY, D, NOISE = 1.4357, 0.008, 1e-4
 SIGMAS = 3.5
@@ -24,11 +24,11 @@ def record(
     return t, x + NOISE * np.random.default_rng(3).standard_normal(t.size)
 
 
-def found(rig: Rig, ends: tuple[float, float] = UP, *, late: float = 0.0) -> Resonance:
+def found(rig: Rig, ends: tuple[float, float] = UP, *, late: float = 0.0) -> ResonanceFit:
     return fit(*record(rig, ends, late=late), motion(ends))
 
 
-def assert_right(one: Resonance) -> None:
+def assert_right(one: ResonanceFit) -> None:
     assert abs(one.frequency - FREQUENCY) < SIGMAS * one.frequency_error < 1e-4
     assert abs(one.damping_ratio - D) < SIGMAS * one.damping_error < 1e-4
 

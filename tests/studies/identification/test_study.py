@@ -107,7 +107,7 @@ def test_a_wrong_unknown_is_refused(text: str) -> None:
     assert Unknown.parse("gap.exponent=1:3") == Unknown("gap.exponent", 1.0, 3.0)
     multiples = Unknown.parse("gap.exponent=0.5x:2x")
     assert multiples == Unknown("gap.exponent", 0.5, 2.0, is_relative=True)
-    with pytest.raises(CaseError, match=r"gap.exponent: expected values of the key, given multip"):
+    with pytest.raises(CaseError, match=r"gap.exponent: .*given multip"):
         Experiment(preset("paper"), (1.25,), (multiples,), 1e-4)
 
 

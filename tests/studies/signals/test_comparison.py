@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.studies.signals.alignment import Alignment, Course, Pairs
+from delam_fem.studies.signals.alignment import Alignment, MatchedHistories, MotionCourse
 from delam_fem.studies.signals.comparison import (
     CLEAR,
     FACTORS,
     NEIGHBOURHOOD,
-    Comparison,
+    ChannelComparison,
     HarmonicFit,
     compared,
     drive_frequency,
@@ -128,14 +128,14 @@ def test_channels_in_one_unit_are_weighed_by_their_sizes() -> None:
 # ---- comparisons
 
 
-def course(time: np.ndarray, period: float | None) -> tuple[Course, np.ndarray]:
+def course(time: np.ndarray, period: float | None) -> tuple[MotionCourse, np.ndarray]:
     """Return the course of two channels, and their values; without a period it is a chirp."""
     t = time if period else time + 0.7 * (time - 1.0) ** 2
     values = np.array([
         2.0 * np.sin(2.0 * np.pi * F * t) + 0.3 * np.cos(4.0 * np.pi * F * t) + 0.5,
         0.01 * np.cos(2.0 * np.pi * F * t + 0.4) - 0.002 * np.sin(6.0 * np.pi * F * t),
     ])  # fmt: skip
-    return Course.of(time, values, period), values
+    return MotionCourse.of(time, values, period), values
 
 
 def test_comparisons_are_exact() -> None:
@@ -154,7 +154,7 @@ def test_comparisons_are_exact() -> None:
             delays = (0.0, 0.0)
             motion = of_run.at(alignment.on_clock_of_run(time))
             measured = np.array([g * q + m for g, q, m in zip(gains, motion, means, strict=True)])
-        pairs = Pairs(
+        pairs = MatchedHistories(
             ("a", "b"), ("m", "mm"), time, measured, run_time, computed, (True, False), ()
         )
         for k in (0, 1):
@@ -191,7 +191,9 @@ def test_what_the_run_does_not_explain_counts_from_three_times_the_noise(
     time = np.arange(1, 401) / 400.0
     motion = of_run.at(1.0 + time)[0]
     stray = 0.4 * np.cos(2.0 * np.pi * 3.0 * F * time + 0.3)  # a harmonic of the drive
-    pairs = Pairs(("a",), ("m",), time, (motion + stray)[None], run_time, computed, (False,), ())
+    pairs = MatchedHistories(
+        ("a",), ("m",), time, (motion + stray)[None], run_time, computed, (False,), ()
+    )
     alignment = Alignment(1.0 + time[0], time[0], 1.0)
     comparison = compared(pairs, 0, of_run, alignment, period)
     share = stray.std() / (motion + stray).std()
@@ -204,14 +206,14 @@ def test_what_the_run_does_not_explain_counts_from_three_times_the_noise(
 # ---- what is said
 
 
-def channel(name: str = "a", **about: object) -> Comparison:
+def channel(name: str = "a", **about: object) -> ChannelComparison:
     values = {"units": "m", "is_drive": False, "gain": 1.0, "gain_error": 0.001, "delay": 0.0,
            "delay_error": 1e-5, "correlation": 0.987, "mean_difference": 0.0, "residual": 0.0,
            "unlike": 0.02}  # fmt: skip
-    return Comparison(name=name, **values | about)  # type: ignore[arg-type]
+    return ChannelComparison(name=name, **values | about)  # type: ignore[arg-type]
 
 
-def said(*channels: Comparison, rate: float = 1.0, error: float = 1e-6,
+def said(*channels: ChannelComparison, rate: float = 1.0, error: float = 1e-6,
          frequency: float | None = F) -> list[tuple[str, str, str]]:  # fmt: skip
     alignment = Alignment(0.0, 0.0, rate, 0.0, error)
     return [

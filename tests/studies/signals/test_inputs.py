@@ -320,7 +320,7 @@ def test_a_long_hole_is_not_filled_and_can_be_left_out(tmp_path: Path) -> None:
     assert "50 from 0.0495 to 0.075 s" in str(error.value) and "--between" in str(error.value)
     data = read_measured(path, between=(0.0, 0.0495))
     assert close(data["sensor_a"], 1e-3 * SMOOTH[:100]) and "hole" not in data.attrs["notes"]
-    with pytest.raises(CaseError, match="--between: expected two times"):
+    with pytest.raises(CaseError, match="--between: "):
         read_measured(path, between=(1.0, 2.0))
 
 

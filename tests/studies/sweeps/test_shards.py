@@ -102,7 +102,7 @@ def test_tracks_stay_whole() -> None:
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "1", "a/b", "1/2/3", "-1/2", "1/0", "1/1000000"])
 def test_a_bad_shard_is_refused(text: str) -> None:
-    with pytest.raises(CaseError, match=r"shard: expected K/N .* given '"):
+    with pytest.raises(CaseError, match=r"shard: .*given '"):
         parse_shard(text)
 
 
