@@ -9,6 +9,7 @@ stands behind `KEPT` on the page is written by hand and stays.
 
 from __future__ import annotations
 
+import csv
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from delam_fem.model.beams import closed_form
 ROOT = Path(__file__).parents[2]
 CASES = Path("docs", "examples", "others")
 PAGE = ROOT / "docs" / "evidence" / "against_others.md"
+TABLE = PAGE.parent / "tables" / "against_others.csv"
 BAR = 1e-3
 """Largest difference from what others print, relative, where nothing else is said."""
 KEPT = "<!-- by hand -->\n"
@@ -499,9 +501,11 @@ def folds() -> Iterator[Row]:
 HEAD = f"""# Beside what others computed
 
 For those who judge the program by the numbers of others. `scripts/evidence/against_others.py`
-writes the tables down to "Bars". It runs the case files of `{CASES}` as a user would. Differences
-are relative and, unless a reason stands below the table, less than {BAR:g}; a test repeats them.
+computes the cases down to "Bars" and writes [all their numbers](tables/{TABLE.name}): theirs, ours
+and the difference. It runs the case files of `{CASES}` as a user would. Differences are relative
+and, unless a reason is given, less than {BAR:g}; a test repeats them.
 """
+COLUMNS = ("case", "what", "theirs", "ours", "difference")
 
 
 def page(found: Mapping[str, list[Row]], notes: Mapping[str, tuple[str, str]], kept: str) -> str:
@@ -517,12 +521,10 @@ def page(found: Mapping[str, list[Row]], notes: Mapping[str, tuple[str, str]], k
         note, reason = notes[title]
         first, *others = dict.fromkeys(row.command for row in rows)
         more = f" and {len(others)} more with other values" if others else ""
-        lines += [f"## {title}", "", f"`{first}`{more} ({note})", ""]
-        lines += ["| what | theirs | ours | difference |", "|---|---|---|---|"]
-        lines += [
-            f"| {r.what} | {r.theirs:.7g} | {r.ours:.7g} | {r.difference:+.1e} |" for r in rows
-        ]
-        lines += ["", *([reason, ""] if reason else [])]
+        worst = max((row.difference for row in rows), key=abs)
+        numbers = f"{len(rows)} number{'s' * (len(rows) > 1)}"
+        text = f"`{first}`{more} ({note}): {numbers}, the largest difference {worst:+.1e}. {reason}"
+        lines += [f"## {title}", "", text.rstrip(), ""]
     return "\n".join(lines) + KEPT + kept
 
 
@@ -539,6 +541,16 @@ def main() -> None:
     notes[title] = ("theirs by harmonic balance; three minutes", FOURFOLD)
     with atomic(path) as temporary:
         temporary.write_text(page(all_rows, notes, written_part), "utf-8")
+    if path == PAGE:
+        with TABLE.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *cells(all_rows)])
+
+
+def cells(found: Mapping[str, list[Row]]) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the table of all numbers."""
+    for title, rows in found.items():
+        for r in rows:
+            yield title, r.what, f"{r.theirs:.7g}", f"{r.ours:.7g}", f"{r.difference:+.1e}"
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ Run these commands in this order:
 from __future__ import annotations
 
 import argparse
+import csv
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -32,10 +33,11 @@ ABOUT = (
     "The paper's text is available, its figures are not: each figure here shows what the "
     "computation gives. A verdict is on a number, or on a statement that a number can decide. "
     "It is undecided where the range that the numbers' own uncertainty allows (in brackets) "
-    "contains the bound. Bounds on words such as significantly are ours. Margins of statements "
-    "that hold, and what each figure shows in detail, are on the page of `delam-fem paper`. "
-    "Unless a row says otherwise, all computations are with the preset paper."
+    "contains the bound. Bounds on words such as significantly are ours. Unless a row says "
+    "otherwise, all computations are with the preset paper."
 )
+TABLE = Path("evidence", "tables", "paper.csv")
+"""All claims, below docs."""
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
 """Marks in README.md; a sentence that counts the claims stands between them."""
 
@@ -74,9 +76,11 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         "For readers of the paper: each of its statements with a verdict, and each of its figures "
         "computed anew.", "", f"{PAPER}.", "", ABOUT, "",
         "`scripts/evidence/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
-        "", tally(claims), "", markdown_table(claims),
+        "", f"{tally(claims)} [All of them]({TABLE}) have what came out and its margin.",
+        "", "These do not hold, or are undecided:",
+        "", markdown_table(claims), "These hold:", "", *holding(claims), "",
     ]  # fmt: skip
-    paths = []
+    paths = [write_table(root / "docs" / TABLE, claims)]
     figures_folder = root / "docs" / "figures"
     figures_folder.mkdir(parents=True, exist_ok=True)
     for figure in figures:
@@ -112,13 +116,24 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
 
 
 def markdown_table(claims: Iterable[Claim]) -> str:
-    """Return claims as a Markdown table, with the margins of those that do not hold."""
-    rows = [HEADING]
-    for claim in claims:
-        *cells, margin, verdict = claim.row
-        rows.append((*cells, "–" if verdict == "holds" else margin, verdict))
+    """Return the claims that do not hold as a Markdown table."""
+    rows = [HEADING, *(claim.row for claim in claims if claim.verdict != "holds")]
     lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join([lines[0], "|" + "---|" * len(HEADING), *lines[1:]]) + "\n"
+
+
+def holding(claims: Iterable[Claim]) -> list[str]:
+    """Return the claims that hold, one a line, by figure."""
+    return [f"- {claim.figure}: {claim.text}" for claim in claims if claim.verdict == "holds"]
+
+
+def write_table(path: Path, claims: Iterable[Claim]) -> Path:
+    """Write all claims to a file of comma-separated values."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerows([HEADING, *(claim.row for claim in claims)])
+    return path
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The figures of the paper: their tight numbers, their measures, and the files written of them."""
 
+import csv
 import json
 import re
 from collections.abc import Iterator
@@ -280,7 +281,7 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
     text = readme.read_text("utf-8")
     assert "outdated" not in text and text.startswith("head") and text.endswith("tail\n")
     assert re.search(r"\d+ statements: \d+ hold", text)
-    assert "a \\| b" in docs.read_text("utf-8")
+    assert "a | b" in (root / "docs" / paper_docs.TABLE).read_text("utf-8")
     pictures = re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8"))
     assert "figures/paper_fig02a.gif" in pictures
     for picture in pictures:
@@ -292,11 +293,14 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
 def test_readme_counts_the_claims_of_the_page() -> None:
     root = Path(__file__).parents[2]
     page, readme = ((root / name).read_text("utf-8") for name in ("docs/paper.md", "README.md"))
-    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
-    fields = [row for row in rows[1:] if len(row) == len(HEADING)]
-    table = [Claim(*row[:4], row[5], row[4]) for row in fields]  # type: ignore[arg-type]
-    assert all(claim.margin for claim in table)
-    assert tally(table) in page and tally(table) in readme
+    with (root / "docs" / paper_docs.TABLE).open(encoding="utf-8", newline="") as file:
+        heading, *rows = csv.reader(file)
+    assert tuple(heading) == HEADING
+    claims = [Claim(*row[:4], row[5], row[4]) for row in rows]  # type: ignore[arg-type]
+    assert all(claim.margin for claim in claims)
+    assert tally(claims) in page and tally(claims) in readme
+    assert paper_docs.markdown_table(claims) in page
+    assert "\n".join(paper_docs.holding(claims)) in page
 
 
 def test_script_of_the_documentation_wants_all_figures(
