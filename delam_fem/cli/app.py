@@ -63,7 +63,7 @@ def main(
 BUILT_IN: dict[str, dict[str, Callable[..., None]]] = {
     "Case": {"new": new_command, "check": check_command},
     "Compute": {"run": run_command, "sweep": sweep_command, "reduce": reduce_command},
-    "Verify": {"paper": paper_command},
+    "Judge": {"paper": paper_command},
     "Data": {
         "measure read": read_command,
         "measure response": response_command,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Chosen = TypeVar("Chosen", bound=Options)
 Found = TypeVar("Found", bound="Finding")
 Progress = Callable[[int, int], None]
-Group = Literal["Case", "Compute", "Verify", "Data", "Output"]
+Group = Literal["Case", "Compute", "Judge", "Data", "Output"]
 """Groups of commands in the help."""
 
 

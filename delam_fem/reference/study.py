@@ -35,5 +35,5 @@ class Compare(Options):
 
 
 COMPARE: Study[Compare, Comparison | ModelComparison] = Study(
-    Compare, "delam_fem.reference.compare:compute", "Verify", "compare"
+    Compare, "delam_fem.reference.compare:compute", "Judge", "compare"
 )

@@ -51,5 +51,5 @@ class Converge(Options):
 
 HOME = "delam_fem.studies.convergence.run"
 CONVERGE: Study[Converge, Convergence] = Study(
-    Converge, f"{HOME}:refine", "Verify", "converge", cost=f"{HOME}:cost", remove=f"{HOME}:remove"
+    Converge, f"{HOME}:refine", "Judge", "converge", cost=f"{HOME}:cost", remove=f"{HOME}:remove"
 )
