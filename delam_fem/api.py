@@ -161,7 +161,7 @@ if TYPE_CHECKING:
     from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
     from delam_fem.model.reduction import reduced_case as reduced_case
     from delam_fem.model.solids.meshing import cells_along as cells_along, solid_mesh as solid_mesh
-    from delam_fem.model.stops_sensors import struck as struck
+    from delam_fem.model.stops_sensors import struck as struck, with_sensors as with_sensors
     from delam_fem.numerics import (
         beams as beams,
         harmonics as harmonics,
@@ -292,7 +292,7 @@ _HOMES = {
     "contact.decisions": "Kinematics Setting",
     "contact.laws": "COMBINATIONS LAWS SCHEMES Impulse Law Scheme combined_name",
     # Structures
-    "model.stops_sensors": "struck",
+    "model.stops_sensors": "struck with_sensors",
     "model.discretise": "assemble require_held require_kind",
     "model.factors": "Factor factored",
     "model.layout": (

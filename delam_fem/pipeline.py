@@ -44,7 +44,7 @@ from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.model.stops_sensors import overlap_at_start
-from delam_fem.results import contacts, dataset, diagnostics, quality, record
+from delam_fem.results import channels, contacts, dataset, diagnostics, quality, record
 from delam_fem.results.fields import solids
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, ProblemView, Result
 from delam_fem.results.overlap import overlap_warnings
@@ -395,6 +395,7 @@ def _run_operators(
         }
         decay = quality.decay_of_operators(operators) * period if case.is_periodic else 0.0
         summary |= quality.settling_summary(recorder, n, case, decay)
+        summary["judged_by"] = channels.judged(names) if case.is_periodic else None
     summary["energy_residual"] = residual
     summary["impact_energy_gain"] = diagnostics.gain_of(recorder)
     texts = [
@@ -503,7 +504,9 @@ def _result(
     }
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
-    summary |= quality.settling_summary(recorder, len(structure.layout.parts), case, decay)
+    names = structure.layout.names
+    summary |= quality.settling_summary(recorder, len(names), case, decay)
+    summary["judged_by"] = channels.judged(names) if case.is_periodic else None
     summary["contacts"] = contacts.of_run(recorder, structure, case, history)
     summary["channels"] = record.measures(record.of_run(history, case))
     summary |= {

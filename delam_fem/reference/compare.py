@@ -310,4 +310,5 @@ def compute(case: Case, options: Compare, _: RunContext) -> Comparison | ModelCo
         frequencies=options.at,
         periods=options.periods or 20,
         modes=options.modes,
+        channels=options.channel,
     )

@@ -20,6 +20,7 @@ class Compare(Options):
     Attributes:
         models: models that are compared, as beam,plane-stress,solid,modes; the last reduces the
             one before it. Without this option: compare with the reference.
+        channel: with --models: channel that is compared, as a1; repeatable (default: the tips).
         at: with --models: frequencies [Hz]; repeatable.
         impacts: compare with the reference up to this impact.
         periods: periods of each run (default: 3, with --models 20).
@@ -28,6 +29,7 @@ class Compare(Options):
 
     common = ()
     models: Annotated[tuple[str, ...] | None, Flag(metavar="NAMES", is_joined=True)] = None
+    channel: Annotated[tuple[str, ...], Flag(metavar="NAME")] = ()
     at: Annotated[tuple[float, ...], Flag(least=0)] = ()
     impacts: Annotated[int, Flag(metavar="N")] = 20
     periods: Annotated[int | None, Flag(metavar="N")] = None

@@ -6,6 +6,7 @@ studies reduce the histories of thousands of runs to measures, for which no data
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,17 @@ def offered(layout: Layout, case: Case) -> dict[str, str]:
         name = f"{SENSOR}{sensor.name}" if sensor.name in units else sensor.name
         units[name] = sensor.unit
     return units
+
+
+def judged(names: Sequence[str]) -> list[str]:
+    """Return the channels by which a motion is judged settled or periodic: those of the tips.
+
+    A motion whose reference probes repeat has no channel that does not.
+
+    Args:
+        names: names of the laminae, or of the probes of operators.
+    """
+    return [f"tip_{name}" for name in names]
 
 
 class History(NamedTuple):

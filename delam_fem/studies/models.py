@@ -5,16 +5,19 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.api import (
+    CHANNEL_MEASURES,
     Case,
     CaseError,
     CaseSource,
@@ -80,11 +83,15 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
                     "models: expected a model before modes, the one that it reduces, for example "
                     "plane-stress,modes"
                 )
-            from delam_fem.api import reduced_case, struck
+            from delam_fem.api import reduced_case, struck, with_sensors
 
             full_variant = result[-1]
             reduction = reduced_case(full_variant.case, modes, full=full_variant.structure)
-            structure = struck(reduction.structure, full_variant.case)
+            require(
+                all(sensor.quantity != "strain" for sensor in case.sensor), "sensor: models: modes",
+                "no strains, which need the shapes of the elements", "strain",
+            )  # fmt: skip
+            structure = with_sensors(struck(reduction.structure, case), full_variant.case)
             variant_case = full_variant.case
             label = f"{full_variant.name}, {modes} modes"
         else:
@@ -121,7 +128,7 @@ class Motion:
     Attributes:
         frequency: frequency of the excitation [Hz].
         time: times after each step, shape (n_steps,) [s].
-        tips: displacements of the reference probes, shape (n_laminae, n_steps) [m].
+        values: histories of channels, shape (n_channels, n_steps).
         strike: time of the first impact nearer to the probes than `NEAR` lengths [s]; infinite if
             there is none.
         summary: numbers of the second half of the run; see `diagnostics.summary_of`.
@@ -130,11 +137,12 @@ class Motion:
         x: positions along the contact line, shape (n_points,) [m].
         impulse: mean impulse per period and length, shape (n_points,) [N s/m].
         cost: duration of a step by the clock [µs], and steps in a period.
+        units: units of the channels by their names.
     """
 
     frequency: float
     time: FloatArray
-    tips: FloatArray
+    values: FloatArray
     strike: float
     summary: dict[str, Any]
     energies: dict[str, float]
@@ -142,6 +150,16 @@ class Motion:
     x: FloatArray
     impulse: FloatArray
     cost: tuple[float, float]
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def measures(self) -> dict[str, dict[str, float]]:
+        """Measures of each channel over the second half of the run, by name."""
+        late = self.values[:, self.time.size // 2 :]
+        return {
+            name: {key: float(measure.of(row)) for key, measure in CHANNEL_MEASURES.items()}
+            for name, row in zip(self.units, late, strict=True)
+        }
 
 
 @dataclass(frozen=True)
@@ -171,7 +189,11 @@ class ModelResult:
 
 
 def measure(
-    model: Variant, frequencies: tuple[float, ...], periods: int, modes: int
+    model: Variant,
+    frequencies: tuple[float, ...],
+    periods: int,
+    modes: int,
+    channels: Sequence[str],
 ) -> ModelResult:
     """Measure natural frequencies, compliance and motions of one model.
 
@@ -180,9 +202,10 @@ def measure(
         frequencies: frequencies of the excitation [Hz].
         periods: number of periods of each motion, which begins at rest.
         modes: number of natural frequencies of each lamina, or of a bonded stack.
+        channels: names of channels whose histories are kept.
 
     Raises:
-        CaseError: a motion cannot be computed.
+        CaseError: a motion cannot be computed, or has no such channel.
     """
     o = model.structure.operators
     count = len(model.structure.layout.parts)
@@ -197,7 +220,8 @@ def measure(
     bent = factor.solve(rows.T.toarray())
     del factor
     if frequencies:
-        _motion(model, frequencies[0], 1)  # compiled code is loaded before costs are measured
+        # compiled code is loaded before costs are measured
+        _motion(model, frequencies[0], 1, channels)
     return ModelResult(
         model.name,
         o.n_dofs,
@@ -206,18 +230,28 @@ def measure(
         np.asarray(natural),
         tuple(f"f{k + 1}{owner}" for owner in owners for k in range(natural.size // len(owners))),
         np.einsum("ij,ji->i", rows.toarray(), bent),
-        tuple(_motion(model, frequency, periods) for frequency in frequencies),
+        tuple(_motion(model, frequency, periods, channels) for frequency in frequencies),
     )
 
 
-def _motion(model: Variant, frequency: float, periods: int) -> Motion:
-    """Compute the motion of a model from rest at one frequency."""
+def _motion(model: Variant, frequency: float, periods: int, channels: Sequence[str]) -> Motion:
+    """Compute the motion of a model from rest at one frequency.
+
+    Raises:
+        CaseError: there is no such channel, or it has samples of its own.
+    """
     from delam_fem.api import run  # dolfinx comes with it
 
     span: dict[str, object] = {"time.periods": periods, "output.window_periods": periods}
     keys: dict[str, object] = {"excitation.frequency": frequency, "output.fields_per_period": 0}
     case = model.case.with_overrides(span | keys)
     result = run(case, model.engine, structure=model.structure)
+    record = result.record
+    offered = [str(name) for name, channel in record.items() if channel.dims == ("time",)]
+    if missing := [name for name in channels if name not in offered]:
+        raise CaseError(
+            f"compare: channel: expected some of {', '.join(offered)}, given {', '.join(missing)}"
+        )
     history = result.history
     t = history["time"].to_numpy()
     late = diagnostics.last_periods(history, case, math.ceil(periods / 2))
@@ -232,7 +266,7 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     return Motion(
         frequency,
         t,
-        history["tip_displacement"].to_numpy(),
+        np.array([record[name].to_numpy() for name in channels]),
         _first_strike(history),
         diagnostics.summary(late.isel(period=second_half), case),
         {name: float(history[f"energy_{name}"][second_half].mean()) for name in ENERGIES},
@@ -240,6 +274,7 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
         x,
         impulse / math.ceil(periods / 2),
         (result.summary["microseconds_per_step"], result.summary["steps"] / periods),
+        {name: record[name].attrs["units"] for name in channels},
     )
 
 
@@ -295,8 +330,8 @@ class ModelComparison(Finding):
     def motion_rows(self, number: int) -> Rows:
         """Return rows of one motion with a column for each model.
 
-        "Difference until then" is the largest one of the tips from those of the first model before
-        the first strike near the tips, relative to their largest displacement.
+        "Difference until then" is the largest one of the channels from those of the first model
+        before the first strike near the reference probes, relative to their largest value.
 
         Args:
             number: number of the frequency.
@@ -336,39 +371,52 @@ class ModelComparison(Finding):
         )
 
     def figure(self) -> Figure:
-        """Return a row for each frequency: tip histories of all models, impulses along laminae."""
+        """Return histories of all models, a panel for each unit, and impulses along laminae."""
+        first = self.models[0].motions[0]
+        units = list(dict.fromkeys(first.units.values()))
         n = len(self.models[0].motions)
-        figure = Figure(figsize=(style.WIDTH, 2.6 * n + 0.6), layout="constrained")
-        rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
-        for k, (histories, along) in enumerate(rows):
-            for model, colour in zip(self.models, COLOURS * len(self.models), strict=False):
-                motion = model.motions[k]
-                turns = motion.time * motion.frequency
-                is_shown = turns <= SHOWN_PERIODS
-                for number, tip in enumerate(motion.tips):
-                    label = model.name if number == 0 else None
-                    line_style = ("-", "--", ":", "-.")[number % 4]
-                    histories.plot(
-                        turns[is_shown],
-                        1e3 * tip[is_shown],
-                        line_style,
-                        color=colour,
-                        lw=1.0,
-                        label=label,
-                    )
-                along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
-                if motion.strike * motion.frequency <= SHOWN_PERIODS:
-                    histories.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
-            frequency = self.models[0].motions[k].frequency
-            histories.set(ylabel="tip [mm]", title=f"{frequency:g} Hz; thin line: first strike")
+        figure = Figure(figsize=(style.WIDTH, 2.6 * n * len(units) + 0.6), layout="constrained")
+        grid = figure.subplots(n * len(units), 2, squeeze=False, width_ratios=(2, 1))
+        for k, motion in enumerate(self.models[0].motions):
+            rows = grid[k * len(units) : (k + 1) * len(units)]
+            for spare in rows[1:, 1]:
+                figure.delaxes(spare)
+            for (histories, _), unit in zip(rows, units, strict=True):
+                self._histories(histories, k, unit)
+            along = rows[0, 1]
+            for model, colour in zip(self.models, cycle(COLOURS), strict=False):
+                of_model = model.motions[k]
+                along.plot(of_model.x, 1e3 * of_model.impulse, color=colour, lw=1.0)
+            rows[0, 0].set_title(f"{motion.frequency:g} Hz; thin line: first strike")
             along.set(ylabel="impulse [mN s/m per period]", title="second half of the run")
-        rows[-1][0].set_xlabel("periods")
-        rows[-1][1].set_xlabel("x [m]")
-        handles, labels = rows[0][0].get_legend_handles_labels()
+            along.set_xlabel("x [m]")
+        grid[-1, 0].set_xlabel("periods")
+        handles, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-        names = ", ".join(f"{lamina.name}" for lamina in self.case.lamina)
-        figure.suptitle(f"{self.case.name}: {names} (full, dashed, …) by model")
+        figure.suptitle(f"{self.case.name}: {', '.join(first.units)} (full, dashed, …) by model")
         return figure
+
+    def _histories(self, axes: Axes, k: int, unit: str) -> None:
+        """Draw the first periods of the channels of a unit, of all models at one frequency."""
+        name, factor = style.shown_unit(unit)
+        for model, colour in zip(self.models, cycle(COLOURS), strict=False):
+            motion = model.motions[k]
+            turns = motion.time * motion.frequency
+            is_shown = turns <= SHOWN_PERIODS
+            rows = [row for row, own in enumerate(motion.units.values()) if own == unit]
+            for number, row in enumerate(rows):
+                axes.plot(
+                    turns[is_shown],
+                    factor * motion.values[row, is_shown],
+                    ("-", "--", ":", "-.")[number % 4],
+                    color=colour,
+                    lw=1.0,
+                    label=None if number else model.name,
+                )
+            if motion.strike * motion.frequency <= SHOWN_PERIODS:
+                axes.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
+        names = [channel for channel, own in self.models[0].motions[k].units.items() if own == unit]
+        axes.set_ylabel(f"{', '.join(names)} [{name}]")
 
 
 def compare_models(
@@ -379,6 +427,7 @@ def compare_models(
     periods: int = PERIODS,
     natural: int = MODES,
     modes: int = 20,
+    channels: Sequence[str] = (),
 ) -> ModelComparison:
     """Compute one case as several models.
 
@@ -389,10 +438,11 @@ def compare_models(
         periods: number of periods of each motion, which begins at rest.
         natural: number of natural frequencies of each lamina, or of a bonded stack.
         modes: number of modes of a reduced model.
+        channels: channels that are compared; none: the tips of all laminae.
 
     Raises:
-        CaseError: a model or a motion cannot be computed, or something floats, which has neither
-            compliance nor frequency.
+        CaseError: a model or a motion cannot be computed, there is no such channel, or something
+            floats, which has neither compliance nor frequency.
     """
     case = find_case(case)
     require(periods >= 2, "periods", "at least 2", periods)
@@ -402,24 +452,25 @@ def compare_models(
             f"harmonic force, given kind {case.excitation.kind!r}"
         )
     require_held(case, "compare")
+    names_of_channels = tuple(channels) or tuple(f"tip_{lamina.name}" for lamina in case.lamina)
     at = tuple(frequencies) or (case.excitation.top_frequency,)
     measured_models = []
     for model in variants(case, names, modes):
         _log.info("computing %s", model.name)
-        measured_models.append(measure(model, at, periods, natural))
+        measured_models.append(measure(model, at, periods, natural, names_of_channels))
     return ModelComparison(case, tuple(measured_models))
 
 
 def difference_until(motion: Motion, first: Motion) -> tuple[float, float]:
-    """Return the first strike of either motion [s], and the difference of the tips until then.
+    """Return the first strike of either motion [s], and the difference of channels until then.
 
-    The difference is the largest of all tips and steps, relative to the largest displacement of the
-    same tip in the motion `first` until then; tips that do not move there do not count.
+    The difference is the largest of all channels and steps, relative to the largest value of the
+    same channel in the motion `first` until then; channels that do not move there do not count.
     """
     end = min(motion.strike, first.strike)
     n = min(motion.time.size, first.time.size)
     before = first.time[:n] < end
-    a, b = (m.tips[:, :n][:, before] for m in (motion, first))
+    a, b = (m.values[:, :n][:, before] for m in (motion, first))
     apart, size = (np.abs(values).max(axis=1, initial=0.0) for values in (a - b, b))
     moves = size > 0.0
     return end, float((apart[moves] / size[moves]).max(initial=0.0))
@@ -429,15 +480,19 @@ def _column(motion: Motion, first: Motion, case: Case) -> dict[str, str]:
     """Return the numbers of a motion by their names."""
     period, (end, apart) = 1.0 / motion.frequency, difference_until(motion, first)
     s, energies = motion.summary, motion.energies
-    low, high = (1e3 * np.array(s[key]) for key in ("tip_min", "tip_max"))
     names = [lamina.name for lamina in case.lamina]
     d, scatter = s["distortion_factor"], s["strobe_scatter"]
+    ranges = {}
+    for name, measures in motion.measures.items():
+        unit, factor = style.shown_unit(motion.units[name])
+        low, high = (factor * measures[key] for key in ("min", "max"))
+        ranges[f"{name} [{unit}]"] = f"{low:.4g} … {high:.4g}"
     work = energies["base_work"] + energies["force_work"]
     damping = energies["damping_loss"] + energies["contact_damping_loss"]
     return {
         "first strike [T]": "–" if np.isinf(end) else f"{end / period:.3f}",
         "difference until then": f"{apart:.2%}",
-        **{f"tip, {name} [mm]": f"{low[k]:.2f} … {high[k]:.2f}" for k, name in enumerate(names)},
+        **ranges,
         "contacts per period": f"{s['tip_contacts_per_period'] or 0.0:.2f}",
         "motion": (s["periodicity_class"] or "–"),
         "scatter": "–" if scatter is None else f"{scatter:.2%}",
@@ -460,6 +515,7 @@ def _numbers(motion: Motion, first: Motion) -> dict[str, object]:
         "frequency": motion.frequency,
         "first_strike": None if np.isinf(end) else end,
         "difference_until_then": apart,
+        "channels": motion.measures,
         **{key: motion.summary[key] for key in keys},
         "energies": motion.energies,
         "energy_residual": motion.residual,

@@ -101,3 +101,21 @@ def test_motions_must_repeat_and_nothing_may_float() -> None:
     blow = {"impactor": [{"lamina": "thin", "mass": 0.01, "gap": 0.001}]}
     with pytest.raises(CaseError, match="compare: "):
         compare_models(CASE.with_overrides(blow), ["beam"])
+
+
+def test_any_channels_are_compared(tmp_path) -> None:
+    """An accelerometer and the base: its motion is that of the drive in every model."""
+    sensor = {"name": "a1", "lamina": "thin", "position": 0.3, "quantity": "acceleration"}
+    case = CASE.with_overrides({"sensor": [sensor]})
+    models = compare_models(
+        case, ["beam", "modes"], frequencies=[3.25], periods=4, modes=6,
+        channels=["a1", "base"],
+    )  # fmt: skip
+    numbers = models.report.numbers["models"][0]["motions"][0]["channels"]
+    assert numbers["base"]["amplitude"] == pytest.approx(case.excitation.amplitude, rel=1e-4)
+    rows = {name: row for name, *row in models.motion_rows(0)}
+    assert "a1 [m/s²]" in rows and "base [mm]" in rows
+    labels = [axes.get_ylabel() for axes in models.figure().axes]
+    assert labels == ["a1 [m/s²]", "impulse [mN s/m per period]", "base [mm]"]
+    with pytest.raises(CaseError, match=r"channel: expected some of .*a1, given a2"):
+        compare_models(case, ["beam"], periods=2, channels=["a2"])
