@@ -403,7 +403,11 @@ class ModelComparison(Finding):
             motion = model.motions[k]
             turns = motion.time * motion.frequency
             is_shown = turns <= SHOWN_PERIODS
-            rows = [row for row, own in enumerate(motion.units.values()) if own == unit]
+            rows = [
+                row
+                for row, unit_of_channel in enumerate(motion.units.values())
+                if unit_of_channel == unit
+            ]
             for number, row in enumerate(rows):
                 axes.plot(
                     turns[is_shown],
@@ -415,7 +419,11 @@ class ModelComparison(Finding):
                 )
             if motion.strike * motion.frequency <= SHOWN_PERIODS:
                 axes.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
-        names = [channel for channel, own in self.models[0].motions[k].units.items() if own == unit]
+        names = [
+            channel
+            for channel, unit_of_channel in self.models[0].motions[k].units.items()
+            if unit_of_channel == unit
+        ]
         axes.set_ylabel(f"{', '.join(names)} [{name}]")
 
 
