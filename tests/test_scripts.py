@@ -30,7 +30,7 @@ def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPat
                 assert row[name][engine] > 0.0
     assert json.loads((tmp_path / "performance.json").read_text())["rows"] == rows
     page = (tmp_path / "performance.md").read_text()
-    assert all(f"## {name}" in page for name in module.SCHEMES)
+    assert all(f"## {name}" in page for name in module.ON_PAGE)
     assert (tmp_path / "figures" / "performance.png").stat().st_size > 1000
 
 

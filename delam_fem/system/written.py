@@ -42,7 +42,7 @@ _MARKS = (
 )  # fmt: skip
 """A folder without a list that has one of these names is of an earlier version, or was written
 from Python file by file: then files with names of outputs are taken for the program's."""
-_HEAD = "# Written by delam-fem into this folder, which replaces no other files.\n"
+_HEAD = "# Written by delam_fem into this folder, which replaces no other files.\n"
 _AGAIN = "# --overwrite: what is above alone belongs to the results before.\n"
 _MOST_NAMES = 4
 """Number of names that a message lists."""
@@ -311,7 +311,7 @@ def _listing(names: list[str]) -> str:
 def _foreign(folder: Path, names: list[str]) -> str:
     """Return the message for files that the program would replace and has not written."""
     return (
-        f"output folder {folder}: {_listing(names)}: expected none, or what delam-fem has written "
+        f"output folder {folder}: {_listing(names)}: expected none, or what the program has written "
         f"there and listed in {LIST}; move or rename it, or choose another folder with -o DIR"
     )
 

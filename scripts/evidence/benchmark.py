@@ -409,6 +409,8 @@ def measure(short: bool, limit: Path | None = None) -> dict[str, Any]:
     }
 
 
+ON_PAGE = (BASELINE, "newton@moreau-jean")
+"""Schemes whose tables are on the page; performance.json has all."""
 HEADINGS = (
     *("elements", "dofs", "MatSolve + 2 MatMult", "plain loop", "PETSc", "PETSc / bare"),
     *("compiled", "PETSc / compiled"),
@@ -562,6 +564,8 @@ def markdown(figures: dict[str, Any]) -> str:
     ]
     parts += [limit_section(figures["limit"])] if figures["limit"] else []
     for name, rows in tables(figures).items():
+        if name not in ON_PAGE:
+            continue
         parts.append(f"## {name}\n")
         lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
         parts.append(_rows_of(lines))

@@ -50,4 +50,4 @@ def test_all_forged_files(kind: str) -> None:
 
 def test_the_long_form_is_long() -> None:
     assert sum(count for _, count in KINDS.values()) >= 2000
-    assert SEED == 20261127  # the counts in docs/reliability.md belong to it
+    assert SEED == 20261127  # the counts in docs/evidence/attacks.md belong to it

@@ -1,7 +1,7 @@
 """Hostile inputs: every one is accepted or refused by a message, and nothing is left behind.
 
 The short form attempts every twelfth input; `-m nightly` attempts all, and prints the counts of
-docs/reliability.md with `-s`.
+docs/evidence/attacks.md with `-s`.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def test_all_hostile_inputs(kind: str) -> None:
 
 def test_the_long_form_is_long() -> None:
     assert sum(count for _, count in KINDS.values()) >= 2000
-    assert SEED == 20261121  # the counts in docs/reliability.md belong to it
+    assert SEED == 20261121  # the counts in docs/evidence/attacks.md belong to it
 
 
 def refused(name: str, folder: Path) -> None:
