@@ -311,7 +311,7 @@ def _listing(names: list[str]) -> str:
 def _foreign(folder: Path, names: list[str]) -> str:
     """Return the message for files that the program would replace and has not written."""
     return (
-        f"output folder {folder}: {_listing(names)}: expected none, or what the program has written "
+        f"output folder {folder}: {_listing(names)}: expected none, or what the program wrote "
         f"there and listed in {LIST}; move or rename it, or choose another folder with -o DIR"
     )
 
