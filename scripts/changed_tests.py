@@ -24,6 +24,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -67,14 +68,19 @@ def record(directory: Path, places: Iterable[str] = (), *options: str) -> None:
     (directory / "revision").write_text(_git("rev-parse", "HEAD").strip())
 
 
-def pytest_runtest_setup(item: Any) -> None:
+_begun: dict[str, float] = {}
+"""Clock at the start of tests, by their names."""
+
+
+def pytest_runtest_logstart(nodeid: str) -> None:
     """Look at the clock of the processor: this module is a plugin of pytest while it records."""
-    item.stash_of_clock = _clock()
+    _begun[nodeid] = _clock()
 
 
 def pytest_runtest_teardown(item: Any) -> None:
     """Keep the processor time of a test and of what it has started and waited for [s]."""
-    item.user_properties.append(("processor_seconds", f"{_clock() - item.stash_of_clock:.4f}"))
+    seconds = _clock() - _begun.pop(item.nodeid, _clock())
+    item.user_properties.append(("processor_seconds", f"{seconds:.4f}"))
 
 
 def _clock() -> float:
@@ -129,7 +135,7 @@ class Lines:
             return names
         users = sorted((ROOT / "delam_fem").rglob("*.py"))
         dotted = module.removesuffix(".py").replace("/", ".")
-        near = [p.relative_to(ROOT).as_posix() for p in users if dotted in imports(p)]
+        near = [path.relative_to(ROOT).as_posix() for path in users if dotted in imports(path)]
         return set().union(*(self.tests.get((path, 0), set()) for path in near))
 
     def ordered(self, module: str, names: set[str], words: str) -> list[str]:
@@ -189,6 +195,7 @@ def mentions(line: str, files: Iterable[str]) -> dict[str, float]:
     return {file: score / largest for file, score in scores.items()}
 
 
+@cache
 def imports(path: Path) -> set[str]:
     """Return the modules that a file imports; a name from a module counts as a module, too."""
     names = set()

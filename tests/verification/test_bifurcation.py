@@ -86,15 +86,18 @@ def exponent(
         )
 
 
-@pytest.mark.parametrize(("omega", "s", "e"), [(1.8, 0.2, 0.5), (2.2, 0.0, 0.5), (2.5, 0.0, 0.5)])
+@pytest.mark.parametrize(
+    ("omega", "s", "e", "engine"),
+    [(1.8, 0.2, 0.5, "compiled"), (2.2, 0.0, 0.5, "petsc"), (2.5, 0.0, 0.5, "compiled")],
+)
 def test_an_impact_oscillator_contracts_by_its_restitution(
-    omega: float, s: float, e: float
+    omega: float, s: float, e: float, engine: Literal["petsc", "compiled"]
 ) -> None:
     """Complex multipliers have the modulus e, as their product is e² without damping."""
     mu = multipliers(omega, s, e)
     assert np.abs(mu) == pytest.approx(e)
     exact = math.log(e) * omega / (2.0 * math.pi)
-    estimate = exponent(omega, s, e, n_steps=2000, perturbation=0.03)
+    estimate = exponent(omega, s, e, n_steps=2000, perturbation=0.03, engine=engine)
     assert estimate.value == pytest.approx(exact, rel=IMPACTING)
 
 
