@@ -55,7 +55,7 @@ from delam_fem.case.sections import (
 from delam_fem.case.toml import Data, apply_overrides, message, set_key, toml_text
 from delam_fem.case.unread import idle_keys, read_of_contact
 from delam_fem.case.values import Expected, Section, in_si, inconsistent
-from delam_fem.contact.laws import combination, combined_name
+from delam_fem.contact.laws import ELASTIC_WITHIN, Law, combination, combined_name
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.beams import transmissibility
 from delam_fem.numerics.types import FloatArray
@@ -104,6 +104,11 @@ def _listed(data: Mapping[str, Any], key: str) -> Sequence[object]:
     """Return the tables of a section that may be repeated; none if it is something else."""
     tables = data.get(key)
     return tables if isinstance(tables, list | tuple) else ()
+
+
+def _has_stiffness(entry: InitialGap | Delamination | Stop | Impactor) -> bool:
+    """Return whether a contact has a stiffness of its own, or that of a ball."""
+    return entry.stiffness is not None or getattr(entry, "radius", None) is not None
 
 
 def _placed(table: object, end: object) -> object:
@@ -368,38 +373,29 @@ class Case(Section):
             )
 
     def _check_elastic(self) -> None:
-        """Check that elastic stops and impactors fit the contact law and its springs."""
-        striking: tuple[tuple[str, tuple[Stop | Impactor, ...]], ...] = (
-            ("stop", self.stop),
-            ("impactor", self.impactor),
-        )
-        elastic = [
-            (section, number, blow)
-            for section, entries in striking
-            for number, blow in enumerate(entries, start=1)
-            if blow.elastic_by
-        ]
-        for section, number, blow in elastic:
-            if self.contact.law not in ("penalty", "none"):
+        """Check that contacts with numbers of their own fit the law, the scheme and the masses."""
+        if self.has_stiffnesses and not self.spring[0]:
+            raise inconsistent(
+                "contact.penalty_stiffness",
+                "expected a positive number beside contacts with a stiffness of their own",
+            )
+        if self.contact.law != "newton":
+            return
+        for key, entry in self.contacts:
+            if entry.elastic_by and self.is_massless:
                 raise inconsistent(
-                    f"{section}.{number}.{blow.elastic_by}",
-                    f"expected an elastic {section} only with contact.law = "
-                    '"penalty" (and time.scheme = "newmark"), because all pairs of a case follow '
-                    f'one law, given "{self.contact.law}"',
+                    f"{key}.{entry.elastic_by}",
+                    'expected none with time.mass = "massless": a contact point without mass is '
+                    "rigid",
                 )
-            if not self.spring[0]:
+            if entry.restitution and self.is_massless:
                 raise inconsistent(
-                    "contact.penalty_stiffness",
-                    "expected a positive number beside elastic stops or impactors",
+                    f"{key}.restitution",
+                    'expected 0 with time.mass = "massless": a contact point without mass cannot '
+                    f"bounce; given {entry.restitution:g}",
                 )
-            relaxation_time = blow.damping / (blow.stiffness or math.inf)
-            needed = self.spring[1] / self.spring[0]
-            if not math.isclose(relaxation_time, needed, rel_tol=ROUND_OFF):
-                raise inconsistent(
-                    f"{section}.{number}.damping",
-                    "expected the same ratio of damping to stiffness at all contact springs, "
-                    f"{needed:g} s, given {relaxation_time:g} s",
-                )
+            if entry.elastic_by and self.time.scheme == "moreau-jean":
+                raise inconsistent(f"{key}.{entry.elastic_by}", ELASTIC_WITHIN)
 
     def _check_stops(self) -> None:
         """Check that a rigid stop has no second one at its place and side of a lamina."""
@@ -409,7 +405,7 @@ class Case(Section):
                 continue
             (low, high), (start, end) = before.reach(self.length), stop.reach(self.length)
             is_apart = start > high + margin or end < low - margin
-            if not is_apart and (before.stiffness is None or stop.stiffness is None):
+            if not is_apart and not (before.elastic_by and stop.elastic_by):
                 raise inconsistent(
                     f"stop.{second}.{'position' if stop.start is None else 'start'}",
                     f"expected another place or side of lamina {stop.lamina} than that of stop "
@@ -520,19 +516,48 @@ class Case(Section):
             )
 
     @property
+    def contacts(self) -> tuple[tuple[str, InitialGap | Delamination | Stop | Impactor], ...]:
+        """The tables of what may touch, with their keys: "gap", "delamination.1", "stop.1", …."""
+        tables: list[tuple[str, InitialGap | Delamination | Stop | Impactor]] = []
+        if self.gap is not None:
+            tables.append(("gap", self.gap))
+        for section in ("delamination", "stop", "impactor"):
+            entries = enumerate(getattr(self, section), start=1)
+            tables += [(f"{section}.{number}", entry) for number, entry in entries]
+        return tuple(tables)
+
+    @property
+    def has_stiffnesses(self) -> bool:
+        """Whether a contact has a stiffness of its own, or that of a ball."""
+        return any(map(_has_stiffness, (entry for _, entry in self.contacts)))
+
+    @property
+    def contact_law(self) -> Law:
+        """The contact law with its numbers."""
+        contact = self.contact
+        stiffness, damping = self.spring
+        return Law(
+            contact.law,
+            restitution=contact.restitution,
+            impulse=contact.impulse,
+            penalty_stiffness=stiffness,
+            penalty_damping=damping,
+            threshold_velocity=contact.threshold_velocity,
+        )
+
+    @property
     def spring(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] of a contact spring of weight 1.
 
-        If nothing but elastic stops and impactors may touch, the first with a stiffness gives both.
+        If all contacts that carry springs have a stiffness of their own, the first gives both.
         Balls alone have a spring of 1 N/m, of which their stiffnesses are multiples.
         """
         if not self.has_own_springs:
             return self.contact.penalty_stiffness, self.contact.penalty_damping
-        striking: tuple[Stop | Impactor, ...] = (*self.stop, *self.impactor)
         springs = [
-            (striker.stiffness, striker.damping)
-            for striker in striking
-            if striker.stiffness is not None
+            (entry.stiffness, entry.damping)
+            for _, entry in self.contacts
+            if entry.stiffness is not None
         ]
         return springs[0] if springs else (1.0, 0.0)
 
@@ -603,10 +628,8 @@ class Case(Section):
 
     @property
     def is_elastic(self) -> bool:
-        """Whether a stop or an impactor is elastic."""
-        return any(stop.elastic_by for stop in self.stop) or any(
-            impactor.elastic_by for impactor in self.impactor
-        )
+        """Whether a contact is elastic by a number of its own."""
+        return any(entry.elastic_by for _, entry in self.contacts)
 
     @property
     def title(self) -> str:
@@ -696,10 +719,10 @@ class Case(Section):
 
     @property
     def has_own_springs(self) -> bool:
-        """Whether nothing but elastic stops and impactors may touch, which say their stiffness."""
-        striking: tuple[Stop | Impactor, ...] = (*self.stop, *self.impactor)
-        is_alone = self.gap is None and not self.delamination
-        return is_alone and bool(striking) and all(striker.elastic_by for striker in striking)
+        """Whether all contacts that carry a spring have a stiffness of their own."""
+        if self.contact.law == "newton":
+            return self.is_elastic
+        return bool(self.contacts) and all(map(_has_stiffness, (e for _, e in self.contacts)))
 
     @property
     def is_periodic(self) -> bool:

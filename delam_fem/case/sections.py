@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import (
@@ -314,6 +314,51 @@ def _positive(value: object) -> float | None:
     return float(value) if value > 0.0 else None
 
 
+OwnRestitution = Annotated[Restitution | None, Unit("1")]
+OwnStiffness = Annotated[Positive | None, Unit("N/m")]
+OwnDamping = Annotated[NotNegative, Unit("N s/m")]
+OwnThreshold = Annotated[NotNegative | None, Unit("m/s")]
+"""Types of the numbers that a contact may have in place of those of `[contact]`."""
+
+
+class OwnContact(Protocol):
+    """A table of a contact: [gap], [[delamination]], [[stop]] or [[impactor]]."""
+
+    @property
+    def elastic_by(self) -> str | None:
+        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
+
+    @property
+    def restitution(self) -> float | None:
+        """Restitution e of its own [-]."""
+
+    @property
+    def stiffness(self) -> float | None:
+        """Stiffness of its springs [N/m]."""
+
+    @property
+    def damping(self) -> float:
+        """Damping of its springs [N s/m]."""
+
+    @property
+    def threshold_velocity(self) -> float | None:
+        """Threshold velocity γ of its own [m/s]."""
+
+
+def _elastic_by(entry: OwnContact) -> str | None:
+    """Name of the key that makes the contact elastic; None: it follows the law of the case."""
+    if entry.restitution is not None:
+        return None
+    keys = ("stiffness", "radius")
+    return next((key for key in keys if getattr(entry, key, None) is not None), None)
+
+
+def _require_own_numbers(entry: OwnContact) -> None:
+    """Check that the damping of a contact stands beside its stiffness."""
+    if entry.damping and entry.stiffness is None:
+        raise inconsistent("damping", "expected only beside stiffness, of an elastic contact")
+
+
 class InitialGap(Section):
     """The gap at rest: a power of x/L, the first mode shape, or a table.
 
@@ -325,6 +370,13 @@ class InitialGap(Section):
             given.
         shape: "mode": the first cantilever mode, scaled to the gap at the tip.
         file: CSV table with the columns x [m], gap [m]; a relative name counts from the case file.
+        restitution: e of this contact [-]; contact.restitution if not given. Beside stiffness it
+            makes the contact rigid.
+        stiffness: stiffness of the springs of this contact [N/m per node pair]; it makes the
+            contact elastic, unless restitution stands beside it.
+        damping: damping of the springs of an elastic contact [N s/m per node pair].
+        threshold_velocity: velocity gamma of this contact [m/s]; contact.threshold_velocity if not
+            given.
     """
 
     tip: Annotated[Positive, Unit("m")] | None = None
@@ -332,6 +384,10 @@ class InitialGap(Section):
     exponent: Positive | None = None
     shape: Literal["mode"] | None = None
     file: FileName | None = None
+    restitution: OwnRestitution = None
+    stiffness: OwnStiffness = None
+    damping: OwnDamping = 0.0
+    threshold_velocity: OwnThreshold = None
 
     @model_validator(mode="before")
     @classmethod
@@ -358,7 +414,13 @@ class InitialGap(Section):
                 raise inconsistent(
                     key, f"expected no {key} beside gap.file, which has the gap itself"
                 )
+        _require_own_numbers(self)
         return self
+
+    @property
+    def elastic_by(self) -> str | None:
+        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
+        return _elastic_by(self)
 
 
 class Mesh(Section):
@@ -745,6 +807,13 @@ class Delamination(Section):
         exponent: exponent of the shape "power" [-]; 2 if it is not given.
         file: CSV table with the columns x [m], gap [m] over the delamination; a relative name
             counts from the case file.
+        restitution: e of this contact [-]; contact.restitution if not given. Beside stiffness it
+            makes the contact rigid.
+        stiffness: stiffness of the springs of this contact [N/m per node pair]; it makes the
+            contact elastic, unless restitution stands beside it.
+        damping: damping of the springs of an elastic contact [N s/m per node pair].
+        threshold_velocity: velocity gamma of this contact [m/s]; contact.threshold_velocity if not
+            given.
     """
 
     between: Neighbours
@@ -754,6 +823,10 @@ class Delamination(Section):
     shape: Literal["half-cosine", "power"] | None = None
     exponent: Positive | None = None
     file: FileName | None = None
+    restitution: OwnRestitution = None
+    stiffness: OwnStiffness = None
+    damping: OwnDamping = 0.0
+    threshold_velocity: OwnThreshold = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -763,6 +836,7 @@ class Delamination(Section):
                 "end", f"expected a place beyond start = {self.start!r} m, given {self.end!r}"
             )
         _require_one_shape(self)
+        _require_own_numbers(self)
         return self
 
     def spans(self, length: float) -> bool:
@@ -773,6 +847,11 @@ class Delamination(Section):
         """Return whether an edge of the delamination is at `end` (0 or the length)."""
         edge = self.start if end == 0.0 else self.end
         return abs(edge - end) <= EDGE_TOLERANCE * length
+
+    @property
+    def elastic_by(self) -> str | None:
+        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
+        return _elastic_by(self)
 
 
 def _require_one_shape(own: Delamination | Stop) -> None:
@@ -875,7 +954,7 @@ class Stop(Section):
     """A stop that a lamina may strike: a point, or points along a stretch.
 
     A rigid stop follows the contact law. An elastic one is a spring (and damper) that acts while
-    its gap is closed.
+    its gap is closed, whatever the law of the others.
 
     Attributes:
         lamina: name of the lamina.
@@ -891,8 +970,13 @@ class Stop(Section):
         file: CSV table with the columns x [m], gap [m] from start to end, which is added to `gap`;
             a relative name counts from the case file.
         on: what carries the stop: "base" (it moves with the base) or "ground".
-        stiffness: stiffness of an elastic stop, of a stretch as a whole [N/m]; rigid if not given.
+        stiffness: stiffness of an elastic stop, of a stretch as a whole [N/m]; rigid if not given,
+            or with restitution beside it.
         damping: damping of an elastic stop, of a stretch as a whole [N s/m].
+        restitution: e of the stop [-]; contact.restitution if not given. Beside stiffness it makes
+            the stop rigid.
+        threshold_velocity: velocity gamma of the stop [m/s]; contact.threshold_velocity if not
+            given.
     """
 
     lamina: Label
@@ -906,8 +990,10 @@ class Stop(Section):
     exponent: Positive | None = None
     file: FileName | None = None
     on: Literal["base", "ground"] = "base"
-    stiffness: Annotated[Positive, Unit("N/m")] | None = None
-    damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
+    stiffness: OwnStiffness = None
+    damping: OwnDamping = 0.0
+    restitution: OwnRestitution = None
+    threshold_velocity: OwnThreshold = None
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
@@ -923,8 +1009,7 @@ class Stop(Section):
             if getattr(self, key) and not is_stretch:
                 raise inconsistent(key, "expected only of a stretch, from start to end")
         _require_one_shape(self)
-        if self.damping and self.stiffness is None:
-            raise inconsistent("damping", "expected only beside stiffness, of an elastic stop")
+        _require_own_numbers(self)
         return self
 
     def reach(self, length: float) -> tuple[float, float]:
@@ -936,8 +1021,8 @@ class Stop(Section):
 
     @property
     def elastic_by(self) -> str | None:
-        """Name of the key that makes the contact elastic; None: it is rigid."""
-        return "stiffness" if self.stiffness is not None else None
+        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
+        return _elastic_by(self)
 
 
 class Impactor(Section):
@@ -950,12 +1035,17 @@ class Impactor(Section):
         side: side of the lamina on which it is: "above" or "below".
         gap: gap at rest [m].
         velocity: velocity towards the lamina at t = 0 [m/s].
-        stiffness: stiffness of the contact [N/m]; without it and radius the contact is rigid.
+        stiffness: stiffness of the contact [N/m]; without it and radius the contact is rigid, and
+            with restitution beside it.
         damping: damping of the contact, beside stiffness [N s/m].
         radius: radius of a rigid ball [m], whose contact follows Hertz; needs velocity.
         spring: stiffness of the spring that holds it [N/m]; 0: it is free.
         spring_damping: damping of that spring [N s/m].
         on: what carries that spring: "base" (it moves with the base) or "ground".
+        restitution: e of the contact [-]; contact.restitution if not given. Beside stiffness it
+            makes the contact rigid.
+        threshold_velocity: velocity gamma of the contact [m/s]; contact.threshold_velocity if not
+            given.
     """
 
     lamina: Label
@@ -964,12 +1054,14 @@ class Impactor(Section):
     side: Literal["above", "below"] = "above"
     gap: Annotated[NotNegative, Unit("m")] = 0.0
     velocity: Annotated[NotNegative, Unit("m/s")] = 0.0
-    stiffness: Annotated[Positive, Unit("N/m")] | None = None
-    damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
+    stiffness: OwnStiffness = None
+    damping: OwnDamping = 0.0
     radius: Annotated[Positive, Unit("m")] | None = None
     spring: Annotated[NotNegative, Unit("N/m")] = 0.0
     spring_damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
     on: Literal["base", "ground"] = "ground"
+    restitution: OwnRestitution = None
+    threshold_velocity: OwnThreshold = None
 
     @model_validator(mode="after")
     def _one_contact(self) -> Self:
@@ -980,16 +1072,15 @@ class Impactor(Section):
             raise inconsistent(
                 "velocity", "expected a positive number beside radius: it sets the depth of contact"
             )
-        if self.damping and self.stiffness is None:
-            raise inconsistent("damping", "expected only beside stiffness, of an elastic contact")
+        if self.radius is not None and self.restitution is not None:
+            raise inconsistent("restitution", "expected none beside radius, of an elastic contact")
+        _require_own_numbers(self)
         return self
 
     @property
     def elastic_by(self) -> str | None:
-        """Name of the key that makes the contact elastic; None: it is rigid."""
-        return next(
-            (key for key in ("stiffness", "radius") if getattr(self, key) is not None), None
-        )
+        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
+        return _elastic_by(self)
 
 
 class Initial(Section):

@@ -10,14 +10,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from delam_fem.case.excitation import Excitation, MultisineExcitation, parts_of
-from delam_fem.case.sections import Contact, Lamina, Model
+from delam_fem.case.sections import Contact, Lamina, Model, OwnContact
 from delam_fem.contact.laws import SCHEMES, combination
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
 
-OF_CONTACT = ("stiffness", "damping", "radius")
-"""Keys of a stop or an impactor that say what happens while it is closed."""
+OF_CONTACT = ("restitution", "stiffness", "damping", "threshold_velocity", "radius")
+"""Keys of a contact that say what happens while it is closed."""
 
 
 def idle_keys(case: Case) -> Iterator[tuple[str, str]]:
@@ -42,9 +42,12 @@ def idle_keys(case: Case) -> Iterator[tuple[str, str]]:
     for number, opening in enumerate(case.delamination, start=1):
         if not opening.opening:
             yield from ((f"delamination.{number}", key) for key in ("shape", "exponent"))
+    for place, table in case.contacts:
+        idle = set(OF_CONTACT) - read_of_entry(case, table)
+        yield from ((place, key) for key in OF_CONTACT if key in idle and hasattr(table, key))
     for section, entries in (("stop", case.stop), ("impactor", case.impactor)):
         for number, entry in enumerate(entries, start=1):
-            yield from ((f"{section}.{number}", key) for key in _of_contact_with(case, entry))
+            yield from ((f"{section}.{number}", key) for key in _of_striker(case, entry))
     for number, start in enumerate(case.initial, start=1):
         if start.shape != "mode":
             yield f"initial.{number}", "mode"
@@ -64,15 +67,42 @@ def has_interfaces(case: Case) -> bool:
 
 
 def read_of_contact(case: Case) -> set[str]:
-    """Return the keys of the section `contact` that have an effect."""
+    """Return the keys of the section `contact` that have an effect.
+
+    A number that all contacts have of their own has none.
+    """
     reads = set(combination(case.contact.law, case.time.scheme).reads)
     if case.is_massless:
         reads = {"restitution"}
-    if not has_pairs(case):
-        reads = set()
+    rigid = [entry for _, entry in case.contacts if not is_elastic(case, entry)]
+    if not rigid:
+        reads -= {"impulse"}
+    for key in ("restitution", "threshold_velocity"):
+        if all(getattr(entry, key) is not None for entry in rigid):
+            reads -= {key}
     if case.has_own_springs:
         reads -= {"penalty_stiffness", "penalty_damping"}
+    if not has_pairs(case):
+        reads = set()
     return {"law"} | reads | ({"points_per_element"} if has_interfaces(case) else set())
+
+
+def is_elastic(case: Case, entry: OwnContact) -> bool:
+    """Return whether a contact of a case is a spring while it is closed."""
+    return case.contact.law == "penalty" or entry.elastic_by is not None
+
+
+def read_of_entry(case: Case, entry: OwnContact) -> set[str]:
+    """Return the keys of `OF_CONTACT` that have an effect on a contact of a case."""
+    reads = combination(case.contact.law, case.time.scheme).reads
+    if case.contact.law == "none":
+        return set()
+    if case.is_massless:
+        return {"restitution"}
+    if is_elastic(case, entry):
+        return {"stiffness", "radius"} | (set() if entry.stiffness is None else {"damping"})
+    own = {"restitution", "threshold_velocity"} & set(reads)
+    return own | ({"stiffness"} if "penalty_stiffness" in reads else set())
 
 
 def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
@@ -124,10 +154,8 @@ def _read_of_model(case: Case) -> set[str]:
     return set(case.model.reads) | ({"poisson"} if has_balls else set())
 
 
-def _of_contact_with(case: Case, own: object) -> Iterator[str]:
-    """Yield the keys of a stop or an impactor that have no effect."""
-    if case.contact.law == "none":
-        yield from (key for key in OF_CONTACT if hasattr(own, key))
+def _of_striker(case: Case, own: object) -> Iterator[str]:
+    """Yield the other keys of a stop or an impactor that have no effect."""
     has_spring = getattr(own, "spring", 1.0) or getattr(own, "spring_damping", 0.0)
     if case.excitation.acts_on == "force" or not has_spring:
         yield "on"

@@ -29,7 +29,14 @@ from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
-    from delam_fem.case.sections import Impactor, Lamina, PointMass, PointSupport, Stop
+    from delam_fem.case.sections import (
+        Impactor,
+        Lamina,
+        OwnContact,
+        PointMass,
+        PointSupport,
+        Stop,
+    )
     from delam_fem.engines.session import EngineName
     from delam_fem.model.reduction import Reduction
     from delam_fem.studies.sweeps.grid import Sweep
@@ -255,14 +262,21 @@ def _law_numbers(case: Case) -> Iterator[str]:
     yield from (text for key, text in words.items() if key in read)
 
 
+_OWN_NUMBERS = ("restitution", "stiffness", "threshold_velocity")
+
+
 def _attached(case: Case) -> Iterator[tuple[str, str]]:
     """Yield rows of what acts on the laminae: supports, masses, stops, impactors, sensors."""
     for number, support in enumerate(case.support.points(case.length), start=1):
         yield f"support {number}", _point_support(case, support)
     for number, mass in enumerate(case.point_mass, start=1):
         yield f"point mass {number}", f"{mass.mass:g} kg on {_place(case, mass)}"
+    for key, contact_table in case.contacts:
+        is_between = key.startswith(("gap", "delamination"))
+        if is_between and any(getattr(contact_table, name) is not None for name in _OWN_NUMBERS):
+            yield key.replace(".", " "), _contact(case, contact_table)
     for number, stop in enumerate(case.stop, start=1):
-        contact = _contact(stop.stiffness, stop.damping)
+        contact = _contact(case, stop)
         yield (
             f"stop {number}",
             f"{stop.side} {_place(case, stop)}, gap {1e3 * stop.gap:g} mm, {contact}, on the "
@@ -305,7 +319,7 @@ def _all_laminae(case: Case) -> str:
 
 def _impactor(case: Case, impactor: Impactor) -> str:
     """Return in words what an impactor is."""
-    contact = _contact(impactor.stiffness, impactor.damping)
+    contact = _contact(case, impactor)
     if impactor.radius is not None:
         lamina = next(candidate for candidate in case.lamina if candidate.name == impactor.lamina)
         nu = lamina.poisson if case.model.poisson is None else case.model.poisson
@@ -321,9 +335,23 @@ def _impactor(case: Case, impactor: Impactor) -> str:
     )
 
 
-def _contact(stiffness: float | None, damping: float) -> str:
-    """Return in words what a contact with a stiffness [N/m] and a damping [N s/m] is."""
-    return "rigid" if stiffness is None else f"k {stiffness:g} N/m, c {damping:g} N s/m"
+def _contact(case: Case, table: OwnContact) -> str:
+    """Return in words what a contact is: its numbers, where it has some of its own."""
+    from delam_fem.case.unread import read_of_entry
+
+    read = read_of_entry(case, table)
+    words = ["rigid"] if table.elastic_by is None else []
+    for key, text, unit in (
+        ("restitution", "e", ""),
+        ("stiffness", "k", " N/m"),
+        ("damping", "c", " N s/m"),
+        ("threshold_velocity", "threshold", " m/s"),
+    ):
+        value = getattr(table, key)
+        is_said = value is not None and (key != "damping" or table.stiffness is not None)
+        if is_said and (key in read or case.contact.law == "none"):
+            words.append(f"{text} {value:g}{unit}")
+    return ", ".join(words)
 
 
 def _place(case: Case, thing: PointMass | Stop | Impactor) -> str:

@@ -13,6 +13,12 @@ If W_AA is singular to round-off, the method begins again with no pair and takes
 redundant pair has no residual once the pairs that span it are active, so the method never adds it:
 p is then one of several solutions, but H^T p is unique.
 
+Redundant pairs with different restitution demand different things. Then q need not lie in the range
+of W, and the method may end with a pair that lacks something. W + ε diag W is regular, and as ε
+tends to 0 its solution tends to the smallest p of the problem itself, if there is one (R. W.
+Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, theorem 5.6.2). It is tried
+before such a problem counts as one without solution.
+
 Source:
     C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, ch. 23.
 """
@@ -33,6 +39,9 @@ round-off of q itself follows from the motion, see `rules.OF_PLACE`."""
 
 SINGULAR = 1e-13
 """A pivot below this number times the diagonal entry of W is round-off: the pair is redundant."""
+
+LIFT = 1e-9
+"""ε of the second attempt; the residual that it leaves is of this size, its round-off 1e-16/ε."""
 
 GONE = 1e-14
 """An impulse below this number times the size of its trial value is round-off of zero."""
@@ -95,8 +104,10 @@ def forget(memory, pairs, n):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _factorise(W, origin, stride, pairs, m, memory):  # type: ignore[no-untyped-def]
+def _factorise(W, origin, stride, pairs, m, lift, memory):  # type: ignore[no-untyped-def]
     """Factorise W_AA of the m active pairs, unless that is done; return False if it is singular.
+
+    Its diagonal is multiplied by 1 + lift.
 
     W_AA = L Lᵀ by Cholesky; the diagonal of L is stored inverted. A pivot that is not a number also
     counts as that of a singular matrix.
@@ -114,6 +125,8 @@ def _factorise(W, origin, stride, pairs, m, memory):  # type: ignore[no-untyped-
         row = origin + pair * stride
         for j in range(i + 1):
             value = W[row + pairs[active[j]]]
+            if j == i and lift > 0.0:
+                value += lift * value
             for k in range(j):
                 value -= factor[first + k] * factor[j * stride + k]
             if j < i:
@@ -184,7 +197,7 @@ def _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory):  # type
 
 
 @njit
-def _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):  # type: ignore[no-untyped-def]
+def _is_solved(W, origin, stride, pairs, n, q, p, limit, lift, memory):  # type: ignore[no-untyped-def]
     """Run the iteration of `solve_among`; return whether it came to an end."""
     side = memory.side
     chosen = -1
@@ -198,7 +211,7 @@ def _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):  # type: ignor
             if side[j] == ACTIVE:
                 memory.active[m] = j
                 m += 1
-        if _factorise(W, origin, stride, pairs, m, memory):
+        if _factorise(W, origin, stride, pairs, m, lift, memory):
             _substitute(stride, q, m, memory)
             if not _move(p, m, memory):
                 continue
@@ -217,6 +230,23 @@ def _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):  # type: ignor
             return True
         side[chosen] = ACTIVE
     return False
+
+
+@njit
+def _attempt(W, origin, stride, pairs, n, q, p, change, noise, largest, lift, memory):  # type: ignore[no-untyped-def]
+    """Solve the problem with W + lift diag W; write p and W p, and return how well p serves W."""
+    result = SOLVED
+    limit = max(TOLERANCE * largest, noise)
+    if not _is_solved(W, origin, stride, pairs, n, q, p, limit, lift, memory):
+        result = NOT_FOUND
+    for i in range(n):
+        row = origin + pairs[i] * stride
+        change[i] = 0.0
+        for j in range(n):
+            change[i] += W[row + pairs[j]] * p[j]
+        if not change[i] + q[i] >= -max(UNSOLVABLE * largest, noise):
+            result = OUT_OF_RANGE if result == SOLVED else result
+    return result
 
 
 @njit
@@ -251,17 +281,11 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, noise, memory):  # ty
         p[0] = max(0.0, -q[0] / single)
         change[0] = single * p[0]
         return SOLVED if np.isfinite(single) else NOT_FINITE
-    result = SOLVED
-    limit = max(TOLERANCE * largest, noise)
-    if not _is_solved(W, origin, stride, pairs, n, q, p, limit, memory):
-        result = NOT_FOUND
-    for i in range(n):
-        row = origin + pairs[i] * stride
-        change[i] = 0.0
-        for j in range(n):
-            change[i] += W[row + pairs[j]] * p[j]
-        if not change[i] + q[i] >= -max(UNSOLVABLE * largest, noise):
-            result = OUT_OF_RANGE if result == SOLVED else result
+    result = _attempt(W, origin, stride, pairs, n, q, p, change, noise, largest, 0.0, memory)
+    if result != SOLVED:
+        memory.members[0] = -1
+        result = _attempt(W, origin, stride, pairs, n, q, p, change, noise, largest, LIFT, memory)
+        memory.members[0] = -1
     if result == SOLVED:
         for j in range(n):
             memory.was_idle[pairs[j]] = p[j] == 0.0

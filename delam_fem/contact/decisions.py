@@ -83,6 +83,26 @@ class Supervisor(Protocol):
         """Return the jumps at this instant, or None if nothing jumps."""
 
 
+@dataclass(frozen=True, eq=False)
+class PairNumbers:
+    """Numbers that pairs have of their own, in place of those of the law; NaN: that of the law.
+
+    Attributes:
+        is_elastic: pairs that are springs while they are closed, in any law, shape (n_pairs,).
+        restitution: e, shape (n_pairs,) [-].
+        relaxation: damping over stiffness of a pair's spring, shape (n_pairs,) [s].
+        threshold: γ, shape (n_pairs,) [m/s].
+        shares: factors of the springs of the pairs before their own stiffnesses, shape (n_pairs,);
+            `Operators.pair_weights` has both.
+    """
+
+    is_elastic: BoolArray
+    restitution: FloatArray
+    relaxation: FloatArray
+    threshold: FloatArray
+    shares: FloatArray
+
+
 @dataclass(frozen=True)
 class Setting:
     """The problem for which a law is set up.
@@ -90,14 +110,21 @@ class Setting:
     Attributes:
         n_pairs: number of contact pairs.
         compliance: W of the matrix through which impulses act.
+        pair_numbers: numbers that pairs have of their own; None: all follow the law.
     """
 
     n_pairs: int
     compliance: Compliance
+    pair_numbers: PairNumbers | None = None
 
 
 NONE, IMPACTS, PENALTY, MOREAU = range(4)
 """Kinds of decisions: none, impacts between two steps, springs, impulses within a step."""
+
+
+IS_ELASTIC, RESTITUTION, DAMPING, THRESHOLD = range(4)
+N_OF_PAIR = 4
+"""Places, and count, of the numbers of a pair in `LawNumbers.of_pairs`."""
 
 
 class LawNumbers(NamedTuple):
@@ -112,6 +139,10 @@ class LawNumbers(NamedTuple):
         threshold: speed limit for resting pairs [m/s]. IMPACTS: a pair that leaves slower than this
             rests on a spring; -inf: never. MOREAU: a pair that approaches slower than this counts
             as resting.
+        differ: whether pairs have different numbers. Those of `of_pairs` then count; the others are
+            those of a pair without numbers of its own.
+        of_pairs: whether each pair is a spring while it is closed, its e, damping and threshold,
+            one pair after the other, shape (4 n_pairs,); empty if all pairs are alike.
     """
 
     kind: int
@@ -120,3 +151,30 @@ class LawNumbers(NamedTuple):
     stiffness: float = 0.0
     damping: float = 0.0
     threshold: float = -np.inf
+    differ: bool = False
+    of_pairs: FloatArray = np.zeros(0)
+
+    @property
+    def table(self) -> FloatArray:
+        """The numbers of pairs that differ, shape (n_pairs, 4); without rows if they are alike."""
+        return self.of_pairs.reshape(-1, N_OF_PAIR)
+
+    def closes_springs(self, n_pairs: int) -> BoolArray:
+        """Return which pairs are springs whenever they are closed, shape (n_pairs,)."""
+        if self.differ:
+            return np.asarray(self.table[:, IS_ELASTIC] != 0.0)
+        return np.full(n_pairs, self.kind == PENALTY)
+
+    def has_springs(self, n_pairs: int) -> BoolArray:
+        """Return which pairs may carry a spring, shape (n_pairs,)."""
+        if self.kind == IMPACTS and self.threshold == -np.inf:
+            return self.closes_springs(n_pairs)
+        return np.full(n_pairs, self.kind in (IMPACTS, PENALTY))
+
+    def dampings(self, n_pairs: int) -> FloatArray:
+        """Return the damping of a spring of weight 1 at each pair, shape (n_pairs,) [N s/m]."""
+        return self.table[:, DAMPING].copy() if self.differ else np.full(n_pairs, self.damping)
+
+    def thresholds(self, n_pairs: int) -> FloatArray:
+        """Return the threshold of each pair, shape (n_pairs,) [m/s]."""
+        return self.table[:, THRESHOLD].copy() if self.differ else np.full(n_pairs, self.threshold)

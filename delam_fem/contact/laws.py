@@ -19,16 +19,31 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, Protocol, get_args
 
+import numpy as np
+
 from delam_fem.contact.decisions import (
+    DAMPING,
     IMPACTS,
+    IS_ELASTIC,
     MOREAU,
+    N_OF_PAIR,
     NONE,
     PENALTY,
+    RESTITUTION,
+    THRESHOLD,
     LawNumbers,
+    PairNumbers,
     Setting,
     Supervisor,
 )
 from delam_fem.system.errors import require, require_number
+
+ELASTIC_WITHIN = (
+    'expected an elastic contact only with time.scheme = "newmark" or "central-difference": the '
+    'impulses of "moreau-jean" act within a step, and its equation has no contact springs; take '
+    'contact.law = "newton@newmark", or a rigid contact'
+)
+"""Why a contact with a stiffness of its own does not go with the Moreau–Jean scheme."""
 
 SchemeName = Literal["newmark", "central-difference", "moreau-jean"]
 
@@ -179,19 +194,59 @@ class Law:
         # imported here, so that reading a case needs no compiler
         from delam_fem.contact.rules import Rules
 
-        return Rules(self.numbers(scheme), setting)
+        return Rules(self.numbers(scheme, setting.pair_numbers), setting)
 
-    def numbers(self, scheme: Scheme) -> LawNumbers:
+    def numbers(self, scheme: Scheme, pair_numbers: PairNumbers | None = None) -> LawNumbers:
         """Return the numbers of the law with a scheme that decisions and springs need.
 
+        Args:
+            scheme: the scheme.
+            pair_numbers: numbers that pairs have of their own; None: all follow the law.
+
         Raises:
-            ValueError: the law does not go with the scheme.
+            ValueError: the law, or an elastic pair, does not go with the scheme.
         """
         row = combination(self.name, scheme.name)
         is_coupled = self.is_coupled or row.kind == MOREAU
         slow = self.threshold_velocity if "threshold_velocity" in row.reads else -math.inf
+        stiffness, damping = self.spring
         # whole numbers would be compiled for once more
-        return LawNumbers(row.kind, is_coupled, *map(float, (self.restitution, *self.spring, slow)))
+        law = LawNumbers(
+            row.kind,
+            is_coupled,
+            float(self.restitution),
+            float(stiffness),
+            float(damping),
+            float(slow),
+        )
+        if pair_numbers is None or row.kind == NONE or not pair_numbers.is_elastic.size:
+            return law
+        return self._with_pairs(law, pair_numbers)
+
+    def _with_pairs(self, law: LawNumbers, pair_numbers: PairNumbers) -> LawNumbers:
+        """Return the numbers of a law with those of its pairs, where they are not all alike."""
+        is_elastic = pair_numbers.is_elastic | (law.kind == PENALTY)
+        if law.kind == MOREAU and is_elastic.any():
+            raise ValueError(ELASTIC_WITHIN)
+        if is_elastic.all():
+            law = law._replace(kind=PENALTY)
+        if is_elastic.any():
+            law = law._replace(stiffness=float(self.penalty_stiffness))
+        relaxation = pair_numbers.relaxation
+        own_damping = law.stiffness * np.where(np.isnan(relaxation), 0.0, relaxation)
+        table = np.zeros((is_elastic.size, N_OF_PAIR))
+        table[:, IS_ELASTIC] = is_elastic
+        is_own = ~is_elastic & ~np.isnan(pair_numbers.restitution)
+        table[:, RESTITUTION] = np.where(is_own, pair_numbers.restitution, law.restitution)
+        table[:, DAMPING] = np.where(
+            is_elastic, np.where(np.isnan(relaxation), self.penalty_damping, own_damping), 0.0
+        )
+        is_own = ~is_elastic & ~np.isnan(pair_numbers.threshold) & (law.threshold > -math.inf)
+        table[:, THRESHOLD] = np.where(is_own, pair_numbers.threshold, law.threshold)
+        if (table == table[0]).all():
+            _, restitution, damping, threshold = table[0].tolist()
+            return law._replace(restitution=restitution, damping=damping, threshold=threshold)
+        return law._replace(differ=True, of_pairs=table.ravel())
 
 
 @dataclass(frozen=True)

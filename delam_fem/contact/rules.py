@@ -27,10 +27,15 @@ import numpy as np
 
 from delam_fem.contact import complementarity
 from delam_fem.contact.decisions import (
+    DAMPING,
     IMPACTS,
+    IS_ELASTIC,
     MOREAU,
+    N_OF_PAIR,
     NO_BLOCK,
     PENALTY,
+    RESTITUTION,
+    THRESHOLD,
     Decision,
     Kinematics,
     LawNumbers,
@@ -60,6 +65,32 @@ NOTHING, OTHERS = -1, -2
 """Results of an examination: nothing jumps; the candidates are other pairs than those given."""
 
 
+@njit(forceinline=True)
+def _kind_of(law, k):  # type: ignore[no-untyped-def]
+    """Return the kind of decisions about a pair: an elastic pair is a spring in any law."""
+    if law.differ and law.of_pairs[N_OF_PAIR * k + IS_ELASTIC] != 0.0:
+        return PENALTY
+    return law.kind
+
+
+@njit(forceinline=True)
+def _restitution_of(law, k):  # type: ignore[no-untyped-def]
+    """Return e of a pair."""
+    return law.of_pairs[N_OF_PAIR * k + RESTITUTION] if law.differ else law.restitution
+
+
+@njit(forceinline=True)
+def _threshold_of(law, k):  # type: ignore[no-untyped-def]
+    """Return the speed limit for a resting pair [m/s]."""
+    return law.of_pairs[N_OF_PAIR * k + THRESHOLD] if law.differ else law.threshold
+
+
+@njit(forceinline=True)
+def damping_of(law, k):  # type: ignore[no-untyped-def]
+    """Return the damping of the spring of a pair, if its weight is 1 [N s/m]."""
+    return law.of_pairs[N_OF_PAIR * k + DAMPING] if law.differ else law.damping
+
+
 @njit
 def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacking):  # type: ignore[no-untyped-def]
     """List the pairs that an impulse may part.
@@ -86,17 +117,16 @@ def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacki
     for k in range(n_pairs):
         is_closed = gap[k] <= 0.0
         rests = resting[k] != 0
-        if law.kind == PENALTY:
+        kind = _kind_of(law, k)
+        if kind == PENALTY:
             changes |= is_closed != rests
-        elif law.kind == IMPACTS and not is_closed:
+        elif kind == IMPACTS and not is_closed:
             changes |= rests
-        elif is_closed and (
-            law.kind == MOREAU or (law.kind == IMPACTS and not rests and rate[k] < 0.0)
-        ):
+        elif is_closed and (kind == MOREAU or (kind == IMPACTS and not rests and rate[k] < 0.0)):
             hit[n] = k
             before[n] = rate[k]
             after[n] = free[k]
-            lacking[n] = free[k] + law.restitution * rate[k]
+            lacking[n] = free[k] + _restitution_of(law, k) * rate[k]
             lacks |= not lacking[n] >= 0.0  # also if it is no number
             n += 1
     return n if lacks else 0, changes
@@ -137,8 +167,9 @@ def decide(law, W, places, n, hit, before, after, lacking, impulse, change, nois
     if not law.is_coupled:
         for j in range(n):
             single = entries[origin + places[j] * (stride + 1)]
-            impulse[j] = -(1.0 + law.restitution) * before[j] / single
-            after[j] = -law.restitution * before[j]
+            restitution = _restitution_of(law, hit[j])
+            impulse[j] = -(1.0 + restitution) * before[j] / single
+            after[j] = -restitution * before[j]
         return n, complementarity.SOLVED
     result = complementarity.solve_among(
         entries, origin, stride, places, n, lacking, impulse, change, noise, memory
@@ -171,11 +202,13 @@ def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: i
     is_changed = False
     for k in range(n_pairs):
         rested = resting[k] != 0
-        rests = law.kind != MOREAU and gap[k] <= 0.0 and (law.kind == PENALTY or rested)
+        kind = _kind_of(law, k)
+        rests = kind != MOREAU and gap[k] <= 0.0 and (kind == PENALTY or rested)
         is_changed |= rests != rested
         resting[k] = rests
     for j in range(n):
-        if (before[j] > -law.threshold) if law.kind == MOREAU else (after[j] < law.threshold):
+        threshold = _threshold_of(law, hit[j])
+        if (before[j] > -threshold) if law.kind == MOREAU else (after[j] < threshold):
             resting[hit[j]], is_changed = True, True
     return is_changed
 

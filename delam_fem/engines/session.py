@@ -114,7 +114,7 @@ def engine_of(
     if law.name == "none":
         refinement = NOT_REFINED
     if math.isfinite(scheme.courant):
-        require_stable(one, time_step, law.spring[0], scheme.courant)
+        require_stable(one, time_step, _stiffness_of(law, scheme, one), scheme.courant)
     try:
         if isinstance(law, Law):
             combination(law.name, scheme.name)
@@ -135,6 +135,14 @@ def engine_of(
     return engine
 
 
+def _stiffness_of(law: ContactLaw, scheme: Scheme, operators: Operators) -> float | FloatArray:
+    """Return the stiffness of the springs of pairs, or of each, shape (n_pairs,) [N/m]."""
+    if operators.pair_numbers is None or not isinstance(law, Law):
+        return law.spring[0]
+    numbers = law.numbers(scheme, operators.pair_numbers)
+    return np.where(numbers.has_springs(operators.n_pairs), numbers.stiffness, 0.0)
+
+
 def modes_of(case: Case) -> int | None:
     """Return the number of modes of each part that a case is computed with; None: all dofs."""
     return case.n_modes if case.is_massless else None
@@ -142,15 +150,7 @@ def modes_of(case: Case) -> int | None:
 
 def law_of(case: Case) -> Law:
     """Return the contact law of a case."""
-    contact = case.contact
-    return Law(
-        contact.law,
-        restitution=contact.restitution,
-        impulse=contact.impulse,
-        penalty_stiffness=case.spring[0],
-        penalty_damping=case.spring[1],
-        threshold_velocity=contact.threshold_velocity,
-    )
+    return case.contact_law
 
 
 def scheme_of(case: Case) -> Scheme:

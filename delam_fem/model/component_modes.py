@@ -390,6 +390,9 @@ def projected(structure: Structure, basis: Basis) -> Structure:
     o = structure.operators
     V = basis.vectors
     n = basis.squares.size
+    shares = o.pair_weights  # contacts get their own stiffnesses where the modes are used
+    if o.pair_numbers is not None:
+        shares = o.pair_numbers.shares
     base = BaseCoupling(
         V.T @ o.base.mass,
         V.T @ o.base.damping,
@@ -404,7 +407,7 @@ def projected(structure: Structure, basis: Basis) -> Structure:
         base=base,
         gap_matrix=sp.csr_matrix(o.gap_matrix @ V),
         gap0=o.gap0,
-        pair_weights=o.pair_weights,
+        pair_weights=shares,
         probes=sp.csr_matrix(o.probes @ V),
     )
     layout, reading = structure.layout, structure.layout.reading

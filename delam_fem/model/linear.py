@@ -322,17 +322,27 @@ def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
 
 
 def largest_stable_time_step(
-    operators: Operators, spring_stiffness: float = 0.0, courant: float = 2.0
+    operators: Operators, spring_stiffness: float | FloatArray = 0.0, courant: float = 2.0
 ) -> float:
     """Return Δt = Ω/ω_max of M and K, with every contact spring closed in K [s].
 
     Ω is `Scheme.courant`, 2 for the central difference. The step is infinite for masses without any
     stiffness.
+
+    Args:
+        operators: the problem.
+        spring_stiffness: stiffness of a contact spring of weight 1, or of each, shape (n_pairs,)
+            [N/m].
+        courant: Ω.
     """
     o = operators
     H = operators.gap_matrix
     weighted = H if o.pair_weights is None else sp.diags(o.pair_weights) @ H
-    K = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ weighted))
+    if isinstance(spring_stiffness, np.ndarray):
+        springs = H.T @ (sp.diags(spring_stiffness) @ weighted)
+    else:
+        springs = spring_stiffness * (H.T @ weighted)
+    K = sp.csc_matrix(o.stiffness + springs)
     M = sp.csc_matrix(o.mass)
     if not K.count_nonzero():
         return math.inf
@@ -344,7 +354,10 @@ def largest_stable_time_step(
 
 
 def require_stable(
-    operators: Operators, time_step: float, spring_stiffness: float = 0.0, courant: float = 2.0
+    operators: Operators,
+    time_step: float,
+    spring_stiffness: float | FloatArray = 0.0,
+    courant: float = 2.0,
 ) -> None:
     """Raise a CaseError if a scheme would be unstable; see `largest_stable_time_step`.
 

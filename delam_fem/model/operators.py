@@ -26,6 +26,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from delam_fem.contact.decisions import PairNumbers
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError, require
 
@@ -116,6 +117,7 @@ class Recorded(Generic[_Matrix]):
     sensors: sp.csr_matrix = None
     rayleigh: tuple[FloatArray, FloatArray] | None = None
     names: tuple[str, ...] = ()
+    pair_numbers: PairNumbers | None = None
 
     def _complete(self, n: int, further: Mapping[str, tuple[int, ...]], text: str) -> None:
         """Replace missing probes and sensors by an empty matrix; check the shapes.
@@ -142,6 +144,8 @@ class Recorded(Generic[_Matrix]):
             "probes": (self.n_probes, n),
             "sensors": (self.n_sensors, n),
         }
+        if self.pair_numbers is not None:
+            shapes["pair_numbers.is_elastic"] = (self.n_pairs,)
         for name, expected in shapes.items():
             array = attrgetter(name)(self)
             if array is not None and array.shape != expected:
@@ -214,6 +218,8 @@ class Operators(Recorded[sp.csr_matrix]):
         pair_weights: factors of the stiffness and damping of each pair's spring, shape (n_pairs,):
             tributary lengths [m] for springs per length, areas [m2] for springs per area. None:
             springs are per pair, as in the paper.
+        pair_numbers: numbers of the contact law that pairs have of their own; None: all follow the
+            law alike.
         probes: the quantities that are recorded at every step, as linear functionals of u and of v,
             CSR (n_probes, n). None: no probes (an empty matrix).
         sensors: further functionals of u and of v that are recorded at every step, from which
@@ -267,7 +273,11 @@ class Operators(Recorded[sp.csr_matrix]):
     def without_contact(self) -> Operators:
         """Return the same operators without pairs."""
         return replace(
-            self, gap_matrix=sp.csr_matrix((0, self.n_dofs)), gap0=np.zeros(0), pair_weights=None
+            self,
+            gap_matrix=sp.csr_matrix((0, self.n_dofs)),
+            gap0=np.zeros(0),
+            pair_weights=None,
+            pair_numbers=None,
         )
 
     @staticmethod
@@ -445,6 +455,7 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
             none.
         pair_weights: factors of the springs of pairs, known to all, shape (n_pairs,); None: springs
             are per pair.
+        pair_numbers: see `Operators`; known to all.
         probes: own columns of the probes, CSR (n_probes, n_own).
         sensors: own columns of the functionals of sensors, CSR (n_sensors, n_own).
         rayleigh: α and β at the own dofs, each of shape (n_own,); see `Operators`.
@@ -524,6 +535,7 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         gap0=o.gap0,
         lumped_mass=None if lumped is None else lumped[local_rows],
         pair_weights=o.pair_weights,
+        pair_numbers=o.pair_numbers,
         probes=sp.csr_matrix(o.probes)[:, local_rows],
         sensors=sp.csr_matrix(o.sensors)[:, local_rows],
         rayleigh=None

@@ -48,6 +48,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
 from delam_fem.case.gap import opening_at_rest
 from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Sensor, Stop
+from delam_fem.model.contacts import with_pair_numbers
 from delam_fem.model.factors import factored
 from delam_fem.model.layout import (
     CURVATURE,
@@ -91,6 +92,7 @@ def struck(structure: Structure, case: Case) -> Structure:
             something else.
     """
     complete = in_moving_frame(with_impactors(with_start(with_stops(structure, case), case), case))
+    complete = with_pair_numbers(complete, case)
     overlap = overlap_at_start(complete, case)
     if overlap is not None and case.contact.law != "penalty":
         raise CaseError(overlap)
@@ -100,7 +102,8 @@ def struck(structure: Structure, case: Case) -> Structure:
 def overlap_at_start(structure: Structure, case: Case) -> str | None:
     """Return what is wrong with an initial state in which one thing is inside another.
 
-    Springs of the law "penalty" can push them apart, rigid contact cannot.
+    Springs can push them apart, rigid contact cannot. Beside the law "penalty", pairs of elastic
+    contacts therefore do not count.
 
     Args:
         structure: the structure of the case.
@@ -117,6 +120,8 @@ def overlap_at_start(structure: Structure, case: Case) -> str | None:
     q = float(drive(case.excitation).states(np.zeros(1))[0, 0])
     place = start[0] if o.base.shift is None else start[0] - q * o.base.shift
     gap = o.gap_matrix @ place + o.gap0
+    if o.pair_numbers is not None and case.contact.law != "penalty":
+        gap[o.pair_numbers.is_elastic] = np.inf
     pair = int(gap.argmin())
     if gap[pair] >= -_ROUND_OFF * np.abs(start[0]).max():
         return None

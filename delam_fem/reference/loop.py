@@ -305,6 +305,10 @@ def refused_motion(case: Case) -> str:
     for key in ("beta", "gamma"):
         if getattr(case.time, key) is not None:
             return f"time.{key}: the reference has average acceleration; given another {key}"
+    for key, table in case.contacts:
+        for name in ("restitution", "stiffness", "threshold_velocity"):
+            if getattr(table, name) is not None:
+                return f"{key}.{name}: the reference has the numbers of [contact] for all pairs"
     if case.initial:
         return f"initial: the reference begins at rest; given {len(case.initial)} initial states"
     if case.time.refine > 1 and case.contact.law != "none":

@@ -30,7 +30,7 @@ def offered(layout: Layout, case: Case) -> dict[str, str]:
     striking += [(contacts.named(stop.number, case)[1], stop.first_pair) for stop in layout.stops]
     for name, first_pair in striking:
         is_recorded = layout.gap_row is not None and first_pair >= layout.first_gap
-        if unit := contacts.force_unit(case, is_recorded=is_recorded):
+        if unit := contacts.force_unit(case, name, is_recorded=is_recorded):
             units[f"contact_{name}"] = unit
     for sensor in layout.sensors:
         name = f"{SENSOR}{sensor.name}" if sensor.name in units else sensor.name

@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.unread import is_elastic
 from delam_fem.contact.laws import LAWS
+from delam_fem.model.contacts import tables_of
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import DistributedOperators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
@@ -35,6 +37,7 @@ from delam_fem.simulation.recorder import RESTING, Recorder
 from delam_fem.simulation.signals import (
     contact_forces,
     frames_of,
+    law_numbers,
     recorded_gaps,
     spring_forces,
 )
@@ -83,6 +86,8 @@ class _Histories:
         step: step of each impulse, from 0, shape (n,).
         impulse: the impulses, shape (n,) [N s].
         approach: speeds of approach before them, shape (n,) [m/s].
+        has_springs: whether pairs may carry a spring, shape (n_pairs,).
+        is_elastic: whether they are springs whenever they are closed, shape (n_pairs,).
     """
 
     first: int
@@ -93,6 +98,8 @@ class _Histories:
     step: IntArray
     impulse: FloatArray
     approach: FloatArray
+    has_springs: BoolArray
+    is_elastic: BoolArray
 
     @property
     def n_steps(self) -> int:
@@ -157,7 +164,7 @@ def of_run(
     known = _histories(recorder, structure, case)
     motion = ProbeMotion.of(history)
     at_frames: FloatArray | None = None
-    if layout.interfaces and LAWS[case.contact.law].spring:
+    if layout.interfaces and known.has_springs[: layout.interfaces[-1].pairs.stop].any():
         at_frames = _forces_at_frames(recorder, structure, case)
     entries = []
     for number, interface in enumerate(layout.interfaces):
@@ -204,7 +211,9 @@ def histories(
         [N], or the impulses of each step [N s]; each of shape (k,).
     """
     layout = structure.layout
-    has_springs = bool(LAWS[case.contact.law].spring) and layout.gap_row is not None
+    numbers = law_numbers(case, structure.operators)
+    n_pairs = structure.operators.n_pairs
+    has_springs = layout.gap_row is not None and bool(numbers.has_springs(n_pairs).any())
     if case.contact.law == "none" or not layout.touching or (of_springs and not has_springs):
         return {}
     known = _histories(recorder, structure, case)
@@ -216,7 +225,7 @@ def histories(
     result = {}
     for name, rows in pairs.items():
         is_recorded = known.knows(rows)
-        unit = force_unit(case, is_recorded=is_recorded)
+        unit = force_unit(case, name, is_recorded=is_recorded)
         if of_springs and not is_recorded:
             continue
         force = _spring_force(known, rows, case, None)
@@ -227,19 +236,21 @@ def histories(
     return result
 
 
-def force_unit(case: Case, *, is_recorded: bool) -> str:
+def force_unit(case: Case, name: str, *, is_recorded: bool) -> str:
     """Return the unit of the history of a contact, N or N s; empty: it has none.
 
     Args:
         case: case of the run.
+        name: name of the contact.
         is_recorded: whether its gaps, and so the forces of its springs, are recorded at each step.
     """
     law = case.contact.law
     if law == "none":
         return ""
-    if is_recorded or not LAWS[law].spring:
+    elastic = [is_elastic(case, table) for table in tables_of(case, name)] or [law == "penalty"]
+    if is_recorded or not (LAWS[law].spring or any(elastic)):
         return "N"
-    return "" if law == "penalty" else "N s"
+    return "" if all(elastic) else "N s"
 
 
 def named(number: int, case: Case) -> tuple[Kind, str]:
@@ -262,6 +273,7 @@ def _histories(recorder: Recorder, structure: Structure, case: Case) -> _Histori
     gap, rate = recorded_gaps(recorder, structure)
     ends = -(-impacts.ticks // recorder.refine)  # the step in which an impact happened
     forces = [spring_forces(record, structure, case) for record in recorder.window]
+    numbers = law_numbers(case, o)
     return _Histories(
         first=o.n_pairs - gap.shape[1],
         gap=gap,
@@ -271,6 +283,8 @@ def _histories(recorder: Recorder, structure: Structure, case: Case) -> _Histori
         step=np.repeat(ends, impacts.sizes) - 1,
         impulse=impacts.impulses,
         approach=-impacts.rate_pre,
+        has_springs=numbers.has_springs(o.n_pairs),
+        is_elastic=numbers.closes_springs(o.n_pairs),
     )
 
 
@@ -319,7 +333,7 @@ def _contact(
     else:  # the impulses of massless contact points are contact forces times the step
         total = float(impulses.sum() + force.mean() * duration)
         force = force + impulses / case.time_step if case.is_massless else force
-        has_force = case.is_massless or case.contact.law == "penalty"
+        has_force = case.is_massless or bool(known.is_elastic[pairs].all())
         peak = float(force.max()) if has_force else None
     strikes = about.get("strikes_per_period")
     count = (strikes or 0.0) * known.n_steps / case.steps_per_period
@@ -346,7 +360,7 @@ def _spring_force(
         at_frames: forces of the springs of all pairs at the frames, shape (n_frames, n_pairs) [N];
             None: there are no frames.
     """
-    if not LAWS[case.contact.law].spring:
+    if not known.has_springs[pairs].any():
         return np.zeros(known.n_steps)
     if known.knows(pairs):
         return np.asarray(known.force[:, pairs - known.first].sum(axis=1))
@@ -365,5 +379,7 @@ def _forces_at_frames(recorder: Recorder, structure: Structure, case: Case) -> F
     u, v = np.array(frames.states).swapaxes(0, 1)
     gap = o.gap0 + u @ o.gap_matrix.T
     rate = v @ o.gap_matrix.T
-    carries = frames.contact == RESTING if case.contact.law != "penalty" else gap <= 0.0
-    return contact_forces(case, gap, rate, carries, o.pair_weights)
+    numbers = law_numbers(case, o)
+    carries = np.where(numbers.closes_springs(o.n_pairs), gap <= 0.0, frames.contact == RESTING)
+    spring = numbers.stiffness, numbers.dampings(o.n_pairs)
+    return contact_forces(spring, gap, rate, carries, o.pair_weights)

@@ -12,6 +12,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
+from delam_fem.model.contacts import tables_of
 from delam_fem.results.diagnostics import ProbeMotion, gap_field
 from delam_fem.results.schema import by_interface
 
@@ -43,7 +44,7 @@ def overlap_warnings(history: xr.Dataset, case: Case) -> list[str]:
     """Return a warning if springs of `contact.penalty_stiffness` yield too much; [] otherwise.
 
     A spring that takes an energy E yields by d = sqrt(2 E / k), so that k (d/d1)^2 leaves d1.
-    Elastic stops and impactors, which are meant to yield, are left out.
+    Contacts with a stiffness of their own, which are meant to yield, are left out.
 
     Args:
         history: dataset of the run.
@@ -71,6 +72,9 @@ def _of_laminae(history: xr.Dataset, case: Case) -> Iterator[Overlap]:
     at_steps = ProbeMotion.of(history).gaps
     at_rest = by_interface(history["gap0"])
     for k, (lower, upper) in enumerate(pairwise(case.lamina)):
+        tables = tables_of(case, f"{lower.name}-{upper.name}")
+        if tables and all(table.stiffness is not None for table in tables):
+            continue
         smallest = min(
             np.nanmin(at_frames[k], initial=math.inf), np.nanmin(at_steps[k], initial=math.inf)
         )

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Impactor
-from delam_fem.contact.laws import LAWS, Scheme
+from delam_fem.contact.laws import Scheme
+from delam_fem.model.contacts import pairs_of_contacts
 from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import slowest_decay
@@ -35,6 +35,7 @@ from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.results import diagnostics
 from delam_fem.results.schema import SENSOR
 from delam_fem.simulation.recorder import EXCHANGED, LEDGER, Recorder
+from delam_fem.simulation.signals import law_numbers
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -395,18 +396,20 @@ def unresolved_blows(case: Case, structure: Structure) -> list[str]:
     (π/n)² of the energy m v²/2 already.
     """
     o = structure.operators
-    contact = case.contact
-    if not LAWS[contact.law].spring or isinstance(o, DistributedOperators) or not o.n_pairs:
+    if isinstance(o, DistributedOperators) or not o.n_pairs:
+        return []
+    has_springs = law_numbers(case, o).has_springs(o.n_pairs)
+    if not has_springs.any():
         return []
     H = o.gap_matrix
     weights = np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
     mobility = np.asarray(H.multiply(H) @ (1.0 / o.mass.diagonal()))
-    stiffness = case.spring[0] * weights
+    stiffness = case.spring[0] * np.where(has_springs, weights, 0.0)
     for stop in structure.layout.stops:
         places = np.unique(stop.places, return_inverse=True)[1]
         stiffness[stop.pairs] = np.bincount(places, stiffness[stop.pairs])[places]
-    with np.errstate(divide="ignore"):  # a mass-less or a rigid side
-        blows = np.pi / np.sqrt(stiffness * mobility)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a mass-less or a rigid side, no spring
+        blows = np.where(stiffness > 0.0, np.pi / np.sqrt(stiffness * mobility), np.inf)
     step = case.time_step / case.time.refine
     texts = []
     for key, pairs in _spring_keys(case, structure).items():
@@ -428,14 +431,12 @@ def _spring_keys(case: Case, structure: Structure) -> dict[str, IntArray]:
     """Return the pairs with springs by the key that gives their stiffness, with its value."""
     of_laminae = f"contact.penalty_stiffness = {case.contact.penalty_stiffness:g} N/m"
     key_of = np.full(structure.operators.n_pairs, of_laminae, dtype=object)
-    for stop in structure.layout.stops:
-        number = stop.number - len(case.stop)
-        one = case.stop[stop.number] if number < 0 else case.impactor[number]
-        section = f"stop.{stop.number + 1}" if number < 0 else f"impactor.{number + 1}"
-        if isinstance(one, Impactor) and one.radius is not None:
-            key_of[stop.pairs] = f"{section}.radius = {one.radius:g} m"
-        elif one.stiffness is not None:
-            key_of[stop.pairs] = f"{section}.stiffness = {one.stiffness:g} N/m"
+    for key, table, pairs in pairs_of_contacts(structure.layout, case):
+        radius = getattr(table, "radius", None)
+        if radius is not None:
+            key_of[pairs] = f"{key}.radius = {radius:g} m"
+        elif table.stiffness is not None:
+            key_of[pairs] = f"{key}.stiffness = {table.stiffness:g} N/m"
     return {key: np.flatnonzero(key_of == key) for key in dict.fromkeys(key_of.tolist())}
 
 

@@ -15,7 +15,7 @@ and impactor, and the sensors under their own names. A sensor whose name is take
 
 `contact_NAME` is a contact force: an impulse counts with its mean force over its step, as in the
 signal of a sensor. Springs of an interface are recorded if a sensor reads contact forces. Without
-one the channel has the impulses alone (law "newton-penalty"), or is left out (law "penalty").
+one the channel has the impulses alone (law "newton-penalty"), or is left out (elastic contacts).
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray,
     forces = history["contact_force"] if "contact_force" in history else None
     known = [] if forces is None else forces["contact"].to_numpy().tolist()
     for name, is_its in _events_of(history, case):
-        unit = force_unit(case, is_recorded=name in known)
+        unit = force_unit(case, name, is_recorded=name in known)
         if not unit:
             continue
         if forces is not None and name in known:

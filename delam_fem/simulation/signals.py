@@ -29,8 +29,9 @@ import scipy  # loads its parts when they are used
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Sensor
-from delam_fem.contact.laws import LAWS
+from delam_fem.contact.decisions import LawNumbers
 from delam_fem.model.layout import SensorRows, Structure
+from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 
@@ -200,37 +201,49 @@ def spring_forces(record: PeriodRecord, structure: Structure, case: Case) -> Flo
     """Return the contact-spring forces [N] at each step, positive in compression, (steps, pairs).
 
     The pairs are those whose gaps are recorded, from `Layout.first_gap` on. The forces follow from
-    these gaps: with the law "penalty" a closed pair carries its spring and damper, with
-    "newton-penalty" a pair that rests (`resting_pairs`) its spring.
+    these gaps: with the law "penalty", and if its contact is elastic, a closed pair carries its
+    spring and damper; otherwise with "newton-penalty" a pair that rests (`resting_pairs`) its
+    spring.
     """
     o = structure.operators
     layout = structure.layout
-    reads = LAWS[case.contact.law].spring
     first = layout.first_gap
     if layout.gap_row is None:
         return np.zeros((record.n_steps, 0))
-    if not reads:
+    numbers = law_numbers(case, o)
+    if not numbers.has_springs(o.n_pairs)[first:].any():
         return np.zeros((record.n_steps, o.n_pairs - first))
     row = o.n_probes + layout.gap_row
     steps = slice(1, record.n_steps + 1)
     last = row + o.n_pairs - first
     gap = o.gap0[first:] + record.u[steps, N_BASE + row : N_BASE + last]
     carries = gap <= 0.0
-    if "penalty_damping" not in reads:
-        carries = resting_pairs(record, gap, case.contact.threshold_velocity, first)
+    closes = numbers.closes_springs(o.n_pairs)[first:]
+    if not closes.all():
+        resting = resting_pairs(record, gap, numbers.thresholds(o.n_pairs), first)
+        carries = np.where(closes, carries, resting)
     weights = None if o.pair_weights is None else o.pair_weights[first:]
-    return contact_forces(case, gap, record.v[steps, row:last], carries, weights)
+    spring = numbers.stiffness, numbers.dampings(o.n_pairs)[first:]
+    return contact_forces(spring, gap, record.v[steps, row:last], carries, weights)
+
+
+def law_numbers(case: Case, operators: Operators | DistributedOperators) -> LawNumbers:
+    """Return the numbers of the law of a case, with those that the pairs have of their own."""
+    return case.contact_law.numbers(case.time.integration, operators.pair_numbers)
 
 
 def contact_forces(
-    case: Case, gap: FloatArray, rate: FloatArray, carries: BoolArray, weights: FloatArray | None
+    spring: tuple[float, float | FloatArray],
+    gap: FloatArray,
+    rate: FloatArray,
+    carries: BoolArray,
+    weights: FloatArray | None,
 ) -> FloatArray:
     """Return -w (k U + c U̇) of pairs that carry a spring, 0 of others; the shape is that of gaps.
 
-    Laws without springs act by impulses alone; their forces are 0.
-
     Args:
-        case: law, stiffness and damping.
+        spring: stiffness k [N/m] and damping c [N s/m] of a spring of weight 1; the latter of each
+            pair, or of all.
         gap: gaps U [m].
         rate: gap rates U̇ [m/s].
         carries: whether a pair carries a spring.
@@ -239,17 +252,15 @@ def contact_forces(
     Returns:
         Forces, positive in compression [N].
     """
-    reads, (stiffness, damping) = LAWS[case.contact.law].spring, case.spring
-    if not reads:
-        return np.zeros(np.shape(gap))
+    stiffness, damping = spring
     force = stiffness * gap
-    if "penalty_damping" in reads:
+    if np.any(damping):
         force = force + damping * rate
     return np.where(carries, -(1.0 if weights is None else weights) * force, 0.0)
 
 
 def resting_pairs(
-    record: PeriodRecord, gap: FloatArray, threshold: float, first: int = 0
+    record: PeriodRecord, gap: FloatArray, threshold: float | FloatArray, first: int = 0
 ) -> BoolArray:
     """Return which pairs rest on springs after each step of a period, shape (steps, pairs).
 
@@ -259,7 +270,7 @@ def resting_pairs(
     Args:
         record: the record of the period.
         gap: gaps at the end of each step, shape (steps, pairs) [m].
-        threshold: the threshold velocity [m/s].
+        threshold: the threshold velocity, or that of each of all pairs, shape (n_pairs,) [m/s].
         first: number of the pair of the first column.
     """
     n_steps, n_pairs = gap.shape
@@ -268,7 +279,8 @@ def resting_pairs(
     jumps = record.jumps.columns()
     is_known = jumps.hit >= first
     steps = np.repeat(_steps_of(record), jumps.sizes)[is_known]
-    slow = jumps.rate_post[is_known] < threshold
+    limits = np.broadcast_to(threshold, record.resting.shape)
+    slow = jumps.rate_post[is_known] < limits[jumps.hit[is_known]]
     change[steps, jumps.hit[is_known] - first] = np.where(slow, 1, -1)
     change[1:][gap > 0.0] = -1
     # each step has the state of the latest step with a change: 1 rests, -1 does not

@@ -18,6 +18,7 @@ from delam_fem.contact.rules import (
     OF_PLACE,
     OF_SPEED,
     candidates,
+    damping_of,
     decide,
     needs_impulse,
     renew_resting,
@@ -75,12 +76,13 @@ def _spread_springs(system, memory, values, sign):  # type: ignore[no-untyped-de
 
 
 @njit
-def _spring_loads(system, law, memory, by_rate, field, out):  # type: ignore[no-untyped-def]
-    """Write k U + `by_rate` H x of the spring pairs to `out`; `field` numbers the field x of X."""
+def _spring_loads(system, law, memory, share, less, field, out):  # type: ignore[no-untyped-def]
+    """Write k U + (c `share` - `less`) H x of the spring pairs to `out`; x is a field of X."""
     X = memory.X
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
         out[j] = law.stiffness * _spring_gap(system, X, k)
+        by_rate = damping_of(law, k) * share - less
         if by_rate != 0.0:
             out[j] += by_rate * _spring_rate(system, X, k, field * system.size)
 
@@ -98,31 +100,42 @@ def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
 
 @njit
 def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
-    """Solve (I + softness S_PP) λ = k U + c U̇ by conjugate gradients; return λ (newmark.py, N2).
+    """Solve (I + D S_PP) λ = k U + c U̇ by conjugate gradients; return λ (newmark.py, N2).
 
-    S = H A⁻¹ Hᵀ; each product with S_PP is one solve with A. In lane order λ is the mean force over
-    the step.
+    S = H A⁻¹ Hᵀ; each product with S_PP is one solve with A. D has the softness of each spring,
+    k q + c p. In lane order λ is the mean force over the step.
     """
+    scheme = system.scheme
+    share, less = 1.0, 0.0
+    field = lk.V
+    if system.is_chained:  # in the middle of the step, U(θ) = U⁺ - (1-θ) Δt θ H z, U̇ = θ H z
+        share, less = scheme.theta, law.stiffness * scheme.p * (1.0 - scheme.theta)
+        field = lk.P
+    _spring_loads(system, law, memory, share, less, field, memory.residual)
+    if law.differ:
+        _solve_unequal_springs(system, law, memory)
+    else:
+        _solve_equal_springs(system, law, memory)
+    return memory.forces
+
+
+@njit
+def _solve_equal_springs(system, law, memory):  # type: ignore[no-untyped-def]
+    """Solve N2 for springs of one softness, from the loads in `memory.residual`."""
     X = memory.X
     n = memory.counts[N_SPRINGS]
     pairs = memory.pairs
     residual, forces, direction = memory.residual, memory.forces, memory.direction
     image = memory.image
     scheme = system.scheme
-    by_rate = law.damping
-    field = lk.V
     softness = law.stiffness * scheme.q + law.damping * scheme.p
-    if system.is_chained:  # in the middle of the step, U(θ) = U⁺ - (1-θ) Δt θ H z, U̇ = θ H z
-        by_rate = law.damping * scheme.theta - law.stiffness * scheme.p * (1.0 - scheme.theta)
-        field = lk.P
-    _spring_loads(system, law, memory, by_rate, field, residual)
     square = 0.0
     for j in range(n):
         square += residual[j] * residual[j]
         direction[j] = residual[j]
         forces[j] = residual[j] if softness == 0.0 else 0.0
     if softness == 0.0:
-        return forces
+        return
     goal = RELATIVE_RESIDUAL**2 * square
     for _ in range(2 * n):
         if square <= goal:
@@ -143,7 +156,57 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
             square += residual[j] * residual[j]
         for j in range(n):
             direction[j] = residual[j] + square / previous * direction[j]
-    return forces
+
+
+@njit
+def _solve_unequal_springs(system, law, memory):  # type: ignore[no-untyped-def]
+    """Solve N2 for springs whose dampings differ, from the loads in `memory.residual`.
+
+    With R = √D the matrix of (I + R S R) μ = R⁻¹ (load - D S λ₀) is symmetric, and λ = λ₀ + R μ.
+    λ₀ is the load of springs without softness, which follows from no other, and 0 at the others.
+    """
+    X = memory.X
+    n = memory.counts[N_SPRINGS]
+    pairs = memory.pairs
+    residual, forces, direction = memory.residual, memory.forces, memory.direction
+    image, roots = memory.image, memory.softness
+    scheme = system.scheme
+    has_stiff = False
+    for j in range(n):
+        roots[j] = np.sqrt(law.stiffness * scheme.q + damping_of(law, pairs[j]) * scheme.p)
+        forces[j] = residual[j] if roots[j] == 0.0 else 0.0
+        has_stiff |= forces[j] != 0.0
+    if has_stiff:
+        _spread_springs(system, memory, forces, 1.0)
+        solve_step(system, X)
+    square = 0.0
+    for j in range(n):
+        answer = _spring_rate(system, X, pairs[j], Z * system.size) if has_stiff else 0.0
+        residual[j] = residual[j] / roots[j] - roots[j] * answer if roots[j] > 0.0 else 0.0
+        square += residual[j] * residual[j]
+        direction[j] = residual[j]
+    goal = RELATIVE_RESIDUAL**2 * square
+    for _ in range(2 * n):
+        if square <= goal:
+            break
+        for j in range(n):
+            image[j] = roots[j] * direction[j]
+        _spread_springs(system, memory, image, 1.0)
+        solve_step(system, X)
+        curvature = 0.0
+        for j in range(n):
+            answer = _spring_rate(system, X, pairs[j], Z * system.size)
+            image[j] = direction[j] + roots[j] * answer
+            curvature += direction[j] * image[j]
+        length = square / curvature
+        previous = square
+        square = 0.0
+        for j in range(n):
+            forces[j] += length * (roots[j] * direction[j])
+            residual[j] -= length * image[j]
+            square += residual[j] * residual[j]
+        for j in range(n):
+            direction[j] = residual[j] + square / previous * direction[j]
 
 
 @njit
@@ -174,10 +237,12 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
 def damp(system, law, memory, log):  # type: ignore[no-untyped-def]
     """Count what the dampers of the springs have taken in a step, in all and at each pair."""
     total = 0.0
-    factor = system.scheme.weight * law.damping
+    factor = system.scheme.weight * (1.0 if law.differ else law.damping)
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
         square = _spring_rate(system, memory.X, k, lk.P * system.size) ** 2
+        if law.differ:
+            square *= damping_of(law, k)
         total += square
         log.damped[memory.counts[SLOT] * system.n_pairs + k] += factor * square
     memory.totals[CONTACT_DAMPED] += factor * total
@@ -206,7 +271,7 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
             load += system.base[j * size + i] * base[2 - j]
         X[R * size + i] = -load
     if memory.counts[N_SPRINGS]:
-        _spring_loads(system, law, memory, law.damping, lk.V, memory.residual)
+        _spring_loads(system, law, memory, 1.0, 0.0, lk.V, memory.residual)
         for j in range(memory.counts[N_SPRINGS]):
             k = memory.pairs[j]
             spread_one(system, X, k, -system.roots[k] * memory.residual[j])

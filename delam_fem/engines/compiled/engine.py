@@ -164,7 +164,7 @@ def compiled_engine(
             f'engine "compiled": expected one of the laws {", ".join(LAWS)}, given {law.name!r}; '
             'use engine "petsc" for a law of your own'
         )
-    numbers = law.numbers(scheme)
+    numbers = law.numbers(scheme, operators.pair_numbers)
     if numbers.kind == IMPACTS and not numbers.is_coupled:
         operators.require_lumped_mass()
     sizes = [step_numbers(scheme, time_step / n) for n in (1, refinement.middle, refinement.factor)]

@@ -169,7 +169,7 @@ class Memory(NamedTuple):
         free: gap rates of all pairs at the end of the step without impulses, if pairs touch at
             rest, shape (n_pairs,) [m/s].
         again: memory of the complementarity problem.
-        forces, residual, direction, image: work space for springs and impulses.
+        forces, residual, direction, image, softness: work space for springs and impulses.
     """
 
     X: FloatArray
@@ -198,6 +198,7 @@ class Memory(NamedTuple):
     residual: FloatArray
     direction: FloatArray
     image: FloatArray
+    softness: FloatArray
     free: FloatArray
     again: Again
 
@@ -309,6 +310,7 @@ def memory(size: int, n_pairs: int) -> Memory:
         residual=np.zeros(n_pairs),
         direction=np.zeros(n_pairs),
         image=np.zeros(n_pairs),
+        softness=np.zeros(n_pairs),
         free=np.zeros(n_pairs),
         again=nothing_known(n_pairs),
     )

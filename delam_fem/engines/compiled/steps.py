@@ -261,7 +261,7 @@ def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no
         COMPLETED, or a failure of the law (`contact.examine`).
     """
     status = COMPLETED
-    if law.damping != 0.0 and memory.counts[N_SPRINGS] > 0:
+    if (law.damping != 0.0 or law.differ) and memory.counts[N_SPRINGS] > 0:
         contact.damp(system, law, memory, log)
     if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
         status = contact.examine(system, law, memory, log, tick)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from delam_fem.contact.decisions import NO_PAIRS, Setting
-from delam_fem.contact.laws import ContactLaw, Scheme
+from delam_fem.contact.laws import LAWS, ContactLaw, Law, Scheme
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.numerics.types import BoolArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.loop import StepByStep
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, add_rows
 from delam_fem.simulation.refinement import AHEAD, BACK, NOT_REFINED, SAFETY, Refinement, base_rows
@@ -38,11 +38,13 @@ def petsc_engine(
         comm: communicator that shares the work of `Operators`; others have their own.
 
     Raises:
-        ValueError: the law does not go with the scheme.
+        ValueError: the law does not go with the scheme, or not with numbers that pairs have of
+            their own.
     """
     sizes = [time_step / n for n in refinement.divisions]
     stepper = _stepper(operators, law, scheme, sizes, comm)
-    supervisor = law.supervisor(scheme, Setting(operators.n_pairs, stepper.compliance))
+    setting = Setting(operators.n_pairs, stepper.compliance, operators.pair_numbers)
+    supervisor = law.supervisor(scheme, setting)
     if refinement.factor == 1:
         return StepByStep(stepper, supervisor)
     return RefinedSteps(stepper, supervisor, refinement, time_step)
@@ -64,9 +66,29 @@ def _stepper(
         beta=scheme.beta,
         gamma=scheme.gamma,
         coupled_impulses=law.is_coupled,
-        spring=law.spring,
+        spring=_spring_of(operators, law, scheme),
         comm=comm,
     )
+
+
+def _spring_of(
+    operators: Operators | DistributedOperators, law: ContactLaw, scheme: Scheme
+) -> tuple[float, float | FloatArray]:
+    """Return stiffness [N/m] and damping [N s/m] of the springs of pairs; see `Newmark`.
+
+    Raises:
+        ValueError: pairs have numbers of their own, of which a law of your own does not know.
+    """
+    if operators.pair_numbers is None:
+        return law.spring
+    if not isinstance(law, Law):
+        raise ValueError(
+            f"{law.name!r} is a law of your own, which does not know the numbers that contacts "
+            f"have of their own; take one of {', '.join(LAWS)}, or leave these numbers out"
+        )
+    numbers = law.numbers(scheme, operators.pair_numbers)
+    damping = numbers.dampings(operators.n_pairs) if numbers.differ else numbers.damping
+    return numbers.stiffness, damping
 
 
 COARSE, MIDDLE, FINE = 0, 1, -1

@@ -16,7 +16,9 @@ candidate is
     (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ            (N2)
 
 If pairs have weights w, the springs act on the gaps times √w: U, H and S stand for √w U, √w H and
-√w S √w, so that the stiffness of a pair is w k.
+√w S √w, so that the stiffness of a pair is w k. If springs have dampings of
+their own, k β Δt² + c γ Δt is a diagonal matrix D. With R = √D the matrix I + R S R is symmetric,
+and λ = λ₀ + R μ, where λ₀ is the load of springs without softness.
 
 This file takes no contact decisions.
 """
@@ -50,7 +52,7 @@ class _NewmarkSize:
         time_step: Δt [s].
         to_u, to_v: β Δt² and γ Δt, the factors of the new acceleration.
         keep_u, keep_v: (1/2 - β) Δt² and (1 - γ) Δt, the factors of the old acceleration.
-        softness: k β Δt² + c γ Δt of a spring.
+        softness: k β Δt² + c γ Δt of a spring; of each pair, shape (n_pairs,), if they differ.
         A: factor of the matrix A of N1.
         stack: `Dynamics._stack` of the residual of N1, or N1' with average acceleration.
         S: S of N2.
@@ -63,7 +65,7 @@ class _NewmarkSize:
     to_v: float
     keep_u: float
     keep_v: float
-    softness: float
+    softness: float | FloatArray
     A: linear_algebra.PetscFactor
     stack: PETSc.Mat | None
     S: LazyCompliance
@@ -81,7 +83,7 @@ class Newmark(Dynamics):
         beta: float = 0.25,
         gamma: float = 0.5,
         coupled_impulses: bool = False,
-        spring: tuple[float, float] = (0.0, 0.0),
+        spring: tuple[float, float | FloatArray] = (0.0, 0.0),
         comm: MPI.Intracomm = MPI.COMM_SELF,
     ) -> None:
         """Factorise M, and A for each size of steps; the state is at rest.
@@ -93,12 +95,15 @@ class Newmark(Dynamics):
             gamma: Newmark's γ (the paper's β_N).
             coupled_impulses: True: impulses act through M⁻¹ ("consistent"); False: through the
                 lumped mass alone.
-            spring: stiffness [N/m] and damping [N s/m] of a resting pair's spring.
+            spring: stiffness [N/m] and damping [N s/m] of a resting pair's spring; several
+                dampings are those of all pairs, shape (n_pairs,).
             comm: communicator that shares the work.
         """
         super().__init__(operators, time_steps[-1], comm)
         o = self.operators
-        self.spring_stiffness, self._spring_damping = spring
+        self.spring_stiffness = spring[0]
+        self._dampings = spring[1]
+        self._has_dampers = bool(np.any(self._dampings))
         self._is_average = (beta, gamma) == (0.25, 0.5)
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._now = self._sizes[-1]
@@ -122,7 +127,7 @@ class Newmark(Dynamics):
         to_v = gamma * dt
         # scale -1: solving with the residual K u + C v - f gives an acceleration
         factor = self._factor(to_v, to_u, "newmark_", scale=-1.0)
-        softness = self.spring_stiffness * to_u + self._spring_damping * to_v
+        softness = self.spring_stiffness * to_u + self._dampings * to_v
         keep_u = (0.5 - beta) * dt**2
         keep_v = (1.0 - gamma) * dt
         stack = self._stack(*(dt, -1.0) if self._is_average else (0.0, 0.0))
@@ -141,7 +146,7 @@ class Newmark(Dynamics):
         self._motion.copy(self._kept_motion)
         self.a.copy(self._kept_a)
         self._kept_losses = self._dissipated, self.contact_damped
-        if self._spring_damping:
+        if self._has_dampers:
             np.copyto(self._kept_damped, self.damped)
 
     def undo(self) -> None:
@@ -150,7 +155,7 @@ class Newmark(Dynamics):
         self._kept_a.copy(self.a)
         self._see()
         self._dissipated, self.contact_damped = self._kept_losses
-        if self._spring_damping:
+        if self._has_dampers:
             np.copyto(self.damped, self._kept_damped)
 
     rate_pre = Dynamics.rate_free  # an impact is between two steps
@@ -183,12 +188,15 @@ class Newmark(Dynamics):
             both.axpy(now.to_v, self._response)
         self._C.mult(both, self._load)
         self._dissipated += 0.25 * self.time_step * self._load.dot(both)
-        if self._spring_damping and self._pairs.size:
+        if self._has_dampers and self._pairs.size:
             self._H.mult(both, self._rate.own)
             rate = self._of_springs(self._rate.gather(), self._pairs)
-            factor = 0.25 * self.time_step * self._spring_damping
+            factor = 0.25 * self.time_step * self._of_pairs(self._dampings)
             self.damped[self._pairs] += factor * rate**2
-            self.contact_damped += factor * float(rate @ rate)
+            if isinstance(factor, np.ndarray):
+                self.contact_damped += float(factor @ rate**2)
+            else:
+                self.contact_damped += factor * float(rate @ rate)
         return self._gap_vector.min()[1]
 
     # -- springs ------------------------------------------------------------------------------
@@ -211,9 +219,14 @@ class Newmark(Dynamics):
     def _spring_loads(self) -> FloatArray:
         """Return k U + c U̇ of the spring pairs at the current state."""
         loads = self.spring_stiffness * self._of_springs(self._gap_values, self._pairs)
-        if self._spring_damping:
-            loads += self._spring_damping * self._of_springs(self._rate_values, self._pairs)
+        if self._has_dampers:
+            rates = self._of_springs(self._rate_values, self._pairs)
+            loads += self._of_pairs(self._dampings) * rates
         return loads
+
+    def _of_pairs(self, values: float | FloatArray) -> float | FloatArray:
+        """Return the values of the spring pairs; one number stands for all."""
+        return values[self._pairs] if isinstance(values, np.ndarray) else values
 
     def _push(self, forces: FloatArray) -> None:
         """Write the load H^T λ of forces λ on the spring pairs to `_load`."""
@@ -224,6 +237,9 @@ class Newmark(Dynamics):
 
     def _iterate_springs(self, drive: FloatArray) -> FloatArray:
         """Solve N2 by conjugate gradients; each product with S_PP is one solve with A."""
+        softness = self._of_pairs(self._now.softness)
+        if isinstance(softness, np.ndarray):
+            return self._iterate_unequal_springs(drive, np.sqrt(softness))
         forces = np.zeros(drive.size)
         residual = drive.copy()
         direction = drive.copy()
@@ -232,13 +248,7 @@ class Newmark(Dynamics):
         for _ in range(2 * drive.size):
             if square <= goal:
                 break
-            self._push(direction)
-            self._now.A.solve(self._load, self._response)
-            self._H.mult(self._response, self._rate.own)
-            # factors solve with -A, so that S appears with the other sign
-            image = direction - self._now.softness * self._of_springs(
-                self._rate.gather(), self._pairs
-            )
+            image = direction + softness * self._answer(direction)
             length = square / float(direction @ image)
             forces += length * direction
             residual -= length * image
@@ -246,6 +256,42 @@ class Newmark(Dynamics):
             square = float(residual @ residual)
             direction = residual + square / previous * direction
         return forces
+
+    def _answer(self, forces: FloatArray) -> FloatArray:
+        """Return S_PP times forces on the spring pairs."""
+        self._push(forces)
+        self._now.A.solve(self._load, self._response)
+        self._H.mult(self._response, self._rate.own)
+        # factors solve with -A, so that S appears with the other sign
+        return -self._of_springs(self._rate.gather(), self._pairs)
+
+    def _iterate_unequal_springs(self, drive: FloatArray, roots: FloatArray) -> FloatArray:
+        """Solve N2 in its symmetric form by conjugate gradients, as `_iterate_springs` does.
+
+        Args:
+            drive: loads of the spring pairs.
+            roots: √D of the spring pairs; 0 where a spring has no softness.
+        """
+        is_soft = roots > 0.0
+        forces = np.where(is_soft, 0.0, drive)
+        residual = np.divide(drive, roots, out=np.zeros(drive.size), where=is_soft)
+        if forces.any():
+            residual -= roots * self._answer(forces)
+        solution = np.zeros(drive.size)
+        direction = residual.copy()
+        square = float(residual @ residual)
+        goal = RELATIVE_RESIDUAL**2 * square
+        for _ in range(2 * drive.size):
+            if square <= goal:
+                break
+            image = direction + roots * self._answer(roots * direction)
+            length = square / float(direction @ image)
+            solution += length * direction
+            residual -= length * image
+            previous = square
+            square = float(residual @ residual)
+            direction = residual + square / previous * direction
+        return forces + roots * solution
 
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs rest and so carry a spring, and prepare N2 for them."""
@@ -262,7 +308,9 @@ class Newmark(Dynamics):
         now.pairs = self._pairs
         now.resistance = None
         if 0 < self._pairs.size <= DIRECT_PAIRS:
-            matrix = now.softness * now.S.block(self._pairs)
+            softness = self._of_pairs(now.softness)
+            rows = softness[:, None] if isinstance(softness, np.ndarray) else softness
+            matrix = rows * now.S.block(self._pairs)
             if self._roots is not None:
                 matrix *= np.outer(self._roots[self._pairs], self._roots[self._pairs])
             matrix.flat[:: self._pairs.size + 1] += 1.0

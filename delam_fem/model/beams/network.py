@@ -860,7 +860,7 @@ def layout_of(
 def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     """Return the probes: a reference probe on each lamina, and both sides of each delamination.
 
-    Beams that are apart over their whole length have their tips alone.
+    Beams that are apart over their whole length have their tips alone, and so have points.
 
     The reference probes are at the free end of the longest delamination, or at its middle; without
     delaminations, at the free end of the structure, or at its middle.
@@ -868,7 +868,8 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     node, name = _reference(case, x)
     probes = [Probe(name, i, node) for i in range(len(case.lamina))]
     names = [lamina.name for lamina in case.lamina]
-    inside = () if case.is_apart and not case.is_axial else case.delamination
+    is_bar = case.is_axial and not case.is_of_points
+    inside = case.delamination if is_bar or not case.is_apart else ()
     for number, delamination in enumerate(inside, start=1):
         middle = _nearest(x, 0.5 * (delamination.start + delamination.end), case)
         for side in delamination.between:

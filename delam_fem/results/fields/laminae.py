@@ -6,6 +6,7 @@ impulses and of forces.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
+from delam_fem.contact.laws import LAWS
+from delam_fem.model.contacts import damping_at
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.diagnostics import between, gap_field, heat, of_laminae
 from delam_fem.results.schema import by_interface, event_interfaces
@@ -84,7 +87,13 @@ def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
     rates = between(np.zeros(1), history["velocity"].to_numpy())
     is_resting = by_interface(history["contact_state"]) == RESTING
     share = by_interface(history["spring_share"])[:, None]
-    forces = contact_forces(case, gap_field(history), rates, is_resting, share)
+    x = history["x"].to_numpy()
+    neighbours = pairwise(lamina.name for lamina in case.lamina)
+    damping = np.array([damping_at(case, pair, x) for pair in neighbours])
+    law = case.contact.law
+    has_springs = LAWS[law].spring or (law != "none" and case.is_elastic)
+    spring = case.spring[0] if has_springs else 0.0, damping.reshape(-1, 1, x.size)
+    forces = contact_forces(spring, gap_field(history), rates, is_resting, share)
     return of_laminae(forces, np.add)
 
 

@@ -17,14 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.definition import Case
-from delam_fem.contact.laws import LAWS
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.vtkhdf import subcells
 from delam_fem.results.reading import SOLID
 from delam_fem.simulation.recorder import RESTING, Recorder
-from delam_fem.simulation.signals import contact_forces, frames_of
+from delam_fem.simulation.signals import contact_forces, frames_of, law_numbers
 
 if TYPE_CHECKING:
     from delam_fem.model.solids.body import Body, Shape
@@ -165,11 +164,13 @@ def _spring_forces(
 ) -> FloatArray:
     """Return -(k U + c U') of resting pairs at the frames (collective), (n_frames, n_pairs) [N]."""
     o, body = structure.operators, structure.body
-    if body is None or not LAWS[case.contact.law].spring:
+    numbers = law_numbers(case, o)
+    if body is None or not numbers.has_springs(o.n_pairs).any():
         return np.zeros(resting.shape)
     both = np.array([(o.gap_matrix @ state.T).T for state in states])
     u, v = np.sum(body.solid.comm.allgather(both), axis=0).swapaxes(0, 1)
-    return contact_forces(case, u + o.gap0, v, resting, o.pair_weights)
+    spring = numbers.stiffness, numbers.dampings(o.n_pairs)
+    return contact_forces(spring, u + o.gap0, v, resting, o.pair_weights)
 
 
 def _motion(

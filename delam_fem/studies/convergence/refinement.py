@@ -189,12 +189,14 @@ def method(text: str) -> Method:
 def usual_methods(case: Case) -> tuple[Method, ...]:
     """Return the methods that a case is compared by if none are given.
 
-    Elastic stops go with springs alone, so that such a case is computed with `penalty` only.
+    Elastic contacts do not go with impulses within a step. Such a case keeps its law, or is
+    computed with `penalty`.
     """
     texts: Sequence[str] = METHODS[-2:] if case.is_massless else METHODS
     if case.is_elastic:
         goes = ("penalty", case.time.scheme) in COMBINATIONS
-        texts = (combined_name("penalty", case.time.scheme if goes else "newmark"),)
+        law = "penalty" if case.contact.law == "none" else case.contact.law
+        texts = (combined_name(law, case.time.scheme if goes else "newmark"),)
     return tuple(method(text) for text in texts)
 
 

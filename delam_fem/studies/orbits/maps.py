@@ -32,7 +32,6 @@ import numpy as np
 
 from delam_fem.api import (
     CHECKPOINT_SECONDS,
-    LAWS,
     N_BASE,
     Case,
     CaseError,
@@ -358,11 +357,9 @@ class PeriodicProblem:
         table, operators, (engine, usual) = self.table(shift), self.operators, self.stepping
         u, v = state.reshape(2, -1)
         motion = np.array([u, v, np.zeros_like(u)])
-        resting = (
-            operators.gap_matrix @ u + operators.gap0 <= 0.0
-            if LAWS[self.law.name].spring
-            else np.zeros(operators.n_pairs, dtype=np.bool_)
-        )
+        numbers = self.law.numbers(self.scheme, operators.pair_numbers)
+        resting = operators.gap_matrix @ u + operators.gap0 <= 0.0
+        resting &= numbers.has_springs(operators.n_pairs)
         set_initial(engine, State(motion, resting), table[0])
         record = one_period(engine, recorder or usual, table)
         if record.n_steps < len(table) - 1:

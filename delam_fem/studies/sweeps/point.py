@@ -821,9 +821,8 @@ def assembly_key(case: Case) -> str:
     """
     drive = (case.excitation.acts_on, *(getattr(case.excitation, k, None) for k in _OF_THE_POINT))
     dofs = case.contact.impulse if case.model.is_continuum else ""  # see model/solids/unknowns.py
-    weights = (
-        case.spring if case.stop or case.impactor else ""
-    )  # of pairs, see model/stops_sensors.py
+    has_weights = case.stop or case.impactor or case.has_stiffnesses
+    weights = case.spring if has_weights else ""  # of pairs, see model/contacts.py
     return f"{case.model_dump_json(exclude=NOT_ASSEMBLED)} {drive} {dofs} {weights}"
 
 
