@@ -937,8 +937,13 @@ class Case(Section):
             f"{place}.{key}" for place, entry in self._placed() for key in type(entry).model_fields
         ]
         fitting = [key for key in keys if key.endswith(f".{word}")]
-        if len(fitting) == 1:
-            return fitting[0]
+        tables = dict(self._placed())  # a contact without a number of its own has that of [contact]
+        having = [
+            key for key in fitting if getattr(tables[key.rpartition(".")[0]], word) is not None
+        ]
+        for names in (fitting, having):
+            if len(names) == 1:
+                return names[0]
         if fitting:
             raise CaseError(f"{word}: say which: " + " or ".join(f'{{"{k}": …}}' for k in fitting))
         near = difflib.get_close_matches(word, [key.rsplit(".", 1)[-1] for key in keys], n=1)

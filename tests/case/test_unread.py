@@ -154,6 +154,25 @@ BASES: dict[str, tuple[str, dict[str, Any]]] = {
     "ball": ("default", SINGLE | {"impactor": [
         {"lamina": "beam", "mass": 0.01, "velocity": 0.1, "radius": 0.01}
     ]}),
+    "own numbers": ("paper", CLAPS | {
+        "gap.restitution": 0.3, "gap.stiffness": 150.0, "gap.threshold_velocity": 1e-3,
+        "stop": [STOP | {"lamina": "thin", "stiffness": 500.0, "damping": 0.5}],
+        "impactor": [IMPACTOR | {"lamina": "thick", "stiffness": 500.0, "damping": 0.2}],
+    }),
+    "own springs": ("paper", CLAPS | {"gap.stiffness": 150.0, "gap.damping": 0.5}),
+    "own delamination": ("embedded", BONDED | {
+        "contact.law": "newton-penalty@newmark", "delamination.1.restitution": 0.3,
+        "delamination.1.stiffness": 1e4, "delamination.1.threshold_velocity": 1e-3,
+    }),
+    "own elastic delamination": ("embedded", BONDED | {
+        "contact.law": "newton@newmark", "delamination.1.stiffness": 1e5,
+        "delamination.1.damping": 1.0,
+    }),
+    "own stop": ("paper", CLAPS | {
+        "stop": [STOP | {"lamina": "thin", "restitution": 0.3, "threshold_velocity": 1e-3}],
+        "impactor": [IMPACTOR | {"lamina": "thick", "restitution": 0.3,
+                                 "threshold_velocity": 1e-3}],
+    }),
     "nothing touches": ("default", SINGLE | {"contact": {"law": "newton", "restitution": 0.5}}),
 }  # fmt: skip
 """Presets with what makes small cases of all kinds of them."""
@@ -179,6 +198,12 @@ CHOSEN: dict[str, tuple[object, ...]] = {
     "point_mass.lamina": ("thick", "beam"), "point_mass.position": (0.4,),
     "stop.lamina": ("thick",), "stop.position": (0.15,), "stop.start": (0.1,), "stop.end": (0.2,),
     "stop.opening": (2e-5,), "stop.exponent": (3.0,), "stop.file": ("stop.csv",),
+    "gap.restitution": (0.4,), "gap.stiffness": (222.0,), "gap.damping": (0.2,),
+    "gap.threshold_velocity": (0.2,), "delamination.restitution": (0.8,),
+    "delamination.stiffness": (5e4,), "delamination.damping": (3.0,),
+    "delamination.threshold_velocity": (0.2,), "stop.restitution": (0.8,),
+    "stop.threshold_velocity": (0.5,), "impactor.restitution": (0.8,),
+    "impactor.threshold_velocity": (0.5,),
     "stop.damping": (0.3,), "stop.stiffness": (200.0,), "impactor.lamina": ("thick",),
     "impactor.position": (0.15,), "impactor.stiffness": (200.0,), "impactor.damping": (0.3,),
     "impactor.gap": (7e-4,), "impactor.radius": (0.02,), "impactor.spring": (2.0,),
@@ -197,6 +222,14 @@ CHOSEN: dict[str, tuple[object, ...]] = {
 }  # fmt: skip
 """Other values of keys; of keys that a base has, numbers get 0.8 of their value."""
 SHOWN_BY = {
+    "gap.restitution": "own numbers", "gap.stiffness": "own numbers",
+    "gap.threshold_velocity": "own numbers", "gap.damping": "own springs",
+    "delamination.restitution": "own delamination",
+    "delamination.threshold_velocity": "own delamination",
+    "delamination.stiffness": "own elastic delamination",
+    "delamination.damping": "own elastic delamination",
+    "stop.restitution": "own stop", "stop.threshold_velocity": "own stop",
+    "impactor.restitution": "own stop", "impactor.threshold_velocity": "own stop",
     "time.beta": "literal",
     "time.gamma": "literal",
     "contact.threshold_velocity": "literal", "contact.penalty_damping": "penalty",

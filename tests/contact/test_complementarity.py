@@ -283,3 +283,26 @@ def test_a_residual_of_round_off_is_no_failure() -> None:
     }
     assert results[1e-15] == SOLVED
     assert results[0.0] != SOLVED
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_redundant_pairs_with_different_restitution(seed: int) -> None:
+    """Then q is not in the range of W; some impulse parts all pairs, so there is a solution."""
+    rng = np.random.default_rng(seed)
+    n_dofs = int(rng.integers(1, 4))
+    H = np.abs(rng.normal(size=(n_dofs + int(rng.integers(1, 4)), n_dofs)))
+    H[1] = H[0]
+    rate = H @ -rng.random(n_dofs)
+    W = H @ H.T
+    q = (1.0 + rng.random(rate.size)) * rate
+    p = solve(W, q)
+    after = W @ p + q
+    assert p.min() >= 0.0
+    assert after.min() > -1e-4 * np.abs(q).max()
+    assert np.abs(p * after).max() < 1e-4 * np.abs(q).max() * p.max()
+
+
+def test_of_equal_pairs_the_one_with_the_larger_restitution_counts() -> None:
+    W = np.full((3, 3), 2.0)
+    p = solve(W, np.array([-1.2, -1.9, -1.5]))
+    np.testing.assert_allclose([p[0], p[1], p[2]], [0.0, 0.95, 0.0], rtol=0.0, atol=1e-8)

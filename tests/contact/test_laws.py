@@ -87,7 +87,8 @@ def test_a_supervisor_has_the_numbers_of_its_law() -> None:
 
 
 def test_numbers_that_are_not_given() -> None:
-    assert LawNumbers(1) == (1, False, 0.0, 0.0, 0.0, -math.inf)
+    assert LawNumbers(1)[:-1] == (1, False, 0.0, 0.0, 0.0, -math.inf, False)
+    assert not LawNumbers(1).of_pairs.size
     assert Scheme() == Scheme("newmark", 0.25, 0.5, 0.5)
     assert Combination(2).reads == () and Law("none") == Law(
         "none", 0.0, "consistent", 0.0, 0.0, 0.0

@@ -278,8 +278,8 @@ def test_bad_impactors_are_told(change: dict[str, Any], expected: str) -> None:
 
 
 def test_what_does_not_go_together_is_told() -> None:
-    with pytest.raises(CaseError, match=r'impactor\.1\.radius: .*contact\.law = "penalty"'):
-        case_of(BALL, contact=RIGID)
+    with pytest.raises(CaseError, match=r'impactor\.1\.radius: .*time\.scheme = "newmark"'):
+        case_of(BALL, contact=RIGID | {"law": "newton@moreau-jean"})
     with pytest.raises(CaseError, match=r"sensor\.blow\.impactor: "):
         case_of({}, sensor=[{"name": "blow", "quantity": "contact force", "impactor": 2}])
     with pytest.raises(CaseError, match=r"impactor\.1: "):

@@ -172,7 +172,11 @@ def record(seed: int = 1, n_steps: int = STEPS) -> PeriodRecord:
 def structure(weights: Any = None) -> Any:
     """Return what signals read of a structure; the gaps stand behind another functional."""
     o = SimpleNamespace(
-        n_probes=PROBES, n_pairs=PAIRS, pair_weights=weights, gap0=np.array([0.1, -0.2, 0.3, 0.0])
+        n_probes=PROBES,
+        n_pairs=PAIRS,
+        pair_weights=weights,
+        pair_numbers=None,
+        gap0=np.array([0.1, -0.2, 0.3, 0.0]),
     )
     return SimpleNamespace(operators=o, layout=SimpleNamespace(gap_row=1, first_gap=0))
 

@@ -8,16 +8,20 @@ with exp(-π c / 2 m ω_d) times its speed: the damper acts until the gap is ope
 from __future__ import annotations
 
 import math
+import signal
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from covertable import make
 
-from delam_fem import CaseError, Result, run
-from delam_fem.api import COMBINATIONS, Case, EngineName, preset
+from delam_fem import CaseError, Result, load_case, load_sweep, run, run_sweep, save_case
+from delam_fem.api import COMBINATIONS, Case, EngineName, assemble, preset, reduced_case
 from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
+from delam_fem.reference.loop import refused_motion
+from delam_fem.studies.orbits.maps import CaseFamily
 
 MASS, GAP = 2.0, 0.1003
 POINT = {"name": "ball", "mass": MASS, "stiffness": 0.0, "damping_ratio": 0.0}
@@ -361,3 +365,95 @@ def test_what_does_not_go_together_is_told(name: str) -> None:
     keys, _, expected = REFUSED[name]
     with pytest.raises(CaseError, match=expected.replace(".", r"\.")):
         preset("paper", keys)
+
+
+def two_contacts(**keys: object) -> Case:
+    """Return two laminae with e of their own, and an elastic stop."""
+    row = {"method": ("newton", "newmark", "consistent"), "structure": "apart", "refine": 3,
+           "mass": "consistent"}  # fmt: skip
+    return case_of(row, {"restitution": 0.2}, SPRING).with_overrides(keys)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_checkpoint_goes_on_bit_for_bit(engine: EngineName, tmp_path: Path) -> None:
+    def interrupt(done: int, _: int) -> None:
+        if done == 1:
+            signal.raise_signal(signal.SIGINT)
+
+    case = two_contacts()
+    at_once = run(case, engine).history
+    run(case, engine, directory=tmp_path, progress=interrupt, checkpoint_seconds=0.0)
+    after = run(case, engine, directory=tmp_path, resume=True).history
+    for name in at_once.data_vars:
+        np.testing.assert_array_equal(after[name], at_once[name], err_msg=str(name))
+
+
+SWEEP = """
+name = "own"
+base = "case.toml"
+
+[[axis]]
+key = "{key}"
+values = [0.2, 0.7]
+
+[record]
+strobes = 2
+"""
+
+
+@pytest.mark.parametrize("key", ["gap.restitution", "stop.1.stiffness"])
+def test_a_sweep_over_a_number_of_a_contact_is_its_runs(key: str, tmp_path: Path) -> None:
+    case = two_contacts()
+    save_case(case, tmp_path)
+    (tmp_path / "sweep.toml").write_text(SWEEP.format(key=key))
+    data = run_sweep(load_sweep(tmp_path / "sweep.toml"), tmp_path / "sweep", workers=1)
+    for k, value in enumerate((0.2, 0.7)):
+        structure = closed_form.assemble(changed := case.with_overrides({key: value}))
+        summary = run(changed, "compiled", structure=structure).summary
+        np.testing.assert_array_equal(data["tip_max"][k], summary["tip_max"])
+    assert data["tip_max"][0].to_numpy().tolist() != data["tip_max"][1].to_numpy().tolist()
+
+
+def test_orbits_take_numbers_of_contacts() -> None:
+    """The map with e at the only contact is that with e of the law, and e is a parameter."""
+    keys = {"mesh.elements": 4, "time.steps_per_period": 200, "contact.law": "newton@newmark"}
+    case = preset("paper", keys)
+    of_law = CaseFamily(case, "contact.restitution").problem(0.3)
+    of_contact = CaseFamily(case, "gap.restitution").problem(0.3)
+    other = CaseFamily(case, "gap.restitution").problem(0.6)
+    state = np.zeros(2 * of_law.operators.n_dofs)
+    for _ in range(4):
+        before, state = state, of_law.end(state, 0.0)
+        np.testing.assert_array_equal(of_contact.end(before, 0.0), state)
+    assert np.abs(other.end(before, 0.0) - state).max() > 1e-6
+
+
+def test_modes_have_the_numbers_of_their_beams(tmp_path: Path) -> None:
+    row = {"method": ("newton-penalty", "newmark", "consistent"), "structure": "layered",
+           "refine": 1, "mass": "consistent"}  # fmt: skip
+    case = case_of(row, RIGID_ONE | SPRING, DAMPED)
+    _, path = reduced_case(case, 6).save(tmp_path)
+    full, modes = (assemble(c, needs_dolfinx=False).operators for c in (case, load_case(path)))
+    np.testing.assert_allclose(modes.pair_weights, full.pair_weights, rtol=1e-15)
+    for name in ("is_elastic", "restitution", "relaxation", "threshold", "shares"):
+        both = (getattr(o.pair_numbers, name) for o in (modes, full))
+        np.testing.assert_array_equal(*both, err_msg=name)
+    assert full.pair_numbers.is_elastic.tolist() == [False, True]
+
+
+def test_the_independent_solver_says_that_it_does_not_have_them() -> None:
+    assert refused_motion(two_contacts(stop=[])).startswith("gap.restitution")
+
+
+def test_solids_have_them_as_beams() -> None:
+    """A plane with e of the law at its delamination has the bits of the law's e."""
+    keys = {"model.kind": "plane-stress", "mesh.elements": 10, "time.steps_per_period": 60,
+            "time.periods": 2, "output.window_periods": 2, "delamination.1.opening": 1e-5,
+            "excitation.acceleration": 20.0, "contact.restitution": 0.4}  # fmt: skip
+    plain = preset("embedded", keys)
+    one, same, other = (
+        run(plain.with_overrides({"delamination.1.restitution": e})).history["tip_displacement"]
+        for e in (None, 0.4, 0.0)
+    )
+    np.testing.assert_array_equal(one, same)
+    assert np.abs(one - other).max() > 1e-9
