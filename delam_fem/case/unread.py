@@ -101,8 +101,8 @@ def read_of_entry(case: Case, entry: OwnContact) -> set[str]:
         return {"restitution"}
     if is_elastic(case, entry):
         return {"stiffness", "radius"} | (set() if entry.stiffness is None else {"damping"})
-    own = {"restitution", "threshold_velocity"} & set(reads)
-    return own | ({"stiffness"} if "penalty_stiffness" in reads else set())
+    numbers = {"restitution", "threshold_velocity"} & set(reads)
+    return numbers | ({"stiffness"} if "penalty_stiffness" in reads else set())
 
 
 def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
