@@ -106,10 +106,12 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     k q + c p. In lane order λ is the mean force over the step.
     """
     scheme = system.scheme
-    share, less = 1.0, 0.0
+    share = 1.0
+    less = 0.0
     field = lk.V
     if system.is_chained:  # in the middle of the step, U(θ) = U⁺ - (1-θ) Δt θ H z, U̇ = θ H z
-        share, less = scheme.theta, law.stiffness * scheme.p * (1.0 - scheme.theta)
+        share = scheme.theta
+        less = law.stiffness * scheme.p * (1.0 - scheme.theta)
         field = lk.P
     _spring_loads(system, law, memory, share, less, field, memory.residual)
     if law.differ:
