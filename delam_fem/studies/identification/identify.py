@@ -43,7 +43,7 @@ from delam_fem.studies.identification.study import Identify
 from delam_fem.studies.signals import reading
 from delam_fem.studies.signals.scan import amplitudes
 from delam_fem.studies.sweeps.dataset import remove_results
-from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.grid import Sweep, unit_of
 from delam_fem.studies.sweeps.run import completed, sweep_cost
 
 EVERY = "lamina.*."
@@ -168,16 +168,16 @@ PANEL = 2.2
 
 
 def posterior_figure(
-    posterior: statistics.Posterior, unknowns: tuple[Unknown, ...], truth: list[float] | None
+    posterior: statistics.Posterior, labels: Sequence[str], truth: list[float] | None
 ) -> Figure:
     """Draw the histogram of each unknown and the scatter of each pair.
 
     Args:
         posterior: the sample.
-        unknowns: unknowns in the order of the columns.
+        labels: unknowns in the order of the columns, in words with their units.
         truth: their values in a synthetic measurement; None: not known.
     """
-    n = len(unknowns)
+    n = len(labels)
     # axes that hold nearly all samples and the truth
     low = posterior.quantile(TAIL)
     high = posterior.quantile(1.0 - TAIL)
@@ -189,8 +189,8 @@ def posterior_figure(
     high = high + margin
     figure = Figure(figsize=(PANEL * n, PANEL * n))
     axes = figure.subplots(n, n, squeeze=False)
-    for i, row in enumerate(unknowns):
-        for j, column in enumerate(unknowns):
+    for i, row in enumerate(labels):
+        for j, column in enumerate(labels):
             panel = axes[i, j]
             if j > i:
                 figure.delaxes(panel)
@@ -211,19 +211,21 @@ def posterior_figure(
                     panel.axhline(truth[i], color=style.VERMILLION, linewidth=0.8)
             if truth is not None:
                 panel.axvline(truth[j], color=style.VERMILLION, linewidth=0.8)
-            panel.set_xlabel(_short(column))
-            panel.xaxis.set_major_locator(MaxNLocator(3))
+            panel.set_xlabel(column)
+            panel.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
             if j == 0 and i > 0:
-                panel.set_ylabel(_short(row))
+                panel.set_ylabel(row)
     red = "" if truth is None else "; red: the truth"
     figure.suptitle(f"posterior; dotted: central 90 %{red}")
     figure.tight_layout()
     return figure
 
 
-def _short(unknown: Unknown) -> str:
-    """Return the key of an unknown in the words of its last part."""
-    return unknown.key.rsplit(".", 1)[-1].replace("_", " ")
+def label_of(unknown: Unknown, case: Case) -> str:
+    """Return the last part of the key of an unknown in words, with its unit."""
+    unit = unit_of(unknown.keys(case)[0], case)
+    words = unknown.key.rsplit(".", 1)[-1].replace("_", " ")
+    return f"{words}\n[{'–' if unit == '1' else unit}]"
 
 
 def channels_of(case: Case, names: Sequence[str] = ()) -> tuple[str, ...]:
@@ -616,7 +618,8 @@ class Identification(Finding):
             "uncertain": [asdict(unknown) for unknown in experiment.uncertain],
             "mismatch": self.mismatch,
         }
-        draw = partial(posterior_figure, posterior, experiment.unknowns, truth)
+        labels = [label_of(unknown, experiment.case) for unknown in experiment.unknowns]
+        draw = partial(posterior_figure, posterior, labels, truth)
         return Report(
             name="identification",
             numbers=numbers,

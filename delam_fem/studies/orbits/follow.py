@@ -254,7 +254,8 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     _moduli(lowest, data)
     _legend(panels[0], data, swept)
     key = str(data.attrs["key"])
-    unit = str(data["parameter"].attrs.get("units", "1")).replace("1", "–")
+    units = str(data["parameter"].attrs.get("units", "1"))
+    unit = "–" if units == "1" else units
     style.label_x([*panels, lowest], f"{key}  [{unit}]")
     low = float(data["parameter"].min())
     high = float(data["parameter"].max())

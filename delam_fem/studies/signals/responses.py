@@ -862,22 +862,40 @@ def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
 
 
 def responses(data: xr.Dataset) -> Figure:
-    """Draw amplitudes, phases and, where there is one, the coherence over the frequency."""
+    """Draw amplitudes, a panel for each unit, phases and, where there is one, the coherence.
+
+    Where the drive has no energy there is no response, and nothing is drawn.
+    """
     names = [str(name) for name in data["output"].to_numpy()]
-    figure, panels = style.stacked(3, 7.5, sharex=True, height_ratios=[2, 1, 1])
+    colours = style.lamina_colours(len(names))
+    units = [str(data["response"].attrs.get("units", ""))] * len(names)
+    if "response_units" in data:
+        units = [str(unit) for unit in data["response_units"].to_numpy()]
+    groups = list(dict.fromkeys(units))
     data = data.isel(frequency=data["frequency"].to_numpy() > 0.0)  # nothing is known at 0 Hz
     f = data["frequency"].to_numpy()
-    for k, (name, colour) in enumerate(zip(names, style.lamina_colours(len(names)), strict=True)):
-        h = data["response"].to_numpy()[:, k]
-        panels[0].semilogy(f, np.where(h == 0.0, np.nan, np.abs(h)), color=colour, label=name)
-        panels[1].plot(f, np.degrees(np.angle(h)), ".", markersize=2, color=colour)
-        if "coherence" in data:
-            panels[2].plot(f, data["coherence"].to_numpy()[:, k], color=colour)
-    panels[0].set_ylabel(f"amplitude [{data['response'].attrs.get('units', '')}]")
-    panels[1].set(ylabel="phase [°]", ylim=(-190, 190), yticks=[-180, -90, 0, 90, 180])
-    panels[2].set(ylabel="coherence", ylim=(0.0, 1.05))
+    h = data["response"].to_numpy()
+    h = np.where(h == 0.0, np.nan, h)
+    has_coherence = "coherence" in data and bool(np.isfinite(data["coherence"]).any())
+    ratios = [2] * len(groups) + [1] * (1 + has_coherence)
+    figure, panels = style.stacked(
+        len(ratios), 1.9 * sum(ratios), sharex=True, height_ratios=ratios
+    )
+    phases = panels[len(groups)]
+    for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
+        panel = panels[groups.index(units[k])]
+        marker = "." if np.isnan(h[:, k]).any() else None  # single lines between what is left out
+        panel.semilogy(f, np.abs(h[:, k]), color=colour, label=name, marker=marker)
+        phases.plot(f, np.degrees(np.angle(h[:, k])), ".", markersize=2, color=colour)
+        if has_coherence:
+            panels[-1].plot(f, data["coherence"].to_numpy()[:, k], color=colour)
+    for panel, unit in zip(panels, groups, strict=False):
+        panel.set_ylabel(f"amplitude [{unit}]")
+        style.legend_above(panel)
+    phases.set(ylabel="phase [°]", ylim=(-190, 190), yticks=[-180, -90, 0, 90, 180])
+    if has_coherence:
+        panels[-1].set(ylabel="coherence [–]", ylim=(0.0, 1.05))
     style.label_x(panels, "frequency [Hz]")
-    style.legend_above(panels[0])
     figure.suptitle(str(data["response"].attrs.get("long_name", "frequency responses")))
     return figure
 
