@@ -63,6 +63,8 @@ from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-9
 """Share of a period by which round-off alone may make a sweep longer than whole periods."""
+FASTEST = 0.2
+"""Largest frequency of a sensor's filters over the steps per second."""
 PARTS = 100
 """Parts of a run with a given time step; each stands for a period."""
 LEAST_STEPS = 4
@@ -430,6 +432,20 @@ class Case(Section):
                     raise inconsistent(
                         f"{key}.{name}", f"expected at most {count} {name}s, given {number}"
                     )
+            for name in ("corner", "resonance"):
+                value = getattr(sensor, name)
+                if value is not None and value > FASTEST * highest_rate:
+                    raise inconsistent(
+                        f"{key}.{name}",
+                        f"expected at most {FASTEST:g} of the steps per second, "
+                        f"{FASTEST * highest_rate:g} Hz, given {value:g} Hz; take more steps",
+                    )
+            if sensor.mass is not None and self.model.file is not None:
+                raise inconsistent(
+                    f"{key}.mass",
+                    "expected none with model.file, whose structure is reduced already; give the "
+                    "mass in the case that is reduced",
+                )
             if sensor.sampling_rate is not None and sensor.sampling_rate > highest_rate * (
                 1.0 + ROUND_OFF
             ):
@@ -627,6 +643,16 @@ class Case(Section):
         return self.model_copy(update={"impactor": (), "sensor": sensors})
 
     @property
+    def masses(self) -> tuple[PointMass, ...]:
+        """The point masses, and those of sensors, which the laminae carry."""
+        of_sensors = (
+            PointMass(lamina=sensor.lamina, mass=sensor.mass, position=sensor.position)
+            for sensor in self.sensor
+            if sensor.mass is not None and sensor.lamina is not None
+        )
+        return (*self.point_mass, *of_sensors)
+
+    @property
     def is_elastic(self) -> bool:
         """Whether a contact is elastic by a number of its own."""
         return any(entry.elastic_by for _, entry in self.contacts)
@@ -649,7 +675,7 @@ class Case(Section):
         """
         mesh = self.mesh if self.mesh.file is None else Mesh(elements=BEAM_CELLS)
         return self.without_strikes.model_copy(
-            update={"mesh": mesh, "model": Model(), "sensor": ()}
+            update={"mesh": mesh, "model": Model(), "sensor": (), "point_mass": self.masses}
         )
 
     @property
@@ -827,7 +853,7 @@ class Case(Section):
             i: index of the lamina from 0.
         """
         name = self.lamina[i].name
-        if any(mass.lamina == name for mass in self.point_mass):
+        if any(mass.lamina == name for mass in self.masses) or not self.lamina[i].is_uniform:
             return False
         if not self.is_axial:
             return self.support.is_cantilever

@@ -23,6 +23,7 @@ from pydantic_core import PydanticUndefined, core_schema
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset_text
+from delam_fem.case.sections import Profile
 from delam_fem.case.toml import Data, toml_value
 from delam_fem.case.values import Expected, Section
 from delam_fem.system.docstrings import meanings, summary
@@ -164,7 +165,7 @@ def _parts(annotation: Any) -> Iterator[Any]:
 def _models(annotation: Any) -> list[type[Section]]:
     """Return the models of tables in the type of a field."""
     parts = [p for p in _parts(annotation) if isinstance(p, type) and issubclass(p, Section)]
-    return [part for part in parts if part.is_written]
+    return [part for part in parts if part.is_written and part is not Profile]
 
 
 def _is_array(annotation: Any) -> bool:
@@ -178,6 +179,8 @@ def _type(annotation: Any, choices: tuple[str, ...]) -> str:
     if choices:
         *first, last = (f'"{choice}"' for choice in choices)
         return f"{', '.join(first)} or {last}" if first else last
+    if Profile in _parts(annotation):
+        return "a positive number or a table over x"
     for part in (annotation, *get_args(annotation)):
         for note in getattr(part, "__metadata__", ()):
             if isinstance(note, Expected):
@@ -265,6 +268,9 @@ def _plain(schema: Schema, key: Key | None) -> Schema:
         del content["default"]
     if key is not None:
         content["description"] = key.meaning
+        if key.has_unit and "oneOf" in content:  # a number, a text with its unit, or a table over x
+            forms = content.pop("oneOf")
+            content["anyOf"] = [*forms, {"type": "string", "pattern": QUANTITY}]
         if key.has_unit and content.get("type") == "number":  # it may also be a text with its unit
             about: Schema = {
                 name: content.pop(name) for name in ("default", "description") if name in content

@@ -127,7 +127,8 @@ def _two_stiffnesses(lamina: Lamina) -> Iterator[str]:
     A material does not count: to give EI beside it means to replace its stiffness.
     """
     if lamina.has_two_stiffnesses:
-        EI, E = lamina.flexural_rigidity, lamina.young_modulus
+        EI = lamina.flexural_rigidity
+        E = lamina.mean("young_modulus")
         yield (
             f"lamina.{lamina.name}.bending_stiffness = {EI:.4g} N m2 counts, not the "
             f"{E * lamina.second_moment:.4g} N m2 of young_modulus = {E:.4g} Pa with this width "
@@ -140,7 +141,9 @@ def _two_masses(lamina: Lamina) -> Iterator[str]:
     row = MATERIALS.get(lamina.material or "")
     if row is None:
         return
-    of_material = row["density"] * lamina.width * lamina.thickness
+    if not lamina.is_uniform:
+        return
+    of_material = row["density"] * lamina.mean("width") * lamina.mean("thickness")
     if abs(lamina.mass_per_length - of_material) > DISAGREEING * of_material:
         yield (
             f"lamina.{lamina.name}.mass_per_length = {lamina.mass_per_length:.4g} kg/m counts, not "
@@ -152,12 +155,13 @@ def _two_masses(lamina: Lamina) -> Iterator[str]:
 def _unusual_numbers(lamina: Lamina) -> Iterator[str]:
     """Yield warnings about a lamina: slenderness, density, wave speed, damping."""
     key = f"lamina.{lamina.name}"
-    L, h, rho = lamina.length, lamina.thickness, lamina.density
+    L = lamina.length
+    b, h, rho, E = map(lamina.mean, ("width", "thickness", "density", "young_modulus"))
     words = "length over thickness"
     if _is_in_mm(lamina):
         yield (
-            f"{key}: length = {L:g} m, width = {lamina.width:g} m and thickness = {h:g} m look "
-            f'unusual; did you mean "{L:g} mm", "{lamina.width:g} mm" and "{h:g} mm"?'
+            f"{key}: length = {L:g} m, width = {b:g} m and thickness = {h:g} m look "
+            f'unusual; did you mean "{L:g} mm", "{b:g} mm" and "{h:g} mm"?'
         )
     elif not SLENDERNESS[0] <= 1e-3 * L / h <= SLENDERNESS[1]:  # a length in mm would be plausible
         yield from _checked(f"{key}.thickness", h, "m", words, SLENDERNESS, lambda value: L / value)
@@ -168,7 +172,7 @@ def _unusual_numbers(lamina: Lamina) -> Iterator[str]:
     if not dense:
         yield from _checked(
             f"{key}.young_modulus",
-            lamina.young_modulus,
+            E,
             "Pa",
             "the wave speed sqrt(E/rho) in m/s",
             WAVE_SPEED,
@@ -181,8 +185,9 @@ def _unusual_numbers(lamina: Lamina) -> Iterator[str]:
 
 def _is_in_mm(lamina: Lamina) -> bool:
     """Return whether all lengths of a lamina look like numbers in mm."""
-    is_slender = SLENDERNESS[0] <= lamina.length / lamina.thickness <= SLENDERNESS[1]
-    return lamina.thickness > THICKEST and is_slender
+    h = lamina.mean("thickness")
+    is_slender = SLENDERNESS[0] <= lamina.length / h <= SLENDERNESS[1]
+    return h > THICKEST and is_slender
 
 
 def _of_gaps(case: Case) -> Iterator[str]:
@@ -227,7 +232,7 @@ def _of_one_excitation(excitation: Excitation, case: Case) -> Iterator[str]:
     is_judged = isinstance(excitation, HarmonicExcitation | SweepExcitation | ForceExcitation)
     if not is_judged or any(map(_is_in_mm, case.lamina)):
         return
-    firsts = [lamina.angular_frequencies(1)[0] / (2.0 * math.pi) for lamina in case.lamina]
+    firsts = [lamina.uniform.angular_frequencies(1)[0] / (2.0 * math.pi) for lamina in case.lamina]
     for key in ("frequency", "start_frequency", "end_frequency"):
         value = getattr(excitation, key, None)
         if value is None:
@@ -298,7 +303,7 @@ def _of_base_table(given: TableExcitation | RecordExcitation, length: float) -> 
 
 def _of_masses(case: Case) -> Iterator[str]:
     """Yield warnings about point masses."""
-    masses = {lamina.name: lamina.mass_per_length * lamina.length for lamina in case.lamina}
+    masses = {lamina.name: lamina.uniform.mass_per_length * lamina.length for lamina in case.lamina}
     for number, point_mass in enumerate(case.point_mass, start=1):
         lamina_mass = masses[point_mass.lamina]
         yield from _checked(

@@ -25,15 +25,18 @@ from typing import Annotated, ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import (
+    Discriminator,
     ModelWrapValidatorHandler,
     PrivateAttr,
     SerializerFunctionWrapHandler,
+    Tag,
     model_serializer,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.values import (
+    Bits,
     CellCount,
     Count,
     CountOrNone,
@@ -43,6 +46,7 @@ from delam_fem.case.values import (
     Elements,
     Expected,
     FileName,
+    FilterOrder,
     Finite,
     Gamma,
     Label,
@@ -63,6 +67,7 @@ from delam_fem.contact.laws import SCHEMES, Impulse, LawName, Scheme, SchemeName
 from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.numerics.harmonics import Kind
 from delam_fem.numerics.types import FloatArray
+from delam_fem.system.errors import CaseError
 
 MATERIALS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -92,8 +97,77 @@ _SAME = 1e-9
 """Relative difference that round-off may leave between two values of one number."""
 
 
+EDGE_TOLERANCE = 1e-9
+"""Tolerance relative to the length within which an edge is at an end of the structure."""
+
+
+class Profile(Section):
+    """A property along a lamina: a table over x, linear between its places, or in steps.
+
+    Attributes:
+        x: places from 0 on, increasing [m]; without steps the last is the length of the lamina.
+        value: the values there, in the unit of the property.
+        steps: whether each value holds up to the next place, the last up to the end.
+    """
+
+    x: Annotated[tuple[NotNegative, ...], Expected("a list of places of at least 0")]
+    value: Annotated[tuple[Positive, ...], Expected("a list of positive numbers")]
+    steps: bool = False
+
+    @model_validator(mode="after")
+    def _increasing(self) -> Self:
+        """Check that places increase from 0 on, and that each has a value."""
+        if len(self.x) != len(self.value) or len(self.x) < 2:
+            raise inconsistent(
+                "value",
+                f"expected two or more values, one for each x, given {len(self.value)} for "
+                f"{len(self.x)} places",
+            )
+        if self.x[0] != 0.0 or any(a >= b for a, b in pairwise(self.x)):
+            raise inconsistent("x", f"expected places that increase from 0 on, given {self.x}")
+        return self
+
+    def at(self, x: FloatArray, inside: FloatArray | None = None) -> FloatArray:
+        """Return the values at places.
+
+        Args:
+            x: places, any shape [m].
+            inside: places that say on which side of a step each x is, same shape [m]; None: to the
+                right.
+        """
+        if not self.steps:
+            return np.asarray(np.interp(x, self.x, self.value))
+        places = x if inside is None else inside
+        number = np.searchsorted(self.x, places, side="right") - 1
+        return np.asarray(np.array(self.value)[np.maximum(number, 0)])
+
+    def mean(self, length: float) -> float:
+        """Return the mean value up to a length [m]."""
+        if self.steps:
+            return float(np.diff([*self.x, length]) @ np.array(self.value) / length)
+        return float((0.5 * np.diff(self.x) @ np.add(self.value[1:], self.value[:-1])) / length)
+
+
+def _form(value: object) -> Literal["number", "profile"]:
+    """Return what a value of a lamina is by its form."""
+    return "profile" if _is_table(value) else "number"
+
+
+Along = Annotated[
+    Annotated[Positive, Tag("number")] | Annotated[Profile, Tag("profile")],
+    Discriminator(_form),
+]
+"""A number, or a table over x."""
+VARYING = ("thickness", "width", "density", "young_modulus")
+"""Keys of a lamina that take a table over x."""
+
+
 class Lamina(Section):
-    """One lamina of the delaminated beam: uniform along its length.
+    """One lamina of the delaminated beam.
+
+    Thickness, width, density and modulus take a number or a table over x, as
+    `{ x = [0.0, 0.3], value = [0.002, 0.001] }`, linear between the places; with `steps = true`
+    each value holds up to the next place.
 
     A case file may give `material`, or `mass_per_length` instead of the density; without a modulus,
     `bending_stiffness` gives it. The lamina then has the numbers that follow.
@@ -122,11 +196,11 @@ class Lamina(Section):
 
     name: Label
     length: Annotated[Positive, Unit("m")]
-    width: Annotated[Positive, Unit("m")]
-    thickness: Annotated[Positive, Unit("m")]
+    width: Annotated[Along, Unit("m")]
+    thickness: Annotated[Along, Unit("m")]
     material: str | None = None
-    density: Annotated[Positive, Unit("kg/m3")]
-    young_modulus: Annotated[Positive, Unit("Pa")]
+    density: Annotated[Along, Unit("kg/m3")]
+    young_modulus: Annotated[Along, Unit("Pa")]
     bending_stiffness: Annotated[Positive | None, Unit("N m2")] = None
     damping_ratio: Annotated[DampingRatio, Unit("1")]
     mass: Annotated[Positive | None, Unit("kg")] = None
@@ -174,6 +248,104 @@ class Lamina(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _fitting_tables(self) -> Self:
+        """Check that tables end with the lamina, and that no single number replaces them."""
+        for key, profile in self.profiles.items():
+            last = profile.x[-1]
+            is_end = math.isclose(last, self.length, rel_tol=EDGE_TOLERANCE)
+            if profile.steps and (is_end or last > self.length):
+                raise inconsistent(
+                    f"{key}.x",
+                    f"expected steps before the length {self.length:g} m, given {last:g}",
+                )
+            if not profile.steps and not is_end:
+                raise inconsistent(
+                    f"{key}.x",
+                    f"expected a last place at the length {self.length:g} m, given {last:g}",
+                )
+        for key in ("bending_stiffness", "mass", "material"):
+            names = (*_OF_MATERIALS,) if key == "material" else VARYING
+            tables = [name for name in names if name in self.profiles]
+            if tables and getattr(self, key) is not None:
+                raise inconsistent(key, f"expected none beside a table of {' and '.join(tables)}")
+        return self
+
+    @property
+    def profiles(self) -> dict[str, Profile]:
+        """The tables over x, by their keys."""
+        values = {key: getattr(self, key) for key in VARYING}
+        return {key: value for key, value in values.items() if isinstance(value, Profile)}
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether no property changes along the lamina."""
+        return not self.profiles
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Places inside the lamina at which a property steps or its slope does [m]."""
+        places = {x for profile in self.profiles.values() for x in profile.x}
+        margin = EDGE_TOLERANCE * self.length
+        return tuple(sorted(x for x in places if margin < x < self.length - margin))
+
+    def along(self, key: str, x: FloatArray, inside: FloatArray | None = None) -> FloatArray:
+        """Return a property at places.
+
+        Args:
+            key: "thickness" [m], "width" [m], "density" [kg/m3] or "young_modulus" [Pa].
+            x: places, any shape [m].
+            inside: see `Profile.at`.
+        """
+        value = getattr(self, key)
+        if isinstance(value, Profile):
+            return value.at(x, inside)
+        return np.full(np.shape(x), float(value))
+
+    def mean(self, key: str) -> float:
+        """Return the mean of a property over the length; see `along`."""
+        value = getattr(self, key)
+        return value.mean(self.length) if isinstance(value, Profile) else float(value)
+
+    @property
+    def uniform(self) -> Lamina:
+        """The lamina with means in place of its tables, for estimates alone."""
+        return self.model_copy(update={key: self.mean(key) for key in self.profiles})
+
+    def _number(self, key: str) -> float:
+        """Return a property of a uniform lamina.
+
+        Raises:
+            CaseError: it changes along the lamina.
+        """
+        value = getattr(self, key)
+        if isinstance(value, Profile):
+            raise CaseError(
+                f"lamina.{self.name}.{key}: expected a uniform lamina here, given a table over x"
+            )
+        return float(value)
+
+    def flexural_rigidity_at(self, x: FloatArray, inside: FloatArray | None = None) -> FloatArray:
+        """Return EI at places, see `along` [N m2]."""
+        if self.is_uniform:
+            return np.full(np.shape(x), self.flexural_rigidity)
+        E, b, h = (self.along(key, x, inside) for key in ("young_modulus", "width", "thickness"))
+        return np.asarray(E * b * h**3 / 12.0)
+
+    def axial_rigidity_at(self, x: FloatArray, inside: FloatArray | None = None) -> FloatArray:
+        """Return EA at places, see `along` [N]."""
+        if self.is_uniform:
+            return np.full(np.shape(x), self.axial_rigidity)
+        E, b, h = (self.along(key, x, inside) for key in ("young_modulus", "width", "thickness"))
+        return np.asarray(E * b * h)
+
+    def mass_per_length_at(self, x: FloatArray, inside: FloatArray | None = None) -> FloatArray:
+        """Return the mass per length at places, see `along` [kg/m]."""
+        if self.is_uniform:
+            return np.full(np.shape(x), self.mass_per_length)
+        rho, b, h = (self.along(key, x, inside) for key in ("density", "width", "thickness"))
+        return np.asarray(rho * b * h)
+
     @property
     def is_point(self) -> bool:
         """Whether the lamina is a mass on a spring in place of a beam."""
@@ -182,34 +354,34 @@ class Lamina(Section):
     @property
     def axial_rigidity(self) -> float:
         """Axial stiffness E b h [N]."""
-        return self.young_modulus * self.width * self.thickness
+        return self._number("young_modulus") * self._number("width") * self._number("thickness")
 
     @property
     def flexural_rigidity(self) -> float:
         """Bending stiffness EI: the given one, otherwise E b h^3/12 [N m2]."""
         if self.bending_stiffness is not None:
             return self.bending_stiffness
-        return self.young_modulus * self.second_moment
+        return self._number("young_modulus") * self.second_moment
 
     @property
     def has_two_stiffnesses(self) -> bool:
         """Whether EI and E are both given and disagree by more than measured ones do."""
         if self.bending_stiffness is None or "young_modulus" not in self.model_fields_set:
             return False
-        of_modulus = self.young_modulus * self.second_moment
+        of_modulus = self._number("young_modulus") * self.second_moment
         return abs(self.bending_stiffness - of_modulus) > DISAGREEING * of_modulus
 
     @property
     def second_moment(self) -> float:
         """Second moment of area b h^3/12 [m4]."""
-        return self.width * self.thickness**3 / 12.0
+        return self._number("width") * self._number("thickness") ** 3 / 12.0
 
     @property
     def mass_per_length(self) -> float:
         """Mass per length rho b h [kg/m]."""
         if self._line_mass is not None:
             return self._line_mass
-        return self.density * self.width * self.thickness
+        return self._number("density") * self._number("width") * self._number("thickness")
 
     @property
     def poisson(self) -> float:
@@ -231,7 +403,8 @@ class Lamina(Section):
             return np.full(n, np.sqrt(self.stiffness / self.mass))
         if self.motion == "axial":
             waves = np.pi * (np.arange(n) + (1.0 if is_even else 0.5)) / self.length
-            return np.asarray(waves * np.sqrt(self.young_modulus / self.density))
+            speed = np.sqrt(self._number("young_modulus") / self._number("density"))
+            return np.asarray(waves * speed)
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
         return np.asarray((cantilever_roots(n) / self.length) ** 2 * speed)
 
@@ -250,6 +423,14 @@ def _converted(key: object, value: object) -> object:
     field = Lamina.model_fields.get(str(key))
     notes = () if field is None else field.metadata
     unit = next((note.name for note in notes if isinstance(note, Unit)), None)
+    if isinstance(value, Mapping) and unit is not None:  # a table over x
+        units = {"x": "m", "value": unit}
+        return {
+            name: [in_si(entry, units[name], f"{key}.{name}") for entry in entries]
+            if name in units and isinstance(entries, list | tuple)
+            else entries
+            for name, entries in value.items()
+        }
     return value if unit is None else in_si(value, unit, str(key))
 
 
@@ -290,6 +471,8 @@ def _take_section(numbers: dict[object, object]) -> float | None:
     """
     b, h = (_positive(numbers.get(key)) for key in ("width", "thickness"))
     if b is None or h is None:
+        if "mass_per_length" in numbers and any(map(_is_table, numbers.values())):
+            raise inconsistent("mass_per_length", "expected density beside a table over x")
         return None  # the sizes themselves are refused
     EI = _positive(numbers.get("bending_stiffness"))
     if "young_modulus" not in numbers and EI is not None:
@@ -305,6 +488,11 @@ def _take_section(numbers: dict[object, object]) -> float | None:
     numbers["density"] = line_mass / (b * h)
     del numbers["mass_per_length"]
     return line_mass
+
+
+def _is_table(value: object) -> bool:
+    """Return whether a value of a lamina is a table over x."""
+    return isinstance(value, Mapping | Profile)
 
 
 def _positive(value: object) -> float | None:
@@ -429,14 +617,19 @@ class Mesh(Section):
     Attributes:
         elements: number of equal elements per lamina.
         file: mesh file (.msh, .vtk, .vtu or .xdmf); a relative name counts from the case file.
+        unit: unit of length of a mesh file: "m", "cm", "mm", "um" or "inch"; "m" if it is not
+            given.
     """
 
     elements: Elements | None = None
     file: FileName | None = None
+    unit: Literal["m", "cm", "mm", "um", "inch"] | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        """Check that either a number of elements or a file is given."""
+        """Check that either a number of elements or a file is given, and a unit of a file alone."""
+        if self.file is None and self.unit is not None:
+            raise inconsistent("unit", "expected only beside file, of a mesh")
         if (self.elements is None) == (self.file is None):
             raise PydanticCustomError(
                 "inconsistent",
@@ -446,6 +639,10 @@ class Mesh(Section):
         return self
 
 
+MESH_UNITS: Mapping[str, float] = MappingProxyType(
+    {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "inch": 0.0254}
+)
+"""Metres of the units of mesh files."""
 ModelKind = Literal["beam", "plane-stress", "solid", "modes"]
 _READS: Mapping[ModelKind, frozenset[str]] = MappingProxyType(
     {
@@ -605,9 +802,6 @@ class Output(Section):
 
 
 SupportKind = Literal["clamped", "pinned", "free"]
-
-EDGE_TOLERANCE = 1e-9
-"""Tolerance relative to the length within which an edge is at an end of the structure."""
 
 Neighbours = Annotated[
     tuple[Label, Label], Expected("the names of two neighbouring laminae, the lower one first")
@@ -1129,6 +1323,14 @@ class Sensor(Section):
         sampling_rate: samples per second [Hz]; every step of the window if it is not given.
         noise: standard deviation of white noise on the samples, in the sensor's unit.
         seed: number from which the noise is drawn; the same seed gives the same noise.
+        mass: mass of the sensor, which the lamina carries at its place [kg].
+        resonance: frequency of the sensor on its mounting [Hz]; rigid if it is not given.
+        resonance_damping: damping ratio of that resonance [-]; 0.02 if it is not given.
+        corner: frequency at which the sensor's own low-pass filter has -3 dB [Hz]; none if it is
+            not given.
+        order: order of that filter, a Butterworth filter; 2 if it is not given.
+        range: largest signal of either sign, in the sensor's unit; what is beyond is cut off.
+        bits: bits of the converter over the range from -range to range.
     """
 
     name: Label
@@ -1142,15 +1344,23 @@ class Sensor(Section):
     sampling_rate: Annotated[Positive, Unit("Hz")] | None = None
     noise: NotNegative | None = None
     seed: CountOrNone = 0
+    mass: Annotated[Positive, Unit("kg")] | None = None
+    resonance: Annotated[Positive, Unit("Hz")] | None = None
+    resonance_damping: Annotated[DampingRatio, Unit("1")] | None = None
+    corner: Annotated[Positive, Unit("Hz")] | None = None
+    order: FilterOrder | None = None
+    range: Positive | None = None
+    bits: Bits | None = None
 
     @model_validator(mode="before")
     @classmethod
-    def _noise_in_si(cls, data: object) -> object:
-        """Convert a noise that carries a unit to the unit of the sensor."""
-        if not isinstance(data, Mapping) or "noise" not in data:
+    def _in_its_unit(cls, data: object) -> object:
+        """Convert a noise and a range that carry a unit to the unit of the sensor."""
+        if not isinstance(data, Mapping):
             return data
         unit = SENSOR_UNITS.get(str(data.get("quantity")), "1")
-        return {**data, "noise": in_si(data["noise"], unit, "noise")}
+        keys = {"noise", "range"} & set(data)
+        return {**data, **{key: in_si(data[key], unit, key) for key in sorted(keys)}}
 
     @model_validator(mode="after")
     def _fitting_keys(self) -> Self:
@@ -1165,6 +1375,12 @@ class Sensor(Section):
             raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
         if self.surface is not None and self.quantity != "strain":
             raise inconsistent("surface", 'expected only with quantity = "strain"')
+        if self.mass is not None and is_force:
+            raise inconsistent("mass", f'expected none with quantity = "{self.quantity}"')
+        pairs = (("resonance_damping", "resonance"), ("order", "corner"), ("bits", "range"))
+        for key, other in pairs:
+            if getattr(self, key) is not None and getattr(self, other) is None:
+                raise inconsistent(key, f"expected only beside {other}")
         return self
 
     @property

@@ -39,8 +39,8 @@ _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 """Pattern of a key that TOML accepts without quotes."""
 
 _UNION_TAGS = (
-    "harmonic", "sweep", "force", "hammer", "table", "random", "multisine", "burst", "record",
-    "none", "several", "each",
+    "number", "profile", "harmonic", "sweep", "force", "hammer", "table", "random", "multisine",
+    "burst", "record", "none", "several", "each",
 )  # fmt: skip
 """Names that pydantic inserts into the path of an error although the case file has no such
 level."""
@@ -145,7 +145,7 @@ def toml_text(data: Mapping[str, object]) -> str:
     Returns:
         The TOML text; `tomllib.loads` gives `data` back.
     """
-    blocks = [_key_lines(data)]
+    blocks = [_key_lines(data, is_top=True)]
     for key, value in data.items():
         if isinstance(value, Mapping):
             blocks.append(f"[{key}]\n{_key_lines(value)}")
@@ -159,17 +159,20 @@ def _is_tables(value: object) -> TypeGuard[Sequence[Mapping[str, object]]]:
     return isinstance(value, list | tuple) and any(isinstance(v, Mapping) for v in value)
 
 
-def _key_lines(table: Mapping[str, object]) -> str:
-    """Return the lines `key = value` for the scalars and lists of scalars of a table."""
+def _key_lines(table: Mapping[str, object], *, is_top: bool = False) -> str:
+    """Return the lines `key = value` of a table; tables in it are inline, at the top left out."""
     return "".join(
         f"{key if _BARE_KEY.fullmatch(key) else json.dumps(key)} = {toml_value(value)}\n"
         for key, value in table.items()
-        if not isinstance(value, Mapping) and not _is_tables(value)
+        if not (isinstance(value, Mapping) and is_top) and not _is_tables(value)
     )
 
 
 def toml_value(value: object) -> str:
-    """Return a scalar, or a list of scalars, as TOML writes it."""
+    """Return a scalar, a list of scalars, or an inline table as TOML writes it."""
+    if isinstance(value, Mapping):
+        entries = (f"{key} = {toml_value(entry)}" for key, entry in value.items())
+        return f"{{ {', '.join(entries)} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(toml_value(entry) for entry in value)}]"
     if isinstance(value, bool):
@@ -343,6 +346,9 @@ def set_key(data: Data, key: str, value: object) -> None:
         ends = [entry for entry in table if "position" not in entry] or [{}]
         table[:] = [*table, *(end for end in ends if end not in table)]
         table = ends[0]
+    if isinstance(table, list) and parents[-1] in ("x", "value") and last.isdigit():
+        _set_number(table, int(last), value, key)  # of a table over x
+        return
     if not isinstance(table, dict) or not last:
         names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
         raise CaseError(
@@ -352,6 +358,17 @@ def set_key(data: Data, key: str, value: object) -> None:
         table.pop(last, None)
     else:
         table[last] = value.item() if hasattr(value, "item") else value  # of NumPy too
+
+
+def _set_number(numbers: list[object], place: int, value: object, key: str) -> None:
+    """Set a number of a list by its place, which counts from 1, in place of the list.
+
+    Raises:
+        CaseError: the list has no such place.
+    """
+    if not 1 <= place <= len(numbers) or value is None:
+        raise CaseError(f"override {key}: expected a number, at a place from 1 to {len(numbers)}")
+    numbers[place - 1] = value.item() if hasattr(value, "item") else value
 
 
 def _names(table: object) -> list[str]:
@@ -399,6 +416,7 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         if isinstance(table, dict) and any(f"{section}.{key}" in overrides for key in choices):
             has_table = section == "gap" and "gap.file" in overrides
             dropped = {*choices, "tip", "root"} if has_table else set(choices)
+            dropped |= {"unit"} if "mesh.elements" in overrides and section == "mesh" else set()
             for key in dropped & set(table):
                 del table[key]
     table = data.get("excitation")

@@ -122,6 +122,8 @@ Poisson = Annotated[
     float, _FINITE, Field(ge=0.0, lt=0.5), Expected("a number of at least 0 and below 0.5")
 ]
 Degree = Annotated[int, _WHOLE, Field(ge=2, le=3), Expected("2 or 3")]
+FilterOrder = Annotated[int, _WHOLE, Field(ge=1, le=12), Expected("a whole number from 1 to 12")]
+Bits = Annotated[int, _WHOLE, Field(ge=2, le=32), Expected("a whole number from 2 to 32")]
 Steps = Annotated[
     int, _WHOLE, Field(ge=4, le=100_000_000), Expected("a whole number from 4 to 100000000")
 ]

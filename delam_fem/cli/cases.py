@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     )
     from delam_fem.engines.session import EngineName
     from delam_fem.model.reduction import Reduction
+    from delam_fem.numerics.types import FloatArray
     from delam_fem.studies.sweeps.grid import Sweep
 
 
@@ -233,15 +234,30 @@ def _lamina(lamina: Lamina) -> str:
         )
         return f"a point of {lamina.mass:g} kg {mounting}, D {lamina.damping_ratio:g}"
     stiffness = (
-        f"EA {lamina.axial_rigidity:.4g} N"
+        f"EA {_along(lamina.axial_rigidity_at, lamina)} N"
         if lamina.motion == "axial"
-        else f"EI {lamina.flexural_rigidity:.4g} N m²"
+        else f"EI {_along(lamina.flexural_rigidity_at, lamina)} N m²"
     )
     material = f"{lamina.material}, " if lamina.material else ""
     return (
-        f"{1e3 * lamina.length:g} × {1e3 * lamina.width:g} × {1e3 * lamina.thickness:g} mm, "
-        f"{material}{stiffness}, {lamina.mass_per_length:.4g} kg/m, D {lamina.damping_ratio:g}"
+        f"{1e3 * lamina.length:g} × {_size(lamina, 'width')} × {_size(lamina, 'thickness')} mm, "
+        f"{material}{stiffness}, {_along(lamina.mass_per_length_at, lamina)} kg/m, "
+        f"D {lamina.damping_ratio:g}"
     )
+
+
+def _along(course: Callable[[FloatArray], FloatArray], lamina: Lamina) -> str:
+    """Return a property at the start of a lamina, and at its end where it changes."""
+    import numpy as np
+
+    values = course(np.array([0.0, *lamina.breaks, lamina.length]))
+    texts = [f"{value:.4g}" for value in values]
+    return texts[0] if len(set(texts)) == 1 else f"{texts[0]} to {texts[-1]}"
+
+
+def _size(lamina: Lamina, key: str) -> str:
+    """Return a size in mm, at the start and at the end where it changes."""
+    return _along(lambda x: 1e3 * lamina.along(key, x), lamina)
 
 
 def _law_numbers(case: Case) -> Iterator[str]:
@@ -323,7 +339,7 @@ def _impactor(case: Case, impactor: Impactor) -> str:
     if impactor.radius is not None:
         lamina = next(candidate for candidate in case.lamina if candidate.name == impactor.lamina)
         nu = lamina.poisson if case.model.poisson is None else case.model.poisson
-        modulus = f"E {1e-9 * lamina.young_modulus:g} GPa, ν {nu:g}"
+        modulus = f"E {1e-9 * lamina.mean('young_modulus'):g} GPa, ν {nu:g}"
         contact = f"a ball of radius {1e3 * impactor.radius:g} mm ({modulus})"
     spring = ""
     if impactor.spring or impactor.spring_damping:

@@ -216,7 +216,9 @@ def _size_of(case: Case) -> float:
     speed += sum(impactor.velocity for impactor in case.impactor)
     reach = sum(abs(start.displacement) for start in case.initial)
     if case.excitation.acts_on == "force":
-        masses = [lamina.mass or lamina.mass_per_length * lamina.length for lamina in case.lamina]
+        masses = [
+            lamina.mass or lamina.uniform.mass_per_length * lamina.length for lamina in case.lamina
+        ]
         reach += 0.5 * float(largest[0]) / min(masses) * duration**2
     else:
         reach += float(largest[0])

@@ -44,6 +44,8 @@ class Part:
             (n_points, 2). With a `Reading` they are its rows.
         flexural_rigidity: EI of each cell between two points, shape (n_points - 1,) [N m2].
         mass_per_length: ρA of each cell, shape (n_points - 1,) [kg/m].
+        end_rigidity: EI at both ends of each cell where it changes within cells, shape
+            (n_points - 1, 2) [N m2]; None: it does not.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Part:
     dofs: IntArray
     flexural_rigidity: FloatArray
     mass_per_length: FloatArray
+    end_rigidity: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes.
@@ -612,8 +615,8 @@ def at_stations(layout: Layout, u: FloatArray, phi: FloatArray) -> tuple[FloatAr
 def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray:
     """Return the bending moment E I u'' at the stations.
 
-    Within a cell it is linear. At a point between two cells it is the mean of both cells; an end
-    has one cell only.
+    Within a cell it is linear, or follows E I from end to end. At a point between two cells it is
+    the mean of both cells; an end has one cell only.
 
     Args:
         layout: layout with the points and E I of the cells.
@@ -626,12 +629,26 @@ def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray
     part = layout.parts[0]
     places = layout.stations
     EI = np.stack([lamina.flexural_rigidity for lamina in layout.parts])[:, None, :]
+    at_ends = np.stack(
+        [
+            np.repeat(lamina.flexural_rigidity[:, None], 2, axis=1)
+            if lamina.end_rigidity is None
+            else lamina.end_rigidity
+            for lamina in layout.parts
+        ]
+    )
+    is_varying = any(lamina.end_rigidity is not None for lamina in layout.parts)
 
     def of(cells: IntArray) -> FloatArray:
         # the curvature depends on the difference of both displacements alone
         weights = interpolation(part, places, CURVATURE, cells)[1][:, 1:]
         ends = np.stack([phi[..., cells], np.diff(u)[..., cells], phi[..., cells + 1]])
-        return np.asarray(EI[..., cells] * np.einsum("e...s,se->...s", ends, weights))
+        curvature = np.einsum("e...s,se->...s", ends, weights)
+        if not is_varying:
+            return np.asarray(EI[..., cells] * curvature)
+        share = places - cells
+        local = (1.0 - share) * at_ends[:, cells, 0] + share * at_ends[:, cells, 1]
+        return np.asarray(local[:, None, :] * curvature)
 
     before = np.ceil(places).astype(np.int64) - 1
     behind = np.floor(places).astype(np.int64)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import MESH_UNITS
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError, reason_of, require
 from delam_fem.system.footprint import bounded
@@ -45,8 +46,7 @@ def node_coordinates(case: Case) -> FloatArray:
         return placed(case, case.mesh.elements)
     path = Path(case.mesh.file)
     first, *others = (
-        _lamina_nodes(path, points, cells, length)
-        for points, cells in _lamina_lines(path, [lamina.name for lamina in case.lamina])
+        _lamina_nodes(path, points, cells, length) for points, cells in _lamina_lines(case, path)
     )
     for other in others:
         for k, (a, b) in enumerate(zip(first, other, strict=False)):
@@ -67,8 +67,8 @@ def node_coordinates(case: Case) -> FloatArray:
 def edges(case: Case) -> FloatArray:
     """Return where nodes must be, increasing [m].
 
-    They are the ends of the structure, the edges of its delaminations, and the supports inside that
-    are no springs.
+    They are the ends of the structure, the edges of its delaminations, the supports inside that are
+    no springs, and the places of tables of its laminae.
     """
     length = case.length
     support_places = {support.position or 0.0 for support in case.support.held}
@@ -79,6 +79,7 @@ def edges(case: Case) -> FloatArray:
             for edge in (delamination.start, delamination.end)
         }
         | support_places
+        | {x for lamina in case.lamina for x in lamina.breaks}
     )
     margin = NODE_TOLERANCE * length
     positions = [0.0]
@@ -99,7 +100,7 @@ def require_edges(case: Case, x: FloatArray, source: str) -> None:
         if abs(nearest - edge) > NODE_TOLERANCE * case.length:
             raise CaseError(
                 f"{source}: expected a node at the edge x = {edge:g} m of a delamination, or at "
-                f"that support, the nearest is at {nearest:g} m"
+                f"that support or place of a table, the nearest is at {nearest:g} m"
             )
 
 
@@ -121,7 +122,10 @@ def placed(case: Case, n: int) -> FloatArray:
     ):
         return uniform
     spans = np.diff(at)
-    least = f"at least {2 * spans.size}, two between neighbouring edges of delaminations"
+    least = (
+        f"at least {2 * spans.size}, two between neighbouring edges of delaminations, supports and "
+        "places of tables"
+    )
     require(n >= 2 * spans.size, "mesh.elements", least, n)
     counts = np.maximum(2, np.floor(n * spans / length)).astype(np.int64)
     while counts.sum() != n:  # the coarsest segment gets one more, or the finest one fewer
@@ -136,8 +140,12 @@ def placed(case: Case, n: int) -> FloatArray:
     return np.concatenate([*pieces, [length]])
 
 
-def read_file(path: Path) -> Any:
-    """Read a mesh file with meshio.
+def read_file(path: Path, unit: str | None = None) -> Any:
+    """Read a mesh file with meshio; its points are in metres.
+
+    Args:
+        path: the file.
+        unit: the unit of its points, one of `MESH_UNITS`; None: the metre.
 
     Raises:
         CaseError: the file is missing, too large, of another format, or damaged.
@@ -155,7 +163,7 @@ def read_file(path: Path) -> Any:
             with bounded(path, f"mesh.file: {path}"):
                 if path.suffix == ".xdmf":
                     _require_alone(path)
-                return meshio.read(path, file_format=FORMATS[path.suffix])
+                mesh = meshio.read(path, file_format=FORMATS[path.suffix])
     except CaseError:
         raise
     except (Exception, SystemExit) as error:  # meshio exits on some files
@@ -164,6 +172,9 @@ def read_file(path: Path) -> Any:
             f"mesh.file: meshio cannot read {path} as {FORMATS[path.suffix]} ({_reason(error)}); "
             f"{_remedy(path, str(error))}"
         ) from error
+    if unit is not None:
+        mesh.points = np.asarray(mesh.points, dtype=np.float64) * MESH_UNITS[unit]
+    return mesh
 
 
 def _reason(error: BaseException) -> str:
@@ -213,9 +224,10 @@ def _require_alone(path: Path) -> None:
         require_alone(heavy)
 
 
-def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:
+def _lamina_lines(case: Case, path: Path) -> list[tuple[FloatArray, IntArray]]:
     """Return, for each lamina, x of all points and the line cells."""
-    mesh = read_file(path)
+    names = [lamina.name for lamina in case.lamina]
+    mesh = read_file(path, case.mesh.unit)
     lines = mesh.cells_dict.get("line")
     if lines is None:
         kinds = ", ".join(sorted(mesh.cells_dict)) or "none"

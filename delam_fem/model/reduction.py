@@ -112,7 +112,7 @@ def reduced_case(
     require_mass(case, "reduce", "the case computes its motion in modes already")
     require(modes >= 1, "modes", "at least 1", modes)
     require_coupled(case)
-    slowest = min(float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina)
+    slowest = min(float(lamina.uniform.angular_frequencies(1)[0]) for lamina in case.lamina)
     begin = time.perf_counter()
     if full is None or case.stop or case.impactor or case.initial:
         full = assemble(case.without_strikes)

@@ -297,7 +297,9 @@ def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float 
         return own.stiffness, np.zeros(1)
     lamina = case.lamina[which]
     of_all = case.model.poisson
-    E = lamina.young_modulus / (1.0 - (lamina.poisson if of_all is None else of_all) ** 2)
+    x = np.array([case.length if own.position is None else own.position])
+    modulus = float(lamina.along("young_modulus", x)[0])
+    E = modulus / (1.0 - (lamina.poisson if of_all is None else of_all) ** 2)
     k = 4.0 / 3.0 * E * np.sqrt(own.radius)
     deepest = (1.25 * own.mass * own.velocity**2 / k) ** 0.4
     depth = deepest * (np.arange(N_HERTZ + 1) / N_HERTZ) ** (4.0 / 3.0)
@@ -557,7 +559,13 @@ def _of_single_laminae(case: Case, layout: Layout, n: int) -> StrainRows:
         part = layout.parts[lamina]
         cells = cells_at(part, place)
         bends = [columns_of(part, place, numbered, CURVATURE, cell) for cell in cells]
-        mean = layout.of_dofs(sum(bends) / len(cells))
-        return sp.csr_matrix(-0.5 * side * case.lamina[lamina].thickness * mean)
+        if case.lamina[lamina].is_uniform:
+            mean = layout.of_dofs(sum(bends) / len(cells))
+            return sp.csr_matrix(-0.5 * side * case.lamina[lamina].mean("thickness") * mean)
+        x = np.repeat(part.positions(np.array([place])), len(cells))
+        inside = np.array([0.5 * (part.x[cell] + part.x[cell + 1]) for cell in cells])
+        thickness = case.lamina[lamina].along("thickness", x, inside)
+        mean = sum(h * bend for h, bend in zip(thickness, bends, strict=True)) / len(cells)
+        return sp.csr_matrix(-0.5 * side * layout.of_dofs(mean))
 
     return rows

@@ -412,7 +412,9 @@ before have higher frequencies than the peak of the force, and left the tip befo
 
 def exact_beam(lamina: Lamina) -> beams.StruckBeam:
     """Return the exact semi-infinite beam with the section of a strip."""
-    return beams.StruckBeam(lamina.flexural_rigidity, lamina.mass_per_length, lamina.thickness)
+    return beams.StruckBeam(
+        lamina.flexural_rigidity, lamina.mass_per_length, lamina.mean("thickness")
+    )
 
 
 @dataclass(frozen=True)
@@ -545,7 +547,7 @@ class TipBlock:
         """Return the numbers that the figures quote, with the exact beam's where there are any."""
         length = self.lamina.length
         x = self.gauges
-        static = 1.5 * LIFT * self.lamina.thickness * (length - x) / length**3
+        static = 1.5 * LIFT * self.lamina.mean("thickness") * (length - x) / length**3
         return {
             "strip": self.lamina.model_dump(exclude_none=True),
             "lowest_period_ms": 2e3 * np.pi / float(self.lamina.angular_frequencies(1)[0]),
@@ -602,7 +604,7 @@ class TipBlock:
             ).tolist(),
             "mean_wave_speed_m_s": float(np.mean(distance / middle)),
             "longitudinal_speed_m_s": float(
-                np.sqrt(self.lamina.young_modulus / self.lamina.density)
+                np.sqrt(self.lamina.mean("young_modulus") / self.lamina.mean("density"))
             ),
         }
 

@@ -125,7 +125,7 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
     n = 100
     x = 1e3 * np.concatenate([[0.0], rigid_ground.nodes(strip, n)])
     length = 1e3 * strip.length
-    t = 1e3 * strip.thickness
+    t = 1e3 * strip.mean("thickness")
     up = 1e3 * np.concatenate([[0.0], rigid_ground.lifted(strip, n, LIFT, "tip force")[::2]])
     axes.fill_between(x, 0.0, t, color=style.BASE_COLOUR, linewidth=0.0)
     axes.plot(
@@ -150,7 +150,7 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
     )
     axes.text(length + 9.0, 0.5e3 * LIFT, f"{1e3 * LIFT:g} mm", va="center")
     frequency = float(strip.angular_frequencies(1)[0]) / (2.0 * np.pi)
-    section = f"{1e3 * strip.width:g} mm × {t:g} mm × {length:.0f} mm"
+    section = f"{1e3 * strip.mean('width'):g} mm × {t:g} mm × {length:.0f} mm"
     axes.set(
         title=f"steel strip {section}, lowest frequency {frequency:.0f} Hz", aspect="equal",
         xlabel="place  x  [mm]", xlim=(-30.0, length + 45.0),
@@ -171,7 +171,7 @@ def _draw_contact_line(axes: Axes, run: Rolling) -> None:
     _, firsts = np.unique(np.stack([np.floor(time / apart), pair]), axis=1, return_index=True)
     direction, speed = run.front()
     words = "clamp → tip" if direction > 0.0 else "tip → clamp"
-    size = f"{1e3 * run.lamina.thickness:g} mm × {1e3 * run.lamina.length:.0f} mm"
+    size = f"{1e3 * run.lamina.mean('thickness'):g} mm × {1e3 * run.lamina.length:.0f} mm"
     sag = 1e3 * rigid_ground.sag(run.lamina, run.gravity)
     show(
         axes,
@@ -411,7 +411,11 @@ def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
     frequencies = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
     arrival = 1e6 * distance / beam.group_speed(frequencies)
     slower = 1e6 * distance / beam.timoshenko_group_speed(frequencies)
-    rod = 1e6 * distance / float(np.sqrt(block.lamina.young_modulus / block.lamina.density))
+    rod = (
+        1e6
+        * distance
+        / float(np.sqrt(block.lamina.mean("young_modulus") / block.lamina.mean("density")))
+    )
     top = 2e-3 * float(frequencies.max())
     show(
         axes,

@@ -133,7 +133,7 @@ def on_ground(
     strip = Part(lamina.name, x, np.arange(-N_CLAMP, 2 * n).reshape(-1, 2), x[1:], x[1:])
     strains = [  # at a node that of the element that begins there
         0.5
-        * lamina.thickness
+        * lamina.mean("thickness")
         * columns_of(strip, place, 2 * n, CURVATURE, min(int(place), n - 1))[:, :-1]
         for place in (place_of(strip, at) for at in gauges)
     ]

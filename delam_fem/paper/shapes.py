@@ -50,7 +50,7 @@ def measure(lab: Laboratory) -> Numbers:
                 (lam.angular_frequencies(4) / (2.0 * math.pi)).tolist() for lam in case.lamina
             ],
             "stiffness_over_EbH3_12": [
-                lam.flexural_rigidity / (lam.young_modulus * lam.second_moment)
+                lam.flexural_rigidity / (lam.mean("young_modulus") * lam.second_moment)
                 for lam in case.lamina
             ],
             "x_m": x,
@@ -96,8 +96,8 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
     axes.fill_betweenx(1e3 * x, gaps[-1], gaps[0], color=style.GAP_COLOUR, label="p = 1 … 3")
     shapes = (np.zeros_like(x), gap)
     for lamina, shape, colour in zip(case.lamina, shapes, style.lamina_colours(2), strict=True):
-        width = 2.5 * lamina.thickness / 1e-3
-        label = f"{lamina.name}, {1e3 * lamina.thickness:g} mm"
+        width = 2.5 * lamina.mean("thickness") / 1e-3
+        label = f"{lamina.name}, {1e3 * lamina.mean('thickness'):g} mm"
         axes.plot(shape, 1e3 * x, color=colour, linewidth=width, label=label)
     height = 1e3 * L
     axes.annotate(
@@ -128,11 +128,14 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
 
 PROPERTIES: tuple[tuple[str, Callable[[Lamina], str]], ...] = (
     ("length [mm]", lambda own: f"{1e3 * own.length:g}"),
-    ("section [mm × mm]", lambda own: f"{1e3 * own.thickness:g} × {1e3 * own.width:g}"),
-    ("density [kg/m³]", lambda own: f"{own.density:g}"),
-    ("E [10¹⁰ N/m²]", lambda own: f"{own.young_modulus / 1e10:g}"),
+    (
+        "section [mm × mm]",
+        lambda own: f"{1e3 * own.mean('thickness'):g} × {1e3 * own.mean('width'):g}",
+    ),
+    ("density [kg/m³]", lambda own: f"{own.mean('density'):g}"),
+    ("E [10¹⁰ N/m²]", lambda own: f"{own.mean('young_modulus') / 1e10:g}"),
     ("EI used [N m²]", lambda own: f"{own.flexural_rigidity:g}"),
-    ("E b h³/12 [N m²]", lambda own: f"{own.young_modulus * own.second_moment:.4f}"),
+    ("E b h³/12 [N m²]", lambda own: f"{own.mean('young_modulus') * own.second_moment:.4f}"),
     ("mass per length [kg/m]", lambda own: f"{own.mass_per_length:.4f}"),
     ("damping ratio D", lambda own: f"{own.damping_ratio:g}"),
     ("f₁ exact [Hz]", lambda own: f"{own.angular_frequencies(2)[0] / (2.0 * math.pi):.4f}"),

@@ -34,7 +34,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import InitialGap, Lamina
+from delam_fem.case.sections import InitialGap, Lamina, Profile
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -67,13 +67,58 @@ def natural_frequencies(operators: Operators, n: int) -> FloatArray:
 
 def section(lamina: Lamina) -> tuple[float, float]:
     """Return the mass per length rho A [kg/m] and the bending stiffness EI [N m2] of a lamina."""
-    area = lamina.width * lamina.thickness
-    inertia = area * lamina.thickness**2 / 12.0
+    h = _constant(lamina, "thickness")
+    area = _constant(lamina, "width") * h
+    inertia = area * h**2 / 12.0
     bending_stiffness = lamina.bending_stiffness
+    E = _constant(lamina, "young_modulus")
     return (
-        lamina.density * area,
-        lamina.young_modulus * inertia if bending_stiffness is None else bending_stiffness,
+        _constant(lamina, "density") * area,
+        E * inertia if bending_stiffness is None else bending_stiffness,
     )
+
+
+def _constant(lamina: Lamina, key: str) -> float:
+    """Return a property that is the same all along a lamina.
+
+    Raises:
+        CaseError: it is a table.
+    """
+    value = getattr(lamina, key)
+    if isinstance(value, Profile):
+        raise CaseError(f"reference: lamina.{lamina.name}.{key}: expected a number, given a table")
+    return float(value)
+
+
+def _line(lamina: Lamina, key: str, x: float, h: float) -> Polynomial:
+    """Return a property over an element from x to x + h, as a function of s from 0 to h."""
+    value = getattr(lamina, key)
+    if not isinstance(value, Profile):
+        ends = [float(value), float(value)]
+    elif value.steps:
+        middle = x + 0.5 * h
+        ends = [v for place, v in zip(value.x, value.value, strict=True) if place < middle][-1:] * 2
+    else:
+        ends = [float(np.interp(place, value.x, value.value)) for place in (x, x + h)]
+    return Polynomial([ends[0], ends[1] - ends[0]], domain=[0.0, h], window=[0.0, 1.0])
+
+
+def varying_element(lamina: Lamina, x: float, h: float) -> tuple[FloatArray, FloatArray]:
+    """Return consistent mass and stiffness of an element whose section changes, each (4, 4).
+
+    Where a bending stiffness EI is given, it counts in place of E b t³/12.
+    """
+    shapes = shape_functions(h)
+    rho, b, t, E = (
+        _line(lamina, k, x, h) for k in ("density", "width", "thickness", "young_modulus")
+    )
+    EI = E * b * t * t * t / 12.0
+    bends = [N.deriv(2) for N in shapes]  # type: ignore[no-untyped-call]
+    mass, stiffness = (
+        np.array([[(weight * f * g).integ(lbnd=0.0)(h) for g in functions] for f in functions])
+        for weight, functions in ((rho * b * t, shapes), (EI, bends))
+    )
+    return mass, stiffness
 
 
 def shape_functions(h: float) -> list[Polynomial]:
@@ -235,7 +280,7 @@ def point_masses(case: Case, name: str, x: FloatArray) -> list[tuple[int, FloatA
         x: positions of the nodes [m].
     """
     blocks = []
-    for point_mass in case.point_mass:
+    for point_mass in case.masses:
         if point_mass.lamina == name:
             place = float(x[-1]) if point_mass.position is None else point_mass.position
             k = int(np.clip(np.searchsorted(x, place) - 1, 0, x.size - 2))
@@ -352,15 +397,26 @@ class Stack:
         return cls(case, x, is_bonded, dofs, n)
 
     @property
+    def is_varying(self) -> bool:
+        """Whether a property of a lamina is a table."""
+        keys = ("density", "width", "thickness", "young_modulus")
+        return any(
+            isinstance(getattr(lamina, k), Profile) for lamina in self.case.lamina for k in keys
+        )
+
+    @property
     def sections(self) -> FloatArray:
         """Rows ρA [kg/m], EI [N m2], EA [N], z of the middle plane [m] of the laminae."""
         rows = []
         bottom = 0.0
+        if self.is_varying:
+            raise CaseError("reference: expected uniform laminae in a bonded stack, given tables")
         for lamina in self.case.lamina:
             rhoA, EI = section(lamina)
-            EA = lamina.young_modulus * lamina.width * lamina.thickness
-            rows.append((rhoA, EI, EA, bottom + lamina.thickness / 2.0))
-            bottom += lamina.thickness
+            h = _constant(lamina, "thickness")
+            EA = _constant(lamina, "young_modulus") * _constant(lamina, "width") * h
+            rows.append((rhoA, EI, EA, bottom + h / 2.0))
+            bottom += h
         return np.array(rows).T
 
     def summed(self, blocks: list[tuple[int, int, FloatArray]]) -> sp.csr_matrix:
@@ -395,16 +451,28 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     if case.support.inside:
         raise CaseError("reference: expected supports at the ends alone")
     stack = Stack.of(case, np.asarray(x, dtype=np.float64))
-    rhoA, EI = stack.sections[:2]
-    places = [(i, k, h) for i in range(len(rhoA)) for k, h in enumerate(np.diff(stack.x).tolist())]
-    lumps = [(i, k, np.diag(lumped_mass(rhoA[i], h))) for i, k, h in places]
-    masses = [(i, k, element_mass(rhoA[i], h)) for i, k, h in places]
+    laminae = range(len(case.lamina))
+    places = [(i, k, h) for i in laminae for k, h in enumerate(np.diff(stack.x).tolist())]
+    if stack.is_varying:
+        if stack.is_bonded.any() or case.time.mass == "lumped":
+            raise CaseError(
+                "reference: expected uniform laminae, or laminae that are apart with the "
+                "consistent mass, given tables over x"
+            )
+        blocks = [varying_element(case.lamina[i], float(stack.x[k]), h) for i, k, h in places]
+        masses = [(i, k, mass) for (i, k, _), (mass, _) in zip(places, blocks, strict=True)]
+        bending = [(i, k, block) for (i, k, _), (_, block) in zip(places, blocks, strict=True)]
+        lumps = [(i, k, np.diag(np.diag(mass))) for i, k, mass in masses]
+    else:
+        rhoA, EI = stack.sections[:2]
+        lumps = [(i, k, np.diag(lumped_mass(rhoA[i], h))) for i, k, h in places]
+        masses = [(i, k, element_mass(rhoA[i], h)) for i, k, h in places]
+        bending = [(i, k, element_stiffness(EI[i], h)) for i, k, h in places]
     for i, lamina in enumerate(case.lamina):
         for k, consistent, diagonal in point_masses(case, lamina.name, stack.x):
             masses.append((i, k, consistent))
             lumps.append((i, k, diagonal))
     inertia = masses if case.time.mass == "consistent" else lumps
-    bending = [(i, k, element_stiffness(EI[i], h)) for i, k, h in places]
     M = stack.summed(inertia)
     K = stack.summed(bending)
     if stack.is_bonded.any():
@@ -458,8 +526,8 @@ def _of_lamina(
         blocks: lamina, element and matrix of the inertia and of the bending of all laminae.
     """
     lamina = case.lamina[i]
-    has_masses = any(mass.lamina == lamina.name for mass in case.point_mass)
-    if not has_masses and case.support.is_cantilever:
+    has_masses = any(mass.lamina == lamina.name for mass in case.masses)
+    if not has_masses and case.support.is_cantilever and not stack.is_varying:
         return rayleigh(case, lamina)
     dofs = np.unique(stack.dofs[i])
     dofs = dofs[dofs >= 0]

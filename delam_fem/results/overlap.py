@@ -101,7 +101,7 @@ def _of_stops(history: xr.Dataset, case: Case) -> Iterator[Overlap]:
 
 def _limit(gap: float, *laminae: Lamina) -> float:
     """Return the overlap up to which a penalty is stiff enough [m]; a point has no thickness."""
-    sizes = [gap, *(lamina.thickness for lamina in laminae if not lamina.is_point)]
+    sizes = [gap, *(lamina.mean("thickness") for lamina in laminae if not lamina.is_point)]
     return SHARE * min((size for size in sizes if size > 0.0), default=math.inf)
 
 

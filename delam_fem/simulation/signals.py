@@ -14,7 +14,13 @@ A sensor without a sampling rate has a value at every step. With a rate, the sig
 low-pass filter without phase shift before it is sampled, as in front of a converter: the pass band
 ends at 0.4 and the stop band begins at 0.5 times the rate (-60 dB), so nothing folds back. The
 samples are at whole multiples of 1/rate. At both ends of the window the signal is continued by its
-odd reflection, which touches about 18 samples. Noise is added to the samples last.
+odd reflection, which touches about 18 samples.
+
+What a sensor does of itself comes before that, with its delay, as in the laboratory: the resonance
+of its mounting, ω² / (s² + 2 D ω s + ω²), its own Butterworth low-pass filter, and its range. Both
+filters are bilinear at the steps, exact at their own frequency. They begin at rest at the first
+value of the window; what that leaves dies out with their own decay. Noise is added to the samples,
+and a converter rounds them to whole multiples of 2 range / 2^bits last.
 """
 
 from __future__ import annotations
@@ -307,7 +313,7 @@ def _sampled(
         is_rate: whether the signal is the change of these values with time.
     """
     of_steps = np.diff(values) / time_step if is_rate else values[1:]
-    value = centred(of_steps) if is_rate else of_steps
+    value = as_mounted(sensor, centred(of_steps) if is_rate else of_steps, time_step)
     if sensor.sampling_rate is not None:
         rate = sensor.sampling_rate * time_step
         value = low_passed(value, rate)
@@ -320,8 +326,35 @@ def _sampled(
     if sensor.noise:
         rng = np.random.default_rng([sensor.seed, zlib.crc32(sensor.name.encode())])
         value = value + rng.normal(scale=sensor.noise, size=value.size)
+    if sensor.range is not None and sensor.bits is not None:
+        least = 2.0 * sensor.range / 2**sensor.bits
+        value = np.clip(least * np.round(value / least), -sensor.range, sensor.range - least)
     value = np.asarray(value, dtype=np.float64)
     return Signal(sensor, time, value, alternating_share(of_steps))
+
+
+def as_mounted(sensor: Sensor, value: FloatArray, time_step: float) -> FloatArray:
+    """Return a signal after the resonance of the mounting, the sensor's filter and its range.
+
+    Args:
+        sensor: the sensor.
+        value: signal at every step, shape (k,).
+        time_step: Δt [s].
+    """
+    sections = []
+    if sensor.resonance is not None or sensor.corner is not None:
+        from scipy.signal import bilinear, butter, sosfilt, sosfilt_zi
+
+        rate = 1.0 / time_step
+        if sensor.resonance is not None:
+            w = 2.0 * rate * np.tan(np.pi * sensor.resonance * time_step)
+            D = 0.02 if sensor.resonance_damping is None else sensor.resonance_damping
+            sections.append(np.concatenate(bilinear([w**2], [1.0, 2.0 * D * w, w**2], rate)))
+        if sensor.corner is not None:
+            sections += [*butter(sensor.order or 2, sensor.corner, fs=rate, output="sos")]
+        filters = np.array(sections)
+        value = sosfilt(filters, value, zi=sosfilt_zi(filters) * value[0])[0]
+    return value if sensor.range is None else np.clip(value, -sensor.range, sensor.range)
 
 
 def centred(change: FloatArray) -> FloatArray:

@@ -237,3 +237,17 @@ def test_what_meshio_refuses_has_its_reason_and_a_remedy(
         node_coordinates(case_with(path))
     told = str(error.value)
     assert str(path) in told and remedy in told and "damaged" not in told and "(" in told
+
+
+def test_a_mesh_file_in_millimetres_is_the_same_mesh(tmp_path: Path) -> None:
+    file = ROOT / "meshes/laminae_20.msh"
+    mesh = meshio.read(file)
+    mesh.points = mesh.points * 1e3
+    large = tmp_path / "large.msh"
+    meshio.write(large, mesh, file_format="gmsh22", binary=False)
+    plain = node_coordinates(preset("paper", {"mesh.file": file}))
+    case = preset("paper", {"mesh.file": large, "mesh.unit": "mm"})
+    np.testing.assert_allclose(node_coordinates(case), plain, rtol=1e-12)
+    assert case.with_overrides({"mesh.elements": 4}).mesh.unit is None
+    with pytest.raises(CaseError, match=r"mesh\.unit: expected only beside file"):
+        preset("paper", {"mesh.unit": "mm"})

@@ -14,6 +14,9 @@ displacements are straight.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -22,9 +25,12 @@ from delam_fem.case.definition import Case
 from delam_fem.model.beams.network import (
     Network,
     apart_parts,
+    hermite,
+    hermite_curvature,
     network,
     side_by_side,
     structure,
+    unit_gauss,
 )
 from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates, require_edges
@@ -58,6 +64,8 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     M, K, lumped = zip(
         *(
             beam(lamina.flexural_rigidity, lamina.mass_per_length, h, **masses)
+            if lamina.is_uniform
+            else varying_beam(lamina.flexural_rigidity_at, lamina.mass_per_length_at, x, **masses)
             for lamina in case.lamina
         ),
         strict=True,
@@ -75,11 +83,23 @@ def _stack(case: Case, stack: Network) -> Structure:
     lumped = np.zeros(stack.n_columns)
     for segment, group in stack.groups():
         nodes = segment.nodes
+        how = {"at_middles": case.is_at_middles, "is_tied": stack.ties(segment, case)}
+        if not stack.is_uniform:
+            M, K, masses = varying_beam(
+                partial(stack.flexural_rigidity_at, group),
+                partial(stack.mass_per_length_at, group),
+                stack.x[nodes],
+                **how,
+            )
+            to = stack.matrix([stack.row(node, group[0], k) for node in nodes for k in (0, 1)])
+            stretch, compliance = stack.stretch(segment, group)
+            mass = mass + to.T @ M @ to
+            stiffness = stiffness + to.T @ K @ to + stretch.T @ stretch / compliance
+            lumped += to.T @ masses
+            continue
         h = np.diff(stack.x[nodes])
         EI, rhoA, EA = stack.section(group)
-        M, K, masses = beam(
-            EI, rhoA, h, at_middles=case.is_at_middles, is_tied=stack.ties(segment, case)
-        )
+        M, K, masses = beam(EI, rhoA, h, **how)
         # from the unknowns to (w, w') along the nodes, and to the elongation of the group
         to = stack.matrix([stack.row(node, group[0], k) for node in nodes for k in (0, 1)])
         ends = stack.matrix(
@@ -159,7 +179,9 @@ def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> Flo
     return np.stack([m * h / 2.0, m * h**3 / 78.0] * 2, axis=-1)
 
 
-def middle_masses(masses: FloatArray, h: FloatArray, *, is_tied: bool = False) -> FloatArray:
+def middle_masses(
+    masses: FloatArray, h: FloatArray, *, is_tied: bool = False, has_inertia: bool = False
+) -> FloatArray:
     """Return masses at the middles of a chain of elements, whose nodes have none.
 
     An element's mass at its middle lacks the moment of inertia m h^2/12. The element and its
@@ -176,6 +198,7 @@ def middle_masses(masses: FloatArray, h: FloatArray, *, is_tied: bool = False) -
         masses: of the elements, shape (n,) [kg].
         h: lengths of the elements, shape (n,) [m].
         is_tied: whether both ends are held or bonded.
+        has_inertia: whether the masses have their moments of inertia already.
 
     Returns:
         Masses, shape (n,) [kg].
@@ -186,7 +209,7 @@ def middle_masses(masses: FloatArray, h: FloatArray, *, is_tied: bool = False) -
     result = masses.copy()
     x = np.cumsum(h) - 0.5 * h
     n = h.size
-    for i, missing in enumerate(masses * h**2 / 12.0 if n > 2 else ()):
+    for i, missing in enumerate(masses * h**2 / 12.0 if n > 2 and not has_inertia else ()):
         k = min(max(i, 1), n - 2)
         left = x[k] - x[k - 1]
         right = x[k + 1] - x[k]
@@ -233,6 +256,75 @@ def beam(
     return sum_elements(mass), sum_elements(element_stiffness(EI, h)), lumped
 
 
+def varying_beam(
+    EI: Course, rhoA: Course, x: FloatArray, *, at_middles: bool = False, is_tied: bool = False
+) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray]:
+    """Return M, K and the diagonal of the lumped mass of a beam whose section changes.
+
+    Five Gauss points an element are exact where E, ρ, b and h are linear in it, EI ~ E b h³ of
+    degree 5. The lumped mass of each end is that of half the element with the section there.
+
+    Args:
+        EI: function (places, places inside their elements) -> bending stiffness [N m2].
+        rhoA: the same of the mass per length [kg/m].
+        x: nodes, shape (n + 1,) [m].
+        at_middles: see `beam`.
+        is_tied: see `beam`.
+    """
+    h = np.diff(x)
+    s, w = unit_gauss()
+    places = x[:-1, None] + h[:, None] * s
+    N = hermite(s)
+    curvature = hermite_curvature(s)
+    K = np.einsum("eq,qi,qj->eij", EI(places, places) * w, curvature, curvature)
+    m = rhoA(places, places) * w
+    M = np.einsum("eq,qi,qj->eij", m, N, N)
+    ends = np.stack([x[:-1], x[1:]], axis=1)
+    middles = np.repeat(0.5 * (x[1:] + x[:-1])[:, None], 2, axis=1)
+    of_ends = rhoA(ends, middles) * h[:, None]
+    lumped = np.zeros(2 * x.size)
+    for node in (0, 1):
+        share = np.stack([of_ends[:, node] / 2.0, of_ends[:, node] * h**2 / 78.0], axis=-1).ravel()
+        lumped[2 * node : lumped.size - 2 + 2 * node] += share
+    mass = _scaled(M, h, h)
+    if at_middles:
+        middle = np.outer([0.5, 0.125, 0.5, -0.125], [0.5, 0.125, 0.5, -0.125])
+        arm = (s - 0.5) * h[:, None]
+        moments = h * np.array([m.sum(axis=1), (m * arm).sum(axis=1), (m * arm**2).sum(axis=1)])
+        mass = _scaled(middle, varying_masses(moments, x, is_tied=is_tied), h)
+    return sum_elements(mass), sum_elements(_scaled(K, 1.0 / h**3, h)), lumped
+
+
+Course = Callable[[FloatArray, FloatArray], FloatArray]
+"""A property along a beam: (places [m], places inside their elements [m]) -> values."""
+
+
+def varying_masses(moments: FloatArray, x: FloatArray, *, is_tied: bool = False) -> FloatArray:
+    """Return masses at the middles of elements of which each has a centre and an inertia; see M3.
+
+    Args:
+        moments: mass [kg], first [kg m] and second moment [kg m2] of each element about its middle,
+            shape (3, n).
+        x: nodes, shape (n + 1,) [m].
+        is_tied: see `middle_masses`.
+
+    Raises:
+        CaseError: the lengths of neighbours differ so much that a mass is negative.
+    """
+    middles = 0.5 * (x[1:] + x[:-1])
+    h = np.diff(x)
+    n = h.size
+    if n < 3:
+        return np.asarray(moments[0])
+    result = np.zeros(n)
+    for i, of_element in enumerate(moments.T):
+        k = min(max(i, 1), n - 2)
+        near = np.arange(k - 1, k + 2)
+        powers = np.vander((middles[near] - middles[i]) / h[i], increasing=True).T
+        result[near] += np.linalg.solve(powers, of_element / h[i] ** np.arange(3))
+    return middle_masses(result, h, is_tied=is_tied, has_inertia=True)
+
+
 def sum_elements(elements: FloatArray) -> sp.csr_matrix:
     """Assemble a chain of element matrices, shape (n, 4, 4), into one matrix of 2 (n + 1) dofs."""
     n = len(elements)
@@ -267,6 +359,14 @@ def _scaled(numbers: FloatArray, factor: FloatArray, h: npt.ArrayLike) -> FloatA
     return scaled
 
 
+def _means(course: Course, x: FloatArray) -> FloatArray:
+    """Return the means of a property over elements, shape (n,)."""
+    s, w = unit_gauss()
+    places = x[:-1, None] + np.diff(x)[:, None] * s
+    values = course(places, places)
+    return np.where(np.ptp(values, axis=1) > 0.0, values @ w, values[:, 0])
+
+
 def axial(case: Case, x: FloatArray) -> Structure:
     """Return the operators and the layout of a case of bars or points with nodes at x [m]."""
     h = np.diff(x)
@@ -276,8 +376,12 @@ def axial(case: Case, x: FloatArray) -> Structure:
     laminae = []
     lumped = []
     for lamina in case.lamina:
-        masses = sp.diags(lamina.mass_per_length * h)
-        k = lamina.axial_rigidity / h if lamina.stiffness is None else np.array([lamina.stiffness])
+        masses = sp.diags(_means(lamina.mass_per_length_at, x) * h)
+        k = (
+            _means(lamina.axial_rigidity_at, x) / h
+            if lamina.stiffness is None
+            else np.array([lamina.stiffness])
+        )
         diagonal = 0.5 * (start + end).T @ masses.diagonal()
         if lamina.mass is not None:
             diagonal = lamina.mass * np.eye(x.size)[last]
@@ -288,7 +392,7 @@ def axial(case: Case, x: FloatArray) -> Structure:
         laminae.append((M, K))
         lumped.append(diagonal)
     sections = np.zeros((2, count, last))
-    sections[1] = [[lamina.mass_per_length] for lamina in case.lamina]
+    sections[1] = [_means(lamina.mass_per_length_at, x) for lamina in case.lamina]
     parts = apart_parts(case, x, sections)
     straight = np.diag([1.0, 0.0])  # the slopes have no stiffness and no mass
     M, K = (sp.kron(sp.block_diag(blocks), straight) for blocks in zip(*laminae, strict=True))

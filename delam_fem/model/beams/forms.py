@@ -61,6 +61,9 @@ from delam_fem.system.mpi import MPI
 MASS_DEGREE = 8  # cubic times cubic times a quadratic coefficient
 BENDING_DEGREE = 4  # linear times linear times a quadratic coefficient
 COEFFICIENT_DEGREE = 2
+VARYING_DEGREE = 5
+"""Degree of E b h³ where each factor is linear in an element; quadratures then are exact with the
+products of shape functions (degree 6 of the mass, 2 of bending)."""
 
 
 @dataclass(frozen=True)
@@ -113,13 +116,18 @@ class Hermite:
         _, _, p0, p1 = self._ends(pair[1])
         return ((6 - 12 * X) * pair[0].dx(0) + (6 * X - 4) * p0 + (6 * X - 2) * p1) / J
 
-    def coefficient(self, values: Callable[[IntArray, FloatArray], FloatArray]) -> Any:
-        """Return a piecewise quadratic coefficient on the cells.
+    def coefficient(
+        self,
+        values: Callable[[IntArray, FloatArray], FloatArray],
+        degree: int = COEFFICIENT_DEGREE,
+    ) -> Any:
+        """Return a coefficient on the cells that is a polynomial in each, discontinuous between.
 
         Args:
             values: a function (input cells of shape (k,), x of shape (k,)) -> values, shape (k,).
+            degree: of the polynomials.
         """
-        space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", COEFFICIENT_DEGREE)
+        space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", degree)
         points = space.tabulate_dof_coordinates()[:, 0]
         topology = self.mesh.topology
         cells = np.empty(len(points), dtype=np.int64)
@@ -160,6 +168,8 @@ class Hermite:
 
 Profile = Callable[[int, FloatArray], FloatArray | float]
 """A property along a lamina: (number of the lamina from 0, x [m]) -> values at x."""
+Course = Callable[[int, FloatArray, FloatArray], FloatArray | float]
+"""The same of (number of the line, x [m], places inside the cells of x [m])."""
 
 
 def assemble(
@@ -186,21 +196,34 @@ def assemble(
             raise CaseError("bonded laminae: expected constant properties, given a profile along x")
         return _stack(case, network(case, x), comm)
     n = len(x) - 1
-    EI = flexural_rigidity or (lambda i, x: case.lamina[i].flexural_rigidity)
-    rhoA = mass_per_length or (lambda i, x: case.lamina[i].mass_per_length)
+    laminae = case.lamina
+    EI = _course(flexural_rigidity) or (lambda i, *x: laminae[i].flexural_rigidity_at(*x))
+    rhoA = _course(mass_per_length) or (lambda i, *x: laminae[i].mass_per_length_at(*x))
     middle = 0.5 * (x[1:] + x[:-1])
-    numbers = range(len(case.lamina))
-    sections = [[np.broadcast_to(profile(i, middle), n) for i in numbers] for profile in (EI, rhoA)]
+    numbers = range(len(laminae))
+    sections = [
+        [np.broadcast_to(course(i, middle, middle), n) for i in numbers] for course in (EI, rhoA)
+    ]
     M, K, lumped, C = _matrices(case, comm, [x] * len(numbers), (EI, rhoA))
-    return side_by_side(case, apart_parts(case, x, np.array(sections)), (M, K), lumped, C)
+    constants = (
+        None if flexural_rigidity is None and mass_per_length is None else np.array(sections)
+    )
+    return side_by_side(case, apart_parts(case, x, constants), (M, K), lumped, C)
+
+
+def _course(profile: Profile | None) -> Course | None:
+    """Return a profile as a function of places and of places inside their cells."""
+    return None if profile is None else lambda i, x, inside: profile(i, x)
 
 
 def _matrices(
     case: Case,
     comm: MPI.Intracomm,
     lines: Sequence[FloatArray],
-    section: tuple[Profile, Profile],
-    axial: tuple[Profile, Profile] | None = None,
+    section: tuple[Course, Course],
+    axial: tuple[Course, Course] | None = None,
+    *,
+    has_damping: bool = True,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray, sp.csr_matrix | None]:
     """Return M, K, the diagonal of the lumped mass and C of lines of beams, held dofs included.
 
@@ -213,6 +236,7 @@ def _matrices(
         section: EI [N m2] and ρA [kg/m] of each line.
         axial: EA [N] and ζ [m] of lines with an axial field, which have no C; None: each line is a
             lamina of its own.
+        has_damping: whether C follows from the modes of each lamina, if they are known exactly.
     """
     sizes = np.array([x.size for x in lines])
     cells = np.column_stack([np.arange(sizes.sum() - 1), np.arange(1, sizes.sum())])
@@ -220,16 +244,21 @@ def _matrices(
     on = Hermite.on_line(comm, np.concatenate(lines), within, has_axial=axial is not None)
     of_cell = np.repeat(np.arange(sizes.size), sizes - 1)
 
-    def coefficient(profile: Profile) -> Any:
+    more = 0 if all(lamina.is_uniform for lamina in case.lamina) else VARYING_DEGREE - 2
+
+    def coefficient(course: Course) -> Any:
         def values(cells: IntArray, x: FloatArray) -> FloatArray:
             conditions = [of_cell[cells] == i for i in range(sizes.size)]
-            return np.select(conditions, [profile(i, x) for i in range(sizes.size)])
+            _, number = np.unique(cells, return_inverse=True)
+            inside = (np.bincount(number, x) / np.bincount(number))[number]
+            return np.select(conditions, [course(i, x, inside) for i in range(sizes.size)])
 
-        return on.coefficient(values)
+        return on.coefficient(values, COEFFICIENT_DEGREE + more)
 
     # a form for each rule, because ffcx 0.5 does not allow two quadrature rules in one form
     def assembled(form: Any, degree: int = BENDING_DEGREE, **rule: str) -> sp.csr_matrix:
-        return on.assemble(form * ufl.dx(metadata={"quadrature_degree": degree, **rule}))
+        exact = degree if rule else degree + more
+        return on.assemble(form * ufl.dx(metadata={"quadrature_degree": exact, **rule}))
 
     def at_ends(factor: Any) -> sp.csr_matrix:
         h = abs(ufl.Jacobian(on.mesh)[0, 0])
@@ -248,10 +277,10 @@ def _matrices(
     v2 = on.curvature(test)
     C = None
     energy = EI * w2 * v2
-    if axial is None:
-        alpha, beta = (coefficient(lambda i, x, k=k: case.rayleigh(i)[k]) for k in (0, 1))  # type: ignore[misc]
+    if axial is None and has_damping and all(map(case.has_exact_modes, range(len(lines)))):
+        alpha, beta = (coefficient(lambda i, *x, k=k: case.rayleigh(i)[k]) for k in (0, 1))
         C = inertia(alpha * rhoA) + assembled(beta * EI * w2 * v2)
-    else:
+    if axial is not None:
         EA, zeta = map(coefficient, axial)
         energy += EA * (pair[2].dx(0) - zeta * w2) * (test[2].dx(0) - zeta * v2)
     return inertia(rhoA), assembled(energy), at_ends(rhoA).diagonal(), C
@@ -263,6 +292,8 @@ Line = tuple[Segment, Group, int]
 
 def _stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
     """Assemble a bonded stack: each lamina of every segment is a line, and all are tied (N1)."""
+    if not unknowns.is_uniform:
+        return _varying_stack(case, unknowns, comm)
     lines = [(segment, group, i) for segment, group in unknowns.groups() for i in group]
     laminae = [unknowns.laminae[i] for _, _, i in lines]
     zeta = [float(unknowns.middles[i]) - unknowns.neutral_axis(group) for _, group, i in lines]
@@ -270,11 +301,44 @@ def _stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
         case,
         comm,
         [unknowns.x[segment.nodes] for segment, _, _ in lines],
-        (lambda i, x: laminae[i].flexural_rigidity, lambda i, x: laminae[i].mass_per_length),
-        (lambda i, x: laminae[i].axial_rigidity, lambda i, x: zeta[i]),
+        (
+            lambda i, *x: laminae[i].flexural_rigidity,
+            lambda i, *x: laminae[i].mass_per_length,
+        ),
+        (lambda i, *x: laminae[i].axial_rigidity, lambda i, *x: zeta[i]),
     )
     to = _transformation(unknowns, lines)
     return structure(case, unknowns, to.T @ M @ to, to.T @ K @ to, to.T @ lumped)
+
+
+def _varying_stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
+    """Assemble a bonded stack whose laminae change along x: each group of a segment is a line.
+
+    Its axial force is constant in a segment; see `Network.stretch`.
+    """
+    groups = [*unknowns.groups()]
+    M, K, lumped, _ = _matrices(
+        case,
+        comm,
+        [unknowns.x[segment.nodes] for segment, _ in groups],
+        (
+            lambda i, *x: unknowns.flexural_rigidity_at(groups[i][1], *x),
+            lambda i, *x: unknowns.mass_per_length_at(groups[i][1], *x),
+        ),
+        has_damping=False,
+    )
+    rows = [
+        unknowns.row(node, group[0], k)
+        for segment, group in groups
+        for node in segment.nodes
+        for k in (0, 1)
+    ]
+    to = unknowns.matrix(rows)
+    stiffness = to.T @ K @ to
+    for segment, group in groups:
+        stretch, compliance = unknowns.stretch(segment, group)
+        stiffness = stiffness + stretch.T @ stretch / compliance
+    return structure(case, unknowns, to.T @ M @ to, stiffness, to.T @ lumped)
 
 
 def _transformation(unknowns: Network, lines: list[Line]) -> sp.csr_matrix:

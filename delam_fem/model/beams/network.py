@@ -167,8 +167,86 @@ class Network:
     @property
     def middles(self) -> FloatArray:
         """Heights z of the middle planes of the laminae, from the bottom of the stack [m]."""
-        thickness = np.array([lamina.thickness for lamina in self.laminae])
+        thickness = np.array([lamina.mean("thickness") for lamina in self.laminae])
         return np.asarray(np.cumsum(thickness) - 0.5 * thickness)
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether no lamina changes along its length."""
+        return all(lamina.is_uniform for lamina in self.laminae)
+
+    def middles_at(self, x: FloatArray, inside: FloatArray | None = None) -> FloatArray:
+        """Return heights of the middle planes from the middle of the stack, (n_laminae, …) [m].
+
+        Where laminae change along x the middle of the whole stack stays straight.
+
+        Args:
+            x: places, any shape [m].
+            inside: see `Profile.at`.
+        """
+        thickness = np.array([lamina.along("thickness", x, inside) for lamina in self.laminae])
+        return np.asarray(
+            np.cumsum(thickness, axis=0) - 0.5 * thickness - 0.5 * thickness.sum(axis=0)
+        )
+
+    def axis_at(
+        self, group: Sequence[int], x: FloatArray, inside: FloatArray | None = None
+    ) -> FloatArray:
+        """Return heights of the neutral axis of bonded laminae at places; see `middles_at`."""
+        EA = np.array([self.laminae[i].axial_rigidity_at(x, inside) for i in group])
+        return np.asarray(
+            (EA * self.middles_at(x, inside)[list(group)]).sum(axis=0) / EA.sum(axis=0)
+        )
+
+    def flexural_rigidity_at(
+        self, group: Group, x: FloatArray, inside: FloatArray | None = None
+    ) -> FloatArray:
+        """Return EI of bonded laminae about their neutral axis at places, see `middles_at`."""
+        laminae = [self.laminae[i] for i in group]
+        arms = self.middles_at(x, inside)[list(group)] - self.axis_at(group, x, inside)
+        return np.asarray(
+            sum(
+                lamina.flexural_rigidity_at(x, inside)
+                + lamina.axial_rigidity_at(x, inside) * arm**2
+                for lamina, arm in zip(laminae, arms, strict=True)
+            )
+        )
+
+    def mass_per_length_at(
+        self, group: Group, x: FloatArray, inside: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the mass per length of bonded laminae at places, see `middles_at` [kg/m]."""
+        shares = [self.laminae[i].mass_per_length_at(x, inside) for i in group]
+        return np.asarray(np.sum(shares, axis=0))
+
+    def stretch(self, segment: Segment, group: Group) -> tuple[sp.csr_matrix, float]:
+        """Return what stretches a group whose section changes, and its compliance.
+
+        With u_0 at the height 0 and the neutral axis at e(x), the axial force N = EA (u_0' - e w'')
+        is constant in a segment, so that N ∫ dx/EA = u_0(end) - u_0(start) - ∫ e w'' dx. At a
+        junction u_0 = u_c + z_c w'.
+
+        Returns:
+            The right-hand side as a row, (1, n_columns) [m]; ∫ dx/EA [m/N].
+        """
+        row: list[tuple[int, float]] = []
+        for node, sign in ((segment.first, -1.0), (segment.last, 1.0)):
+            place = self.x[[node]]
+            z = float(self.axis_at(self.cluster(node, group[0]), place, place)[0])
+            row += [(column, sign * z * factor) for column, factor in self.row(node, group[0], 1)]
+            number = self.axial[node, group[0]]
+            row += [] if number == FIXED else [(self.n_free + 1 + number, sign)]
+        x = self.x[segment.nodes]
+        h = np.diff(x)
+        s, w = unit_gauss()
+        places = x[:-1, None] + h[:, None] * s
+        bend = (self.axis_at(group, places) * w) @ hermite_curvature(s) / h[:, None]  # (n, 4)
+        for k, node in enumerate(segment.nodes[:-1]):
+            for j in range(4):
+                factor = float(bend[k, j]) * (h[k] if j % 2 else 1.0)
+                row += [(c, -factor * f) for c, f in self.row(node + j // 2, group[0], j % 2)]
+        EA = np.sum([self.laminae[i].axial_rigidity_at(places) for i in group], axis=0)
+        return self.matrix([row]), float((h[:, None] * w / EA).sum())
 
     def section(self, group: Group) -> tuple[float, float, float]:
         """Return EI about the neutral axis [N m2], ρA [kg/m] and EA [N] of bonded laminae."""
@@ -208,6 +286,34 @@ class Network:
         result = sp.csr_matrix((entries[:, 1], entries[:, 0].astype(np.int64), ends), shape)
         result.sum_duplicates()
         return result
+
+
+GAUSS_POINTS = 5
+"""Gauss points of an element: exact for E b h³ linear in each factor, times curvatures."""
+
+
+def unit_gauss() -> tuple[FloatArray, FloatArray]:
+    """Return Gauss points and weights of the interval from 0 to 1."""
+    s, w = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # type: ignore[no-untyped-call]
+    return 0.5 * (s + 1.0), 0.5 * w
+
+
+def hermite(s: FloatArray) -> FloatArray:
+    """Return the cubic Hermite functions at s in an element of length 1, shape (n, 4)."""
+    return np.stack(
+        [
+            1.0 - 3.0 * s**2 + 2.0 * s**3,
+            s - 2.0 * s**2 + s**3,
+            3.0 * s**2 - 2.0 * s**3,
+            s**3 - s**2,
+        ],
+        axis=-1,
+    )
+
+
+def hermite_curvature(s: FloatArray) -> FloatArray:
+    """Return the second derivatives of `hermite`, shape (n, 4)."""
+    return np.stack([12.0 * s - 6.0, 6.0 * s - 4.0, 6.0 - 12.0 * s, 6.0 * s - 2.0], axis=-1)
 
 
 def network(case: Case, x: FloatArray) -> Network:
@@ -255,6 +361,8 @@ def never_opens(case: Case) -> str | None:
         {x for delamination in case.delamination for x in (delamination.start, delamination.end)}
     )
     stack = network(case, np.array(sorted({0.0, *edges, case.length})))
+    if not stack.is_uniform:
+        return None
     for segment in stack.segments:
         ratios = [EI / rhoA for EI, rhoA, _ in map(stack.section, segment.groups)]
         if max(ratios) - min(ratios) > _SAME * max(ratios):
@@ -343,7 +451,9 @@ def surface_strain(stack: Network, parts: Sequence[Part], stiffness: sp.spmatrix
     def of_cell(lamina: int, place: float, side: float, cell: int) -> FloatArray:
         segment = next(s for s in stack.segments if s.first <= cell < s.last)
         group = next(g for g in segment.groups if lamina in g)
-        z = stack.middles[lamina] + 0.5 * side * stack.laminae[lamina].thickness
+        if not stack.is_uniform:
+            return of_varying(lamina, place, side, cell, segment, group)
+        z = stack.middles[lamina] + 0.5 * side * stack.laminae[lamina].mean("thickness")
         bend = columns_of(parts[lamina], place, stack.n_free, CURVATURE, cell).toarray()[0]
         row = -(z - stack.neutral_axis(group)) * bend
         length = float(stack.x[segment.last] - stack.x[segment.first])
@@ -355,6 +465,19 @@ def surface_strain(stack: Network, parts: Sequence[Part], stiffness: sp.spmatrix
                 else:
                     row += change * axial[column - n_kept]
         return np.asarray(row)
+
+    def of_varying(
+        lamina: int, place: float, side: float, cell: int, segment: Segment, group: Group
+    ) -> FloatArray:
+        x = parts[lamina].positions(np.array([place]))
+        inside = 0.5 * (stack.x[[cell]] + stack.x[[cell + 1]])
+        half = 0.5 * side * stack.laminae[lamina].along("thickness", x, inside)
+        z = float((stack.middles_at(x, inside)[lamina] + half - stack.axis_at(group, x, inside))[0])
+        bend = columns_of(parts[lamina], place, stack.n_free, CURVATURE, cell).toarray()[0]
+        stretch, compliance = stack.stretch(segment, group)
+        EA = np.sum([stack.laminae[i].axial_rigidity_at(x, inside) for i in group])
+        force = stretch.toarray()[0] / (compliance * EA)
+        return np.asarray(force[:n_kept] + force[n_kept:] @ axial - z * bend)
 
     def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
         cell_rows = [of_cell(lamina, place, side, cell) for cell in cells_at(parts[lamina], place)]
@@ -580,7 +703,7 @@ def side_by_side(
     M, K = (sp.csr_matrix(to.T @ matrix @ to) for matrix in of_points)
     added = []
     for lamina in case.lamina:
-        masses = [point_mass for point_mass in case.point_mass if point_mass.lamina == lamina.name]
+        masses = [point_mass for point_mass in case.masses if point_mass.lamina == lamina.name]
         matrix, diagonal = added_mass(case, layout, n, masses)
         added.append(matrix)
         M = sp.csr_matrix(M + matrix)
@@ -695,7 +818,7 @@ def structure(
     layout = layout_of(case, parts_of(case, network.x, network.dofs))
     if case.time.mass == "lumped":
         mass = sp.diags(lumped)
-    added, diagonal = added_mass(case, layout, n, case.point_mass)
+    added, diagonal = added_mass(case, layout, n, case.masses)
     M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
     of_supports = _springs(case, layout, n)
     K = eliminated(stiffness, n + 1) + of_supports[0]
@@ -810,11 +933,24 @@ def parts_of(
         sections: EI [N m2] and ρA [kg/m] of each cell of each lamina, shape
             (2, n_laminae, n_points - 1); None: the constants of the case.
     """
+    middles = 0.5 * (x[1:] + x[:-1])
     if sections is None:
-        constants = [[lamina.flexural_rigidity, lamina.mass_per_length] for lamina in case.lamina]
-        sections = np.repeat(np.transpose(constants)[..., None], x.size - 1, axis=2)
+        sections = np.array(
+            [
+                [lamina.flexural_rigidity_at(middles) for lamina in case.lamina],
+                [lamina.mass_per_length_at(middles) for lamina in case.lamina],
+            ]
+        )
     laminae = zip(case.lamina, dofs, *sections, strict=True)
-    return tuple(Part(lamina.name, x, *numbers) for lamina, *numbers in laminae)
+    parts = (Part(lamina.name, x, *numbers) for lamina, *numbers in laminae)
+    ends = np.stack([x[:-1], x[1:]], axis=1)
+    inside = np.stack([middles, middles], axis=1)
+    return tuple(
+        part
+        if lamina.is_uniform or case.is_axial
+        else replace(part, end_rigidity=lamina.flexural_rigidity_at(ends, inside))
+        for lamina, part in zip(case.lamina, parts, strict=True)
+    )
 
 
 def apart_parts(case: Case, x: FloatArray, sections: FloatArray | None = None) -> tuple[Part, ...]:
@@ -923,11 +1059,12 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
 
 def _damping_ratio(case: Case) -> float:
     """Return the damping ratio of the bonded stack: the mean, weighted by bending stiffness."""
-    EA = np.array([lamina.axial_rigidity for lamina in case.lamina])
-    thickness = np.array([lamina.thickness for lamina in case.lamina])
+    laminae = [lamina.uniform for lamina in case.lamina]
+    EA = np.array([lamina.axial_rigidity for lamina in laminae])
+    thickness = np.array([lamina.mean("thickness") for lamina in laminae])
     z = np.cumsum(thickness) - 0.5 * thickness
     z = z - EA @ z / EA.sum()
-    weights = np.array([lamina.flexural_rigidity for lamina in case.lamina]) + EA * z**2
+    weights = np.array([lamina.flexural_rigidity for lamina in laminae]) + EA * z**2
     ratios = [lamina.damping_ratio for lamina in case.lamina]
     if len(set(ratios)) == 1:
         return ratios[0]

@@ -11,6 +11,7 @@ What a beam has at its points, a solid reads from its middle lines (`body.py`).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -107,7 +108,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         unknowns.base,
         E,
         case.model.poisson or 0.0,
-        np.array([lamina.width for lamina in case.lamina]),
+        np.array([lamina.mean("width") for lamina in case.lamina]),
         touching,
     )
     return completed(
@@ -173,18 +174,36 @@ def _operators(
 
 def young_modulus(case: Case, mesh: SolidMesh) -> FloatArray:
     """Return Young's modulus of each cell, from EI = E b h³/12, shape (n_cells,) [Pa]."""
-    of_lamina = [
-        12.0 * lamina.flexural_rigidity / (lamina.width * lamina.thickness**3)
-        for lamina in case.lamina
-    ]
-    return np.asarray(np.array(of_lamina)[mesh.lamina])
+    return _of_cells(
+        mesh,
+        [
+            (lambda x, value=lamina.along: value("young_modulus", x))  # type: ignore[misc]
+            if not lamina.is_uniform and lamina.bending_stiffness is None
+            else 12.0
+            * lamina.flexural_rigidity
+            / (lamina.mean("width") * lamina.mean("thickness") ** 3)
+            for lamina in case.lamina
+        ],
+    )
+
+
+def _of_cells(
+    mesh: SolidMesh, of_laminae: Sequence[float | Callable[[FloatArray], FloatArray]]
+) -> FloatArray:
+    """Return a property of each cell, with that of each lamina at the middle of the cell."""
+    x = mesh.points[mesh.cells][..., X].mean(axis=1)
+    result = np.empty(len(mesh.cells))
+    for i, value in enumerate(of_laminae):
+        chosen = mesh.lamina == i
+        result[chosen] = value(x[chosen]) if callable(value) else value
+    return result
 
 
 def _width(case: Case, mesh: SolidMesh) -> FloatArray:
     """Return the width of each cell in 2D, 1 in 3D, shape (n_cells,)."""
     if mesh.dim == 3:
         return np.ones(len(mesh.cells))
-    return np.asarray(np.array([lamina.width for lamina in case.lamina])[mesh.lamina])
+    return np.asarray(np.array([lamina.mean("width") for lamina in case.lamina])[mesh.lamina])
 
 
 def _matrices(
@@ -196,7 +215,13 @@ def _matrices(
     Zienkiewicz 1976). On cells whose mapping is affine the scale is the same for all cells.
     """
     solid, mesh = unknowns.solid, unknowns.solid.mesh
-    density = np.array([lamina.density for lamina in case.lamina])[mesh.lamina] * _width(case, mesh)
+    of_laminae = [
+        (lambda x, value=lamina.along: value("density", x))
+        if "density" in lamina.profiles
+        else lamina.mean("density")
+        for lamina in case.lamina
+    ]
+    density = _of_cells(mesh, of_laminae) * _width(case, mesh)
     matrix = solid.mass(density)
     ones, moved = matrix.createVecs()
     ones.array = np.arange(ones.array.size) % mesh.dim == 0
@@ -232,11 +257,11 @@ def _with_masses(
     Raises:
         CaseError: a mass would make a lumped mass matrix that is no diagonal.
     """
-    if case.point_mass and case.time.mass == "lumped":
+    if case.masses and case.time.mass == "lumped":
         raise CaseError(
             'point_mass: expected time.mass = "consistent" with laminae as solids, given "lumped"'
         )
-    for point_mass in case.point_mass:
+    for point_mass in case.masses:
         number = layout.names.index(point_mass.lamina)
         part = layout.parts[number]
         place = place_of(part, case.length if point_mass.position is None else point_mass.position)
@@ -365,7 +390,7 @@ def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:
         near = accurate[first : first + 2]
         share = (at - near[0]) / (near[1] - near[0])
         points = middle_line(mesh, lamina, near)
-        points[:, Y] += side * (0.5 - _INSIDE) * case.lamina[lamina].thickness
+        points[:, Y] += side * (0.5 - _INSIDE) * case.lamina[lamina].along("thickness", near)
         strain = evaluate(solid, points, locate(mesh, points, lamina)).derivative(X, X)
         row = gathered(sp.csr_matrix(np.array([[1.0 - share, share]])) @ strain, solid.comm)
         base = sp.csr_matrix(row @ unknowns.base[:, None])

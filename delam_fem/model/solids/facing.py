@@ -29,6 +29,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import Lamina
 from delam_fem.model.beams.network import gap_at_rest
 from delam_fem.model.layout import Interface, Layout, Part, half_ways, in_order, places_of
 from delam_fem.model.solids.forms import Solid, evaluate, gathered
@@ -518,7 +519,7 @@ def weights(
             result.append(pairs.weights / np.bincount(row, pairs.weights)[row])
             continue
         mean = (lower.x[-1] - lower.x[0]) / lower.n_elements
-        across = 1.0 if dim == 2 else min(case.lamina[i].width for i in pairs.facing.parts)
+        across = 1.0 if dim == 2 else min(case.lamina[i].mean("width") for i in pairs.facing.parts)
         result.append(pairs.weights / (mean * across))
     return np.concatenate(result)
 
@@ -556,10 +557,16 @@ def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> Facing
     lower, upper = (case.lamina[i] for i in sides.parts)
     across = None
     if mesh.dim == 3:
-        half = 0.5 * min(lower.width, upper.width)
+        half = 0.5 * min(_least_width(lower), _least_width(upper))
         across = np.linspace(-half, half, case.model.strips + 1)
     bonded = bonded_cells(case, x)[sides.parts[0]]
     return at_places(mesh, sides, _places(bonded, x, case.contact.points_per_element), across)
+
+
+def _least_width(lamina: Lamina) -> float:
+    """Return the smallest width of a lamina [m]."""
+    profile = lamina.profiles.get("width")
+    return lamina.mean("width") if profile is None else min(profile.value)
 
 
 def _places(bonded: BoolArray, x: FloatArray, per_element: int) -> FloatArray:

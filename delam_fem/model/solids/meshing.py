@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import ENDS
+from delam_fem.case.sections import ENDS, Lamina
 from delam_fem.model.mesh import NODE_TOLERANCE, node_coordinates, read_file
 from delam_fem.model.solids.mesh import (
     FACETS,
@@ -53,18 +53,34 @@ def lattice(case: Case) -> SolidMesh:
         for i, (lower, upper) in enumerate(pairwise(case.lamina)):
             if bonded[i].any() and lower.width != upper.width:
                 raise CaseError(
-                    f"lamina.{upper.name}.width: expected the width {lower.width!r} of lamina "
-                    f"{lower.name}, to which it is bonded, given {upper.width!r}; give the model "
-                    "your own mesh in mesh.file"
+                    f"lamina.{upper.name}.width: expected the width {_said(lower.width)} of lamina "
+                    f"{lower.name}, to which it is bonded, given {_said(upper.width)}; give the "
+                    "model your own mesh in mesh.file"
                 )
+    for lamina in case.lamina:
+        for key in ("width",) if not is_3d else ():
+            if key in lamina.profiles:
+                raise CaseError(
+                    f"lamina.{lamina.name}.{key}: expected a number with model.kind = "
+                    '"plane-stress", given a table; take "solid"'
+                )
+        if any(profile.steps for profile in lamina.profiles.values()):
+            _require_no_step(lamina)
     vertices = _vertices(case, x.size, bonded, is_3d=is_3d)
     points = np.empty((1 + max(int(grid.max()) for grid in vertices), 3 if is_3d else 2))
-    bottom = 0.0
+    bottom = np.zeros(x.size)
+    if any("thickness" in lamina.profiles for lamina in case.lamina):  # the middle stays straight
+        heights = np.sum([lamina.along("thickness", x) for lamina in case.lamina], axis=0)
+        bottom = 0.5 * (heights[0] - heights)
     for lamina, grid in zip(case.lamina, vertices, strict=True):
-        y = bottom + np.linspace(0.0, lamina.thickness, grid.shape[1])
-        bottom += lamina.thickness
-        z = np.linspace(-0.5 * lamina.width, 0.5 * lamina.width, grid.shape[2])
-        axes = np.meshgrid(x, y, z if is_3d else np.zeros(1), indexing="ij")
+        thickness = lamina.along("thickness", x)
+        width = lamina.along("width", x)
+        y = bottom[:, None] + np.linspace(np.zeros(x.size), thickness, grid.shape[1], axis=1)
+        bottom = bottom + thickness
+        z = np.linspace(-0.5 * width, 0.5 * width, grid.shape[2], axis=1)
+        if not is_3d:
+            z = np.zeros((x.size, 1))
+        axes = np.broadcast_arrays(x[:, None, None], y[:, :, None], z[:, None, :])
         points[grid.ravel()] = np.column_stack([axis.ravel() for axis in axes[: points.shape[1]]])
     cells = [_cells(grid) for grid in vertices]
     return SolidMesh(
@@ -78,6 +94,27 @@ def lattice(case: Case) -> SolidMesh:
         },
         _sides(vertices, bonded),
     )
+
+
+def _said(width: object) -> str:
+    """Return a width as a message shows it."""
+    return repr(width) if isinstance(width, float) else "a table"
+
+
+def _require_no_step(lamina: Lamina) -> None:
+    """Refuse a step of thickness or width, which a structured mesh cannot follow.
+
+    Raises:
+        CaseError: the lamina has one.
+    """
+    for key in ("thickness", "width"):
+        profile = lamina.profiles.get(key)
+        if profile is not None and profile.steps:
+            raise CaseError(
+                f"lamina.{lamina.name}.{key}: expected a table without steps with laminae as "
+                "solids, whose built-in mesh has no corners; give two places near one another, or "
+                "your own mesh in mesh.file"
+            )
 
 
 def bonded_cells(case: Case, x: FloatArray) -> BoolArray:
@@ -179,6 +216,8 @@ _KINDS = {
 _OF_KIND = {"plane-stress": ("triangle", "quadrilateral"), "solid": ("tetrahedron", "hexahedron")}
 _ORDER = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 """Vertices of gmsh in the order of dolfinx."""
+SAMPLES = 1001
+"""Places at which the section of a lamina is summed."""
 THICKNESS_TOLERANCE = 0.01
 """Relative deviation of volume or area from the case above which the user is told."""
 _FLAT = 1e-9
@@ -203,7 +242,7 @@ def solid_mesh(case: Case) -> SolidMesh:
     assert case.mesh.file is not None
     path = Path(case.mesh.file)
     try:
-        return _Reader(case, path, read_file(path)).mesh()
+        return _Reader(case, path, read_file(path, case.mesh.unit)).mesh()
     except ValueError as error:
         if isinstance(error, CaseError):
             raise
@@ -457,9 +496,14 @@ class _Reader:
         """Warn if the volume of a lamina, in 2D its area, differs from that of the case."""
         measures = np.abs(volumes(mesh))
         for number, lamina in enumerate(self.case.lamina):
-            expected = lamina.length * lamina.thickness
+            x = np.linspace(0.0, lamina.length, SAMPLES)
+            sections = lamina.along("thickness", x)
             if mesh.dim == 3:
-                expected *= lamina.width
+                sections = sections * lamina.along("width", x)
+            middles = 0.5 * (sections[1:] + sections[:-1])
+            expected = lamina.length * float(middles.mean())
+            if lamina.is_uniform:
+                expected = lamina.length * float(sections[0])
             ratio = float(measures[mesh.lamina == number].sum()) / expected
             if abs(ratio - 1.0) > THICKNESS_TOLERANCE:
                 _log.warning(

@@ -61,7 +61,8 @@ def middle_lines(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Floa
     be as well, or laminae would seem to pass through one another.
     """
     gaps = by_interface(history["gap0"])
-    half = [lamina.thickness / 2.0 for lamina in case.lamina]
+    x = history["x"].to_numpy()
+    half = [0.5 * lamina.along("thickness", x) for lamina in case.lamina]
     middle = np.empty((len(half), gaps.shape[1]))
     middle[0] = -half[0]
     for i, gap in enumerate(gaps, start=1):
@@ -81,8 +82,9 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
     points = np.empty((*middle.shape, CORNERS, 3))
     points[..., 0] = x[:, None]
     for i, lamina in enumerate(case.lamina):
-        points[i, :, :, 1] = middle[i][:, None] + lamina.thickness / 2.0 * UPWARDS
-        points[i, :, :, 2] = lamina.width / 2.0 * np.array([-1, -1, 1, 1])
+        half = lamina.along("thickness", x)[:, None] / 2.0
+        points[i, :, :, 1] = middle[i][:, None] + half * UPWARDS
+        points[i, :, :, 2] = lamina.along("width", x)[:, None] / 2.0 * np.array([-1, -1, 1, 1])
     return points
 
 
@@ -120,7 +122,7 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Obstac
     middle = middle_lines(history, case, enlarged)
     result = []
     x = history["x"].to_numpy()
-    half = [0.5 * lamina.thickness for lamina in case.lamina]
+    half = [0.5 * lamina.mean("thickness") for lamina in case.lamina]
     frames = history["frame"].to_numpy()
     times = history["time"].to_numpy()
     base = np.interp(frames, times, history["base_displacement"])
@@ -182,7 +184,7 @@ class Ribbons:
     @classmethod
     def of(cls, history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Ribbons:
         """Return the ribbons of a run with the fields of its frames; see `middle_lines`."""
-        half = np.array([lamina.thickness / 2.0 for lamina in case.lamina])
+        half = np.array([lamina.mean("thickness") / 2.0 for lamina in case.lamina])
         rest_positions = rest_points(history, case, enlarged)
         all_marks = marks(history, case, enlarged)
         blocks = np.empty((len(all_marks), 2, CORNERS, 3))
@@ -449,8 +451,8 @@ def _supports(
         For each end corners (2, 4, 3) [m] and colours (2, 4) of its block; nothing of a free end.
     """
     length = case.length
-    block = 3.0 * sum(lamina.thickness for lamina in case.lamina)
-    side = np.array([0.0, block, 0.6 * max(lamina.width for lamina in case.lamina)])
+    block = 3.0 * sum(lamina.mean("thickness") for lamina in case.lamina)
+    side = np.array([0.0, block, 0.6 * max(lamina.mean("width") for lamina in case.lamina)])
     section = side * np.column_stack([np.zeros(4), UPWARDS, [-1.0, -1.0, 1.0, 1.0]])
     blocks: list[list[tuple[FloatArray, FloatArray]]] = []
     for end, node, x, outwards in zip(ENDS, (0, -1), (0.0, length), (-1.0, 1.0), strict=True):

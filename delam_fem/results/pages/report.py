@@ -239,7 +239,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     last = slice(-max(1, MOST_NUMBERS // per_frame), None)
     u = history["displacement"].to_numpy()
     largest = max(float(np.abs(u).max()), float(history["gap0"].to_numpy().max(initial=0.0)))
-    thickness = sum(lamina.thickness for lamina in case.lamina)
+    thickness = sum(lamina.mean("thickness") for lamina in case.lamina)
     factor = 1.0
     if 0.0 < largest < thickness:
         factor = float(10.0 ** np.ceil(np.log10(thickness / largest)))
@@ -259,7 +259,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     data = {
         "names": [str(name) for name in history["lamina"].to_numpy()],
         "colours": list(lamina_colours(history.sizes["lamina"])),
-        "thickness": [1e3 * lamina.thickness for lamina in case.lamina],
+        "thickness": [1e3 * lamina.mean("thickness") for lamina in case.lamina],
         "x": _short(1e3 * history["x"].to_numpy()[nodes]),
         "time": _short(history["frame"].to_numpy()[last]),
         "period": case.period if case.is_periodic else None,

@@ -71,7 +71,7 @@ def refinement_warnings(case: Case, points: Iterable[int]) -> list[str]:
     numbers = sorted(set(points))
     waves = zip(short_waves(case), case.lamina, strict=True)
     (length, frequency), lamina = max(waves, key=lambda wave: wave[0][0])
-    thickest = max(case.lamina, key=lambda own: own.thickness)
+    thickest = max(case.lamina, key=lambda own: own.mean("thickness"))
     texts = []
     if creeping := [n for n in numbers if 2.0 * case.length / n < length]:
         texts.append(
@@ -79,10 +79,10 @@ def refinement_warnings(case: Case, points: Iterable[int]) -> list[str]:
             f"those are overdamped ({lamina.name}: modes above {frequency:.3g} Hz, "
             f"{case.damping.rayleigh} damping): what such a mesh adds does not wave, it creeps"
         )
-    if thin := [n for n in numbers if case.length / n < thickest.thickness]:
+    if thin := [n for n in numbers if case.length / n < thickest.mean("thickness")]:
         texts.append(
             f"{_meshes(case, thin)} have points nearer to one another than the thickness "
-            f"{_mm(thickest.thickness)} mm of {thickest.name}: a beam has no meaning there"
+            f"{_mm(thickest.mean('thickness'))} mm of {thickest.name}: a beam has no meaning there"
         )
     return texts
 

@@ -64,7 +64,7 @@ def prior_of(case: Case) -> FloatArray:
     They are in proportion to the case.
     """
     L = case.length
-    h = sum(lamina.thickness or 0.0 for lamina in case.lamina)
+    h = sum(lamina.mean("thickness") for lamina in case.lamina)
     return np.array([(0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h)])
 
 
@@ -399,7 +399,7 @@ def truth_of(case: Case) -> FloatArray:
     """Return start, end and depth of the delamination of a case, shape (3,) [m]."""
     delamination = case.delamination[0]
     surface = surface_of(case, None)
-    depth = next(lamina.thickness for lamina in case.lamina if lamina.name == surface)
+    depth = next(lamina.mean("thickness") for lamina in case.lamina if lamina.name == surface)
     return np.array([delamination.start, delamination.end, depth], dtype=np.float64)
 
 

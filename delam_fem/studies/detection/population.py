@@ -168,7 +168,7 @@ def population(
         )
     surface = surface_of(case, None)
     other = next(lamina.name for lamina in case.lamina if lamina.name != surface)
-    total = sum(lamina.thickness or 0.0 for lamina in case.lamina)
+    total = sum(lamina.mean("thickness") for lamina in case.lamina)
     settling = {
         kind: settling_periods(intact(case.with_overrides({"support.end": kind})), SETTLED)
         / case.excitation.top_frequency
@@ -323,7 +323,7 @@ def logistic(a: FloatArray, hit: BoolArray) -> Curve:
 def grid(case: Case, supports: Sequence[str], frequencies: Sequence[float]) -> list[Specimen]:
     """Return the specimens of the grid: supports, frequencies, lengths, depths, positions."""
     L = case.length
-    h = sum(lamina.thickness or 0.0 for lamina in case.lamina)
+    h = sum(lamina.mean("thickness") for lamina in case.lamina)
     return [
         Specimen(L * (m - 0.5 * a), L * (m + 0.5 * a), h * depth, support, frequency)
         for support, frequency, a, depth, m in product(

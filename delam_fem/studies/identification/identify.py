@@ -111,7 +111,10 @@ def value_of(case: Case, key: str) -> float:
     value: object = case
     for part in key.split("."):
         if isinstance(value, tuple):
-            value = next((entry for entry in value if entry.name == part), None)
+            numbered = enumerate(value, start=1)
+            value = next(
+                (e for n, e in numbered if part in (str(n), getattr(e, "name", None))), None
+            )
         else:
             value = getattr(value, part, None)
     return float(value) if isinstance(value, int | float) else math.nan

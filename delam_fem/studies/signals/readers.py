@@ -1,4 +1,4 @@
-"""Read columns from tables of text, LabVIEW, NetCDF, MATLAB and universal files.
+"""Read columns from text, LabVIEW, NetCDF, HDF5, MATLAB, universal, sound and TDMS files.
 
 Of universal files (UFF) the sets 58 and 58b are read, with units and positions. pyuff parses the
 sets; what it stumbles over in real files is put right before, byte by byte. Real files have tags
@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -234,7 +235,7 @@ def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
 
 
 RATES = {"fs", "rate", "sample_rate", "sampling_rate", "samplerate", "sampling_frequency"}
-STEPS = {"dt", "time_step", "sample_time", "ts", "delta_t", "deltat"}
+STEPS = {"dt", "wf_increment", "time_step", "sample_time", "ts", "delta_t", "deltat"}
 """Names of numbers that give the rate [Hz] or the time step [s], in lower case."""
 UNITS = "units"
 """Name of the structure with the units of the variables beside it."""
@@ -440,6 +441,198 @@ def _value(node: Any, file: Any, budget: Iterator[int]) -> Any:
         return None
     array = array.astype(complex if array.dtype.kind == "c" else float).T
     return array.squeeze() if array.ndim <= 2 else array
+
+
+MOST_BYTES_OF_SOUND = 1_000_000_000
+"""Size of the largest file of sound or of TDMS."""
+
+
+def read_hdf5(path: Path) -> list[Sheet]:
+    """Read the datasets of an HDF5 file of a logger as `read_matlab` reads variables.
+
+    Groups are structures. Attributes of a group or dataset that are numbers count as variables
+    beside it, so that `fs` or `dt` may be one; the attribute `unit` or `units` of a dataset is its
+    unit. Datasets of several fields have a column for each.
+
+    Args:
+        path: the file.
+
+    Returns:
+        A sheet for each vector of times, frequencies or positions.
+
+    Raises:
+        CaseError: the file is no HDF5 file, or nothing in it goes with an axis.
+    """
+    try:
+        with footprint.bounded(path), hdf5.opened(path) as file:
+            tree = _logged(file, iter(range(hdf5.MOST_NODES)))
+    except CaseError:
+        raise
+    except Exception as error:  # h5py raises whatever it pleases
+        reason = reason_of(error, path)
+        raise CaseError(
+            f"{path}: damaged, or no HDF5 file ({reason}); store it anew, or as CSV"
+        ) from None
+    sheets = list(_sheets(tree, str(path), {}))
+    if not sheets:
+        raise CaseError(
+            f"{path}: expected datasets beside a dataset t or time, or a number fs or dt, also as "
+            f"an attribute; found {', '.join(sorted(tree))[:200] or 'nothing'}"
+        )
+    return sheets
+
+
+def _logged(group: Any, budget: Iterator[int]) -> Tree:
+    """Return a group of HDF5 as a tree, with numbers among its attributes and units.
+
+    Raises:
+        ValueError: there are too many groups and datasets.
+    """
+    tree: Tree = {}
+    units: dict[str, str] = {}
+
+    def take_attributes(node: Any, name: str) -> None:
+        for key, value in node.attrs.items():
+            number = np.asarray(value)
+            if number.size == 1 and number.dtype.kind in "fiu":
+                tree.setdefault(key, number.astype(float).reshape(()))
+            elif name and key.lower() in ("unit", "units", "unit_string"):
+                units[name] = value.decode() if isinstance(value, bytes) else str(value)
+
+    for name, node in group.items():
+        if next(budget, None) is None:
+            raise ValueError(f"more than {hdf5.MOST_NODES} groups and datasets")
+        if isinstance(node, h5py.Group):
+            tree[name] = _logged(node, budget)
+            continue
+        take_attributes(node, name)
+        values = np.asarray(node[()])
+        if values.dtype.names:
+            tree |= {field: values[field].astype(float) for field in values.dtype.names
+                     if values[field].dtype.kind in "fiu"}  # fmt: skip
+        elif values.dtype.kind in "fiu":
+            tree[name] = values.astype(float).squeeze()
+    take_attributes(group, "")
+    if units:
+        tree[UNITS] = units
+    return tree
+
+
+def read_sound(path: Path) -> list[Sheet]:
+    """Read a WAV file: its channels as shares of the full scale.
+
+    Args:
+        path: the file.
+
+    Returns:
+        One sheet with the columns channel 1, channel 2, … without a unit.
+
+    Raises:
+        CaseError: the file is no WAV file, or too large.
+    """
+    from scipy.io import wavfile
+
+    footprint.require_room(path, 8.0 * path.stat().st_size)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks without samples
+            rate, samples = wavfile.read(path)
+    except Exception as error:  # scipy raises whatever it pleases
+        raise CaseError(f"{path}: damaged, or no WAV file ({reason_of(error, path)})") from None
+    values = np.atleast_2d(np.asarray(samples).T)
+    if values.dtype == np.uint8:
+        values = values.astype(float) / 128.0 - 1.0
+    elif values.dtype.kind == "i":  # 24 bits come in the upper ones of 32
+        values = values.astype(float) / (float(np.iinfo(values.dtype).max) + 1.0)
+    columns = [Column(f"channel {k}", row.astype(float)) for k, row in enumerate(values, start=1)]
+    return [Sheet(str(path), tuple(columns), rate=float(rate))]
+
+
+def read_tdms(path: Path) -> list[Sheet]:
+    """Read a TDMS file of LabVIEW: the channels of each group that have the same times.
+
+    Args:
+        path: the file.
+
+    Returns:
+        A sheet for each group, rate and length.
+
+    Raises:
+        CaseError: npTDMS is not installed, or the file is damaged or has no times.
+    """
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise CaseError(f"{path}: expected npTDMS to read it: pip install npTDMS") from None
+    footprint.require_room(path, 8.0 * path.stat().st_size)
+    groups: dict[tuple[str, float, int], list[Column]] = {}
+    sheets = []
+    try:
+        file = TdmsFile.read(path)
+        for group in file.groups():
+            timed = [c for c in group.channels() if axis_of(c.name, None) == "time" and len(c) > 1]
+            for channel in group.channels():
+                values = np.asarray(channel[:])
+                if values.dtype.kind not in "fiu" or values.size < 2:
+                    continue
+                about = {str(key): value for key, value in channel.properties.items()}
+                step = float(about.get("wf_increment", 0.0) or 0.0)
+                rate = 0.0 if timed or not step > 0.0 else 1.0 / step
+                unit = str(about.get("unit_string", about.get("NI_UnitDescription", ""))) or None
+                column = Column(channel.name, values.astype(float), unit)
+                groups.setdefault((group.name, rate, values.size), []).append(column)
+    except Exception as error:  # npTDMS raises whatever it pleases
+        raise CaseError(f"{path}: damaged, or no TDMS file ({reason_of(error, path)})") from None
+    for (name, rate, _), columns in groups.items():
+        sheets.append(Sheet(f"{path}: {name}", tuple(columns), rate=rate or None))
+    if not sheets:
+        raise CaseError(f"{path}: expected channels of numbers, found none")
+    return sheets
+
+
+def sep005_sheets(series: Sequence[Mapping[str, Any]], label: str = "SEP 005") -> list[Sheet]:
+    """Return time series as SEP 005 of SDyPy describes them as columns.
+
+    Args:
+        series: dictionaries with `name`, `data`, `unit_str`, and `fs` or `time`; `quantity`,
+            `position` [m] and `lamina` are read where they are there.
+        label: name of the list in messages.
+
+    Raises:
+        CaseError: an entry lacks a key, or its times fit its data not.
+
+    Source: SDyPy enhancement proposal 005, github.com/sdypy/sdypy.
+    """
+    groups: dict[tuple[float, int, bytes], list[Column]] = {}
+    for number, entry in enumerate(series, start=1):
+        missing = [key for key in ("name", "data", "unit_str") if key not in entry]
+        if missing or ("fs" not in entry and "time" not in entry):
+            lacking = ", ".join(missing) or "fs or time"
+            raise CaseError(f"{label}: series {number}: expected {lacking}, which is missing")
+        values = np.asarray(entry["data"], dtype=float)
+        time = np.asarray(entry.get("time", ()), dtype=float)
+        if values.ndim != 1 or (time.size and time.shape != values.shape):
+            raise CaseError(
+                f"{label}: series {number}: expected a vector, and times as long, given shapes "
+                f"{values.shape} and {time.shape}"
+            )
+        position = entry.get("position")
+        column = Column(
+            str(entry["name"]),
+            values,
+            str(entry["unit_str"]) or None,
+            str(entry.get("quantity", "")),
+            None if position is None else float(position),
+            str(entry.get("lamina", "")),
+        )
+        rate = 0.0 if time.size else float(entry["fs"])
+        groups.setdefault((rate, values.size, time.tobytes()), []).append(column)
+    sheets = []
+    for (rate, _, content), columns in groups.items():
+        times = [Column("time", np.frombuffer(content), "s")] if content else []
+        axis = "time" if times else ""
+        sheets.append(Sheet(label, (*times, *columns), rate=rate or None, axis=axis))
+    return sheets
 
 
 TAG = b"    -1"

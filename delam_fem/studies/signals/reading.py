@@ -314,6 +314,10 @@ READERS: dict[str, Callable[[Path], list[Sheet]]] = {
     ".nc": lambda path: readers.netcdf_sheets(netcdf.read_dataset(path), path),
     ".nc4": lambda path: readers.netcdf_sheets(netcdf.read_dataset(path), path),
     ".cdf": lambda path: readers.netcdf_sheets(netcdf.read_dataset(path), path),
+    ".h5": readers.read_hdf5,
+    ".hdf5": readers.read_hdf5,
+    ".tdms": readers.read_tdms,
+    ".wav": readers.read_sound,
 }
 """Readers by the suffix of the file."""
 
@@ -334,7 +338,7 @@ def assigned(channels: Mapping[str, str] | Sequence[str] | None) -> dict[str, st
 
 
 def read_measured(
-    *paths: str | Path,
+    *paths: str | Path | Sequence[Mapping[str, Any]],
     channels: Mapping[str, str] | None = None,
     units: str | None = None,
     rate: float | None = None,
@@ -344,8 +348,9 @@ def read_measured(
     """Read measurements into one dataset in SI.
 
     Args:
-        paths: CSV (.csv, .txt, .dat, .tsv), universal (.uff, .unv), MATLAB (.mat), LabVIEW (.lvm)
-            or NetCDF (.nc) files, also the result.nc of a run.
+        paths: CSV (.csv, .txt, .dat, .tsv), universal (.uff, .unv), MATLAB (.mat), LabVIEW (.lvm,
+            .tdms), HDF5 (.h5), sound (.wav) or NetCDF (.nc) files, also the result.nc of a run; or
+            lists of time series after SEP 005 of SDyPy.
         channels: what columns are, as `{"tip thick": "col2:mm", "mid": "Laser 3:mm/s@0.2/upper"}`:
             source, then after a colon the unit, after an @ the position [m] and the lamina.
             `tip LAMINA`, `base`, `force` and `gap` have their own variables; others are sensors.
@@ -364,9 +369,10 @@ def read_measured(
         raise CaseError("expected at least one file of measurements, given none")
     if rate is not None and not 0.0 < rate < np.inf:
         raise CaseError(f"--rate: expected a positive number of samples per second, given {rate:g}")
-    files = [Path(path) for path in paths]
+    files = [Path(path) for path in paths if isinstance(path, str | Path)]
+    lists = [path for path in paths if not isinstance(path, str | Path)]
     if (
-        len(files) == 1
+        len(files) == len(paths) == 1
         and not channels
         and files[0].suffix in (".nc", ".nc4")
         and files[0].is_file()
@@ -376,6 +382,7 @@ def read_measured(
             _require_measurement(data, str(files[0]))
             return _with_complex(data)
     sheets = [sheet for path in files for sheet in sheets_of(path)]
+    sheets += [sheet for series in lists for sheet in readers.sep005_sheets(series)]
     assigned = {
         name: assignment(text, f"--channel {name}") for name, text in (channels or {}).items()
     }
@@ -489,6 +496,45 @@ def record(data: xr.Dataset) -> xr.Dataset:
             key = "drive"
         channels[key] = ("time", history_of(data, k), about)
     return xr.Dataset(channels, coords={"time": data["time"]})
+
+
+def as_sep005(data: xr.Dataset) -> list[dict[str, Any]]:
+    """Return a record as time series after SEP 005 of SDyPy.
+
+    Args:
+        data: channels over `time`: `result.record`, or what `record` makes of a measurement.
+
+    Returns:
+        For each channel `name`, `data`, `unit_str`, `quantity`, and `fs` [Hz] where times have
+        equal steps, otherwise `time` [s]; `position` [m] and `lamina` where they are known.
+
+    Raises:
+        CaseError: nothing is over `time`.
+    """
+    if "time" not in data:
+        raise CaseError("SEP 005: expected channels over the time, found none")
+    time = data["time"].to_numpy()
+    steps = np.diff(time)
+    is_even = steps.size > 0 and np.ptp(steps) <= EQUAL * steps.mean()
+    axis = {"fs": float(1.0 / steps.mean())} if is_even else {"time": time.tolist()}
+    series = []
+    for name, channel in data.data_vars.items():
+        if channel.dims != ("time",):
+            continue
+        about = {key: channel.attrs[key] for key in ("quantity", "lamina") if key in channel.attrs}
+        if "x" in channel.attrs:
+            about["position"] = float(channel.attrs["x"])
+        series.append(
+            {
+                "name": str(name),
+                "data": channel.to_numpy(),
+                "unit_str": str(channel.attrs.get("units", "")),
+                "start_timestamp": float(time[0]),
+            }
+            | axis
+            | about
+        )
+    return series
 
 
 def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataArray:

@@ -52,7 +52,7 @@ def scan_positions(length: float, spacing: float, first: float = 0.0) -> FloatAr
 def surface_of(case: Case, lamina: str | None) -> str:
     """Return the name of the lamina that is scanned: the given one, or the thinner outermost."""
     outermost = (case.lamina[-1], case.lamina[0])
-    return lamina or min(outermost, key=lambda own: own.thickness or math.inf).name
+    return lamina or min(outermost, key=lambda own: own.mean("thickness") or math.inf).name
 
 
 def part_of(layout: Layout, lamina: str) -> int:

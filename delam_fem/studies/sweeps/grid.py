@@ -334,7 +334,9 @@ def units_of(key: str, kind: str = "") -> list[str]:
         kind: kind of the case's excitation; "" if it is not known.
     """
     section = key.partition(".")[0]
-    last = key.rpartition(".")[2]
+    *_, table_key, column, last = ("", "", *key.split("."))
+    if last.isdecimal() and column in ("x", "value"):  # a number of a table over x
+        return ["m"] if column == "x" else units_of(f"{section}.{table_key}", kind)
     units = (
         entry.unit.partition(" per ")[0]
         for table in tables()

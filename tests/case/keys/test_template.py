@@ -59,7 +59,7 @@ def test_a_default_that_is_uncommented_changes_nothing() -> None:
 
 def test_comments_tell_unit_default_and_need() -> None:
     text = " ".join(case_text("paper", "mine").replace("#", " ").split())
-    assert "thickness h [m] (a positive number; required)" in text
+    assert "thickness h [m] (a positive number or a table over x; required)" in text
     assert "contact spring [N/m per node pair] (a number of at least 0; default 100.0)" in text
     assert "density rho [kg/m3]; a material or mass_per_length gives it too (a positive" in text
     assert 'kind = "harmonic" "harmonic" (required)' in text
