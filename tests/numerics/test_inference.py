@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from delam_fem.numerics import statistics
 from delam_fem.numerics.statistics import Posterior, Simulations
 
 NOISE = 0.05
@@ -73,3 +74,29 @@ def test_of_many_simulations_a_share_is_accepted() -> None:
     observed = np.array([0.3, 0.1])
     assert len(many.posterior(observed).samples) == round(0.08 * 1500)
     assert len(many.posterior(observed, accepted=0.2).samples) == round(0.2 * 1500)
+
+
+def left_out(columns: np.ndarray, targets: np.ndarray, penalty: float) -> float:
+    """Return the mean square error of rows, each predicted by a ridge regression of all others."""
+    errors = []
+    for k in range(len(columns)):
+        others = np.arange(len(columns)) != k
+        x, y = columns[others], targets[others]
+        centred, middle = x - x.mean(axis=0), y.mean(axis=0)
+        normal = centred.T @ centred + penalty * np.eye(x.shape[1])
+        slopes = np.linalg.solve(normal, centred.T @ (y - middle))
+        errors.append(targets[k] - middle - (columns[k] - x.mean(axis=0)) @ slopes)
+    return float(np.mean(np.square(errors)))
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0, 3.0])
+def test_the_penalty_has_the_smallest_errors_of_what_is_left_out(noise: float) -> None:
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((24, 12))
+    columns -= columns.mean(axis=0)
+    targets = columns[:, :2] + noise * rng.standard_normal((24, 2))
+    targets -= targets.mean(axis=0)
+    chosen = statistics._penalty(columns, targets, columns.T @ columns, columns.T @ targets)
+    sizes = [left_out(columns, targets, penalty) for penalty in 24 * statistics.PENALTIES]
+    assert chosen == 24 * statistics.PENALTIES[int(np.argmin(sizes))]
+    assert 0 < int(np.argmin(sizes)) < len(sizes) - 1

@@ -279,7 +279,6 @@ def test_a_watch_reports_saves_when_due_and_stops(
         path, (of_run(), engine, run_recorder), lambda: asked[0], comm,
         report=lambda *own: said.append(own), seconds=5.0,
     )  # fmt: skip
-    assert checkpoint.CHECKPOINT_SECONDS == 30.0
     now[0] = 105.0
     assert not watch(1) and not path.exists()
     now[0] = 105.1
