@@ -79,7 +79,7 @@ if TYPE_CHECKING:
         in_si as in_si,
         inconsistent as inconsistent,
     )
-    from delam_fem.contact.decisions import Kinematics as Kinematics, Setting as Setting
+    from delam_fem.contact.decisions import Kinematics as Kinematics, LawContext as LawContext
     from delam_fem.contact.laws import (
         COMBINATIONS as COMBINATIONS,
         LAWS as LAWS,
@@ -289,7 +289,7 @@ _HOMES = {
     "case.toml": "Data apply_overrides message read_toml shown toml_text",
     "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
     # Laws
-    "contact.decisions": "Kinematics Setting",
+    "contact.decisions": "Kinematics LawContext",
     "contact.laws": "COMBINATIONS LAWS SCHEMES Impulse Law Scheme combined_name",
     # Structures
     "model.stops_sensors": "struck with_sensors",

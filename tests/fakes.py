@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.api import Setting
+from delam_fem.api import LawContext
 from delam_fem.contact.decisions import NO_BLOCK
 
 
@@ -58,6 +58,6 @@ def seen(
     return Seen(np.array(gap), np.array(rate), pairs, None if free is None else np.array(free))
 
 
-def setting(W: np.ndarray) -> Setting:
+def setting(W: np.ndarray) -> LawContext:
     """Return the setting of a law for a compliance."""
-    return Setting(W.shape[0], Matrix(W))
+    return LawContext(W.shape[0], Matrix(W))

@@ -12,7 +12,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.api import Setting, Structure, assemble, law_of, span_of
+from delam_fem.api import LawContext, Structure, assemble, law_of, span_of
 from delam_fem.contact.decisions import Supervisor
 
 SHORT = {
@@ -181,7 +181,7 @@ class Borrowed:
     spring: tuple[float, float] = (0.0, 0.0)
     is_coupled: bool = True
 
-    def supervisor(self, scheme: df.Scheme, setting: Setting) -> Supervisor:
+    def supervisor(self, scheme: df.Scheme, setting: LawContext) -> Supervisor:
         return df.Law("newton", restitution=0.2).supervisor(scheme, setting)
 
 

@@ -63,7 +63,7 @@ IDLE, ACTIVE, BARRED = range(3)
 """Sides of a pair in `solve_among`: impulse 0, impulse sought, or dependent on active pairs."""
 
 
-class Again(NamedTuple):
+class WarmStart(NamedTuple):
     """The arrays that `solve_among` keeps from call to call, for n pairs.
 
     Attributes:
@@ -83,13 +83,13 @@ class Again(NamedTuple):
     side: npt.NDArray[np.uint8]
 
 
-def nothing_known(n: int) -> Again:
-    """Return an empty `Again` for n pairs; Python and compiled code call this function."""
+def nothing_known(n: int) -> WarmStart:
+    """Return an empty `WarmStart` for n pairs; Python and compiled code call this function."""
     # three allocations, cut into views: a solution of few pairs takes hardly longer than these
     numbers = np.zeros(n * (n + 1))
     places = np.full(2 * n + 2, -1)
     marks = np.zeros(2 * n, np.uint8)
-    return Again(marks[:n], numbers[n:], places[n:], places[:n], numbers[:n], marks[n:])
+    return WarmStart(marks[:n], numbers[n:], places[n:], places[:n], numbers[:n], marks[n:])
 
 
 fresh = njit(nothing_known)
@@ -266,7 +266,7 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, noise, memory):  # ty
         p: result, the impulses, the first n entries.
         change: result, W p, the first n entries.
         noise: a residual up to this size is round-off, as is all of q up to it.
-        memory: see `Again`, for at least `stride` pairs.
+        memory: see `WarmStart`, for at least `stride` pairs.
 
     Returns:
         SOLVED, or a key of `FAILURES`.

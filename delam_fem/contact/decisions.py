@@ -104,7 +104,7 @@ class PairNumbers:
 
 
 @dataclass(frozen=True)
-class Setting:
+class LawContext:
     """The problem for which a law is set up.
 
     Attributes:

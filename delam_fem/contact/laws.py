@@ -31,9 +31,9 @@ from delam_fem.contact.decisions import (
     PENALTY,
     RESTITUTION,
     THRESHOLD,
+    LawContext,
     LawNumbers,
     PairNumbers,
-    Setting,
     Supervisor,
 )
 from delam_fem.system.errors import require, require_number
@@ -131,7 +131,7 @@ class ContactLaw(Protocol):
     def is_coupled(self) -> bool:
         """Whether impulses act through the mass matrix of the scheme, not through nodal masses."""
 
-    def supervisor(self, scheme: Scheme, setting: Setting) -> Supervisor:
+    def supervisor(self, scheme: Scheme, setting: LawContext) -> Supervisor:
         """Set the law up for a problem.
 
         Raises:
@@ -185,7 +185,7 @@ class Law:
         """Whether impulses act through the mass matrix of the scheme, not through nodal masses."""
         return self.impulse == "consistent"
 
-    def supervisor(self, scheme: Scheme, setting: Setting) -> Supervisor:
+    def supervisor(self, scheme: Scheme, setting: LawContext) -> Supervisor:
         """Set the law up for a problem.
 
         Raises:

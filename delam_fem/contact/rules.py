@@ -4,11 +4,11 @@ Both engines call these functions: they see gaps and gap rates of pairs, and kno
 state. Impulses [N s] and forces [N] act on pairs; H^T maps them to the dofs. A positive impulse or
 force pushes the laminae apart. A decision is made in three steps:
 
-- `candidates` lists the closed pairs that an impulse may part. IMPACTS ("newton" in paper 3.1,
+- `closing_pairs` lists the closed pairs that an impulse may part. IMPACTS ("newton" in paper 3.1,
   "newton-penalty" in paper 3.2, eq. 17 as corrected) asks between two steps: a pair that carries no
   spring and approaches is hit. MOREAU asks within a step of the Moreau–Jean scheme, about gaps that
   are predicted for its middle. PENALTY and NONE hit no pair.
-- `decide` finds their impulses p by Newton's law, together ("consistent"),
+- `solve_impulses` finds their impulses p by Newton's law, together ("consistent"),
 
       0 <= p  ⊥  U̇⁺ + e U̇ >= 0,   U̇⁺ = U̇_free + W p
 
@@ -38,8 +38,8 @@ from delam_fem.contact.decisions import (
     THRESHOLD,
     Decision,
     Kinematics,
+    LawContext,
     LawNumbers,
-    Setting,
 )
 from delam_fem.system.caches import kept, njit
 
@@ -92,7 +92,7 @@ def damping_of(law, k):  # type: ignore[no-untyped-def]
 
 
 @njit
-def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacking):  # type: ignore[no-untyped-def]
+def closing_pairs(law, n_pairs, gap, rate, free, resting, hit, before, after, lacking):  # type: ignore[no-untyped-def]
     """List the pairs that an impulse may part.
 
     Args:
@@ -134,7 +134,7 @@ def candidates(law, n_pairs, gap, rate, free, resting, hit, before, after, lacki
 
 @njit
 def needs_impulse(lacking, n, noise):  # type: ignore[no-untyped-def]
-    """Return whether one of n candidates lacks more than round-off; see `candidates`."""
+    """Return whether one of n candidates lacks more than round-off; see `closing_pairs`."""
     for j in range(n):
         if not lacking[j] >= -noise:  # also if it is no number
             return True
@@ -142,7 +142,7 @@ def needs_impulse(lacking, n, noise):  # type: ignore[no-untyped-def]
 
 
 @njit
-def decide(law, W, places, n, hit, before, after, lacking, impulse, change, noise, memory):  # type: ignore[no-untyped-def]
+def solve_impulses(law, W, places, n, hit, before, after, lacking, impulse, change, noise, memory):  # type: ignore[no-untyped-def]
     """Find the impulses of n candidates, and their gap rates afterwards.
 
     Args:
@@ -150,10 +150,10 @@ def decide(law, W, places, n, hit, before, after, lacking, impulse, change, nois
         W: entries, place of the first and length of a row of W; see `solve_among`.
         places: rows of W that belong to the candidates.
         n: number of the candidates.
-        hit: see `candidates`.
-        before: see `candidates`.
-        after: see `candidates`; result, U̇⁺.
-        lacking: see `candidates`.
+        hit: see `closing_pairs`.
+        before: see `closing_pairs`.
+        after: see `closing_pairs`; result, U̇⁺.
+        lacking: see `closing_pairs`.
         impulse: result.
         change: work space.
         noise: see `solve_among`.
@@ -192,11 +192,11 @@ def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: i
     Args:
         law: its numbers.
         n_pairs: number of all pairs.
-        gap: see `candidates`.
+        gap: see `closing_pairs`.
         n: number of the hit pairs.
-        hit: see `decide`.
-        before: see `decide`.
-        after: see `decide`.
+        hit: see `solve_impulses`.
+        before: see `solve_impulses`.
+        after: see `solve_impulses`.
         resting: pairs that rest before; result, those that rest afterwards, shape (n_pairs,).
     """
     is_changed = False
@@ -216,7 +216,7 @@ def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: i
 class Rules:
     """A law of the table, set up for one problem (`contact.decisions.Supervisor`)."""
 
-    def __init__(self, law: LawNumbers, setting: Setting) -> None:
+    def __init__(self, law: LawNumbers, setting: LawContext) -> None:
         """Set a law up for a problem.
 
         Args:
@@ -255,11 +255,11 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbe
     Args:
         pairs: some pairs, shape (k,).
         W: their compliance, shape (k, k).
-        gap: see `candidates`.
-        rate: see `candidates`.
-        free: see `candidates`.
-        resting: see `candidates`.
-        hit: see `candidates`.
+        gap: see `closing_pairs`.
+        rate: see `closing_pairs`.
+        free: see `closing_pairs`.
+        resting: see `closing_pairs`.
+        hit: see `closing_pairs`.
         values: results: U̇, U̇⁺, what is lacking and p of the hit pairs, shape (4, n_pairs).
         now: result: pairs that rest from now on.
         noise: see `solve_among`.
@@ -273,7 +273,7 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbe
     law = LawNumbers(*numbers)
     result = complementarity.SOLVED
     of_pairs = hit, before, after, lacking
-    n, changes = candidates(law, gap.size, gap, rate, free, resting, *of_pairs)
+    n, changes = closing_pairs(law, gap.size, gap, rate, free, resting, *of_pairs)
     if n and not needs_impulse(lacking, n, noise):
         n = 0
     if not n and not changes:
@@ -283,7 +283,7 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbe
     if n:
         change = np.empty(n)
         memory = complementarity.fresh(n)
-        n, result = decide(
+        n, result = solve_impulses(
             law, (W.ravel(), 0, n), np.arange(n), n, *of_pairs, impulse, change, noise, memory
         )
     now[:] = resting

@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import roots_legendre
 
-from delam_fem.contact.complementarity import SOLVED, Again, nothing_known, solve_among
+from delam_fem.contact.complementarity import SOLVED, WarmStart, nothing_known, solve_among
 from delam_fem.model.massless import Reduced, reduce
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
@@ -121,7 +121,7 @@ class MasslessMemory(NamedTuple):
     effort: IntArray
     lowest: FloatArray
     pairs: IntArray
-    again: Again
+    again: WarmStart
 
 
 class PeriodDrive(NamedTuple):

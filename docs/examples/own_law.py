@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 import delam_fem as df
-from delam_fem.api import Kinematics, Setting
+from delam_fem.api import Kinematics, LawContext
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class FadingRestitution:
         """Return e at speeds of approach [m/s]."""
         return self.e0 / (1.0 + speed / self.v0)
 
-    def supervisor(self, scheme: df.Scheme, setting: Setting) -> "Impacts":
+    def supervisor(self, scheme: df.Scheme, setting: LawContext) -> "Impacts":
         """Set the law up for a problem."""
         if scheme.has_impulses_within:
             raise ValueError(f'{self.name} goes with "newmark", given "{scheme.name}"')
@@ -42,7 +42,7 @@ class Impacts:
     """The law, set up for one problem. Each pair is treated alone."""
 
     law: FadingRestitution
-    setting: Setting
+    setting: LawContext
 
     def examine(self, seen: Kinematics) -> df.Decision | None:
         """Return what jumps at the end of a step."""

@@ -13,7 +13,7 @@ from scipy.optimize import fsolve
 from scipy.sparse import csr_matrix
 
 import delam_fem as df
-from delam_fem.api import Kinematics, Setting
+from delam_fem.api import Kinematics, LawContext
 
 f, A, gap, e0, v0 = 1.0, 0.01, 0.014, 0.6, 0.5  # Hz, m, m, -, m/s
 
@@ -25,9 +25,9 @@ class Fading:
     name: str = "fading restitution"
     spring: tuple[float, float] = (0.0, 0.0)  # pairs never rest on a spring
     is_coupled: bool = True  # impulses act through the mass matrix
-    setting: Setting | None = None
+    setting: LawContext | None = None
 
-    def supervisor(self, scheme: df.Scheme, setting: Setting) -> "Fading":
+    def supervisor(self, scheme: df.Scheme, setting: LawContext) -> "Fading":
         """Set the law up for a problem."""
         return Fading(setting=setting)
 

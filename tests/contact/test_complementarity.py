@@ -11,7 +11,7 @@ from support import compiled
 
 from delam_fem.api import FloatArray
 from delam_fem.contact import complementarity
-from delam_fem.contact.complementarity import SOLVED, Again, nothing_known, solve
+from delam_fem.contact.complementarity import SOLVED, WarmStart, nothing_known, solve
 
 ROUND_OFF = 1e-9
 """Of solutions with condition numbers up to about 1e6, relative to the velocities."""
@@ -216,7 +216,7 @@ solve_among = compiled(complementarity.solve_among)
 
 
 def again(
-    W: FloatArray, q: FloatArray, pairs: list[int], memory: Again, origin: int = 0
+    W: FloatArray, q: FloatArray, pairs: list[int], memory: WarmStart, origin: int = 0
 ) -> FloatArray:
     """Return the impulses of some pairs, from the memory of the last call."""
     p, change = np.zeros((2, len(pairs)))

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.api import SCHEMES, EngineName, Kinematics, Scheme, Setting, solve
+from delam_fem.api import SCHEMES, EngineName, Kinematics, LawContext, Scheme, solve
 from delam_fem.contact.decisions import Decision
 from delam_fem.engines import session as session_module
 from delam_fem.engines.session import ENGINES
@@ -99,7 +99,7 @@ class Sticky:
     spring: tuple[float, float] = (0.0, 0.0)
     is_coupled: bool = True
 
-    def supervisor(self, scheme: Scheme, setting: Setting) -> Sticky:
+    def supervisor(self, scheme: Scheme, setting: LawContext) -> Sticky:
         assert setting.n_pairs == 1
         return self
 

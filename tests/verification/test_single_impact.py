@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from problems import Law, simulate
 
-from delam_fem.api import SCHEMES, FloatArray, Impulse, Operators, Setting, preset, run
+from delam_fem.api import SCHEMES, FloatArray, Impulse, LawContext, Operators, preset, run
 from delam_fem.contact import laws
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.model.beams import closed_form
@@ -49,7 +49,7 @@ def test_energy_of_a_single_impact(impulse: Impulse, e: float, pair: int) -> Non
     v = rng.normal(size=o.n_dofs)
     v -= o.gap_matrix[pair].toarray().ravel() * (abs(o.gap_matrix[pair] @ v) + 0.5)  # approaching
     stepper = Newmark(o, SHORT, coupled_impulses=impulse == "consistent")
-    setting = Setting(o.n_pairs, stepper.compliance)
+    setting = LawContext(o.n_pairs, stepper.compliance)
     law = laws.Law("newton", e, impulse).supervisor(SCHEMES["newmark"], setting)
     stepper.begin(np.zeros((2, 3)))
     stepper.restore(np.array([0.0 * v, v, 0.0 * v]))
@@ -80,7 +80,7 @@ def test_lumped_impulse_on_a_consistent_mass_does_not_lose_that() -> None:
         v = np.random.default_rng(seed).normal(scale=5.0, size=o.n_dofs)
         v[[4, 14]] = 1.0, -1.0  # u of node 3 of both laminae
         stepper = Newmark(o, SHORT)
-        setting = Setting(o.n_pairs, stepper.compliance)
+        setting = LawContext(o.n_pairs, stepper.compliance)
         law = laws.Law("newton", 0.1, "lumped").supervisor(SCHEMES["newmark"], setting)
         stepper.begin(np.zeros((2, 3)))
         stepper.restore(np.array([0.0 * v, v, 0.0 * v]))

@@ -17,11 +17,11 @@ from delam_fem.contact.rules import (
     CLOSED,
     OF_PLACE,
     OF_SPEED,
-    candidates,
+    closing_pairs,
     damping_of,
-    decide,
     needs_impulse,
     renew_resting,
+    solve_impulses,
 )
 from delam_fem.engines.compiled import inner_points, simd_chains as lk
 from delam_fem.engines.compiled.algebra import (
@@ -426,7 +426,7 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     resting = memory.resting
     before, after, lacking = memory.rate_pre, memory.rate_post, memory.residual
     free = memory.free if law.kind == MOREAU else memory.rate
-    n, changes = candidates(
+    n, changes = closing_pairs(
         law, n_pairs, gap, memory.rate, free, resting, hit, before, after, lacking
     )
     noise = _round_off(system, memory, n) if system.is_touching else 0.0
@@ -441,7 +441,7 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
         if not lasts:  # impacts are few: no pair keeps its side from one to the next
             complementarity.forget(memory.again, hit, n)
         W = memory.compliance, system.coarseness * n_pairs * n_pairs, n_pairs
-        n, result = decide(
+        n, result = solve_impulses(
             law,
             W,
             hit,

@@ -24,7 +24,7 @@ from delam_fem.engines.compiled.state import (
     DISSIPATED,
     N_EVENTS,
     N_HITS,
-    Log,
+    PeriodBuffers,
     View,
     packed,
 )
@@ -43,7 +43,7 @@ from delam_fem.simulation.recorder import (
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 OF_BLOCK = ("u", "v", "is_divided", "frames", "contact", "resting", "damped", "levels", "ends")
-"""Members of a block that compiled code writes; see `state.Log`."""
+"""Members of a block that compiled code writes; see `state.PeriodBuffers`."""
 _IMPACT = LEDGER.index("impact_loss")
 _RELEASED = LEDGER.index("spring_released")
 
@@ -131,13 +131,13 @@ class BlockArrays:
 EVENTS, HITS = 4096, 16384
 """Room in the buffers for events and for hits, besides that of one step; full ones are enlarged."""
 
-_PLACES = {name: place for name, (place, _) in View(Log).members.items()}
+_PLACES = {name: place for name, (place, _) in View(PeriodBuffers).members.items()}
 _OF_BLOCK = [_PLACES[name] for name in ("n_slots", "base_states", *OF_BLOCK)]
 _OF_EVENTS = (
     *("event_tick", "event_size", "event_energy"),
     *("hit", "impulse", "rate_pre", "rate_post"),
 )
-"""Members of `Log` in the order of `Columns`."""
+"""Members of `PeriodBuffers` in the order of `Columns`."""
 
 
 def compiled_engine(
@@ -304,16 +304,16 @@ class Compiled(Engine):
         if recorder is not self._recorder or block is None or not block.has_room(n_periods):
             block = BlockArrays(self, recorder, n_periods)
         if recorder is not self._recorder:
-            self._recorder, self._table = recorder, packed(self._log(recorder, block))
+            self._recorder, self._table = recorder, packed(self._buffers(recorder, block))
             self._address = int(self._table.ctypes.data)
         return block
 
-    def _log(self, recorder: Recorder, block: BlockArrays) -> Log:
+    def _buffers(self, recorder: Recorder, block: BlockArrays) -> PeriodBuffers:
         """Return what compiled code needs to write a block of a recorder."""
         r = self._refinement
         arrays: dict[str, Any] = {name: getattr(block, name) for name in OF_BLOCK}
         arrays |= zip(_OF_EVENTS, self._events, strict=True)
-        return Log(
+        return PeriodBuffers(
             n_steps=recorder.steps_per_period,
             refine=r.factor,
             middle=r.middle,

@@ -23,7 +23,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
 from numba.np.numpy_support import from_dtype
 
-from delam_fem.contact.complementarity import Again, nothing_known
+from delam_fem.contact.complementarity import WarmStart, nothing_known
 from delam_fem.engines.compiled.simd_chains import N_FIELDS, aligned_zeros
 from delam_fem.numerics.types import FloatArray, IntArray
 
@@ -200,10 +200,10 @@ class Memory(NamedTuple):
     image: FloatArray
     softness: FloatArray
     free: FloatArray
-    again: Again
+    again: WarmStart
 
 
-class Log(NamedTuple):
+class PeriodBuffers(NamedTuple):
     """The buffers into which a block of periods is written.
 
     A block has as many slots as the window may need periods; period j of the block is in slot

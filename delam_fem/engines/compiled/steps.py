@@ -29,7 +29,7 @@ from delam_fem.engines.compiled.state import (
     OLD_HITS,
     RELEASED,
     SLOT,
-    Log,
+    PeriodBuffers,
     view_at,
 )
 from delam_fem.simulation.recorder import N_BASE, add_flows, write_period
@@ -524,6 +524,26 @@ def _store_level(p, log, j):  # type: ignore[no-untyped-def]
     levels[first + 5] = memory.totals[CONTACT_DAMPED]
 
 
+# The memory of a block of six periods (j = 0 … 5) with three slots, while period 4 is computed:
+#
+#     slot (SLOT)         0             1 (now)       2
+#     period              3             4             2
+#     log.u, log.v        rows 0 … N    rows 0 … N    rows 0 … N     one row a step, probes behind
+#                              └─copied→ row 0                       the three products of the base
+#     log.frames          k = 0 … F-1 of each slot: u, then v        N_FRAMES are filled
+#
+#     log.event_tick …    │ periods 0 to 3 │ period 4 │ free │       one entry an instant of impact
+#                         0          OLD_EVENTS    N_EVENTS   n_events
+#     log.hit …           │ periods 0 to 3 │ period 4 │ free │       one entry a pair that is hit
+#                         0           OLD_HITS      N_HITS    n_hits
+#
+#     log.levels          row j: energies at the start of period j; row j + 1: at its end
+#     log.strobe, ledger, …   row `first_period` + j of the whole run
+#
+# An event of size s has the last s hits before those of the next event. A block that stops because
+# the event buffers are full (FULL) goes on in larger ones from the step that it has reached.
+
+
 @njit
 def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
     """Set what is counted within a period to zero, and record its start."""
@@ -673,7 +693,7 @@ def _block_of(make_step: Any) -> Any:
 # -- called from Python -----------------------------------------------------------------------
 
 _problem = view_at(Problem)
-_log = view_at(Log)
+_buffers = view_at(PeriodBuffers)
 _plain_block = _block_of(_step_of_one_size)
 _divided_block = _block_of(_step_of_three_sizes)
 
@@ -684,7 +704,7 @@ def run_plain(problem_at, log_at, first_period, begin, n_periods):  # type: igno
 
     Args:
         problem_at: address of the table of a `Problem`.
-        log_at: address of the table of a `Log`.
+        log_at: address of the table of a `PeriodBuffers`.
         first_period: number of the first period of the block.
         begin: place in the block to go on from: number of periods and of steps that are done.
         n_periods: number of periods of the block.
@@ -694,13 +714,13 @@ def run_plain(problem_at, log_at, first_period, begin, n_periods):  # type: igno
         DIVERGED (in the last of these periods), FULL (enlarge the event buffers and call again), or
         a failure (`contact.examine`), likewise in the last of these periods.
     """
-    return _plain_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
+    return _plain_block(_problem(problem_at), _buffers(log_at), first_period, begin, n_periods)
 
 
 @kept(nogil=True, what="steps divided near contact, for all laws and schemes, about 15 s")
 def run_divided(problem_at, log_at, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
     """Compute a block of periods with steps divided near contact; see `run_plain`."""
-    return _divided_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
+    return _divided_block(_problem(problem_at), _buffers(log_at), first_period, begin, n_periods)
 
 
 def prepared(is_divided: bool) -> Callable[..., tuple[int, int, int]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.contact.decisions import NO_PAIRS, Setting
+from delam_fem.contact.decisions import NO_PAIRS, LawContext
 from delam_fem.contact.laws import LAWS, ContactLaw, Law, Scheme
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
@@ -43,7 +43,7 @@ def petsc_engine(
     """
     sizes = [time_step / n for n in refinement.divisions]
     stepper = _stepper(operators, law, scheme, sizes, comm)
-    setting = Setting(operators.n_pairs, stepper.compliance, operators.pair_numbers)
+    setting = LawContext(operators.n_pairs, stepper.compliance, operators.pair_numbers)
     supervisor = law.supervisor(scheme, setting)
     if refinement.factor == 1:
         return StepByStep(stepper, supervisor)

@@ -40,7 +40,7 @@ from delam_fem.engines.compiled import (
 )
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
 from delam_fem.engines.compiled.matrices import Problem, StepNumbers, build
-from delam_fem.engines.compiled.state import Log, packed, view_at
+from delam_fem.engines.compiled.state import PeriodBuffers, packed, view_at
 from delam_fem.model.beams import closed_form
 from delam_fem.simulation.loop import simulate
 
@@ -83,7 +83,7 @@ class Two(NamedTuple):
 
 two_at = view_at(Two)
 rows_at, band_at = view_at(algebra.Rows), view_at(algebra.Band)
-problem_at, log_at = view_at(Problem), view_at(Log)
+problem_at, log_at = view_at(Problem), view_at(PeriodBuffers)
 
 
 @numba.njit
