@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from delam_fem.contact.laws import LAWS, SCHEMES, Law, Scheme
     from delam_fem.model.operators import BaseCoupling, DistributedOperators, Gap, Operators
     from delam_fem.model.reduction import reduced_case
-    from delam_fem.pipeline import run
+    from delam_fem.pipeline import rest, run
     from delam_fem.reference.compare import compare
     from delam_fem.results.export import operators
     from delam_fem.results.fields.animation import animate
@@ -110,6 +110,7 @@ _HOMES = {
     "read_measured": "studies.signals.reading",
     "read_record": "results.record",
     "reduced_case": "model.reduction",
+    "rest": "pipeline",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",
@@ -162,6 +163,7 @@ __all__ = [
     "read_record",
     "reduced_case",
     "resonance",
+    "rest",
     "run",
     "run_sweep",
     "save_case",

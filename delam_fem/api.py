@@ -156,6 +156,7 @@ if TYPE_CHECKING:
         openings as openings,
         response as response,
     )
+    from delam_fem.model.loads import opening_amplitude as opening_amplitude
     from delam_fem.model.massless import Reduced as Reduced, reduce as reduce
     from delam_fem.model.mesh import node_coordinates as node_coordinates
     from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
@@ -302,6 +303,7 @@ _HOMES = {
         "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
         "lowest openings response"
     ),
+    "model.loads": "opening_amplitude",
     "model.mesh": "node_coordinates",
     "model.beams.closed_form": "beam",
     "model.beams.network": "network",

@@ -44,7 +44,15 @@ from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.model.stops_sensors import overlap_at_start
-from delam_fem.results import channels, contacts, dataset, diagnostics, quality, record
+from delam_fem.results import (
+    channels,
+    contacts,
+    dataset,
+    diagnostics,
+    quality,
+    record,
+    rest as rest_state,
+)
 from delam_fem.results.fields import solids
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, ProblemView, Result
 from delam_fem.results.overlap import overlap_warnings
@@ -185,6 +193,19 @@ def run(what: Any, engine: EngineName = "petsc", **options: Any) -> Result:
     return (
         _run_operators(what, engine, **options) if is_bare else _run_case(what, engine, **options)
     )
+
+
+def rest(case: CaseSource) -> xr.Dataset:
+    """Return the state of rest of a case under its weight and constant loads, as a dataset.
+
+    Args:
+        case: a case, the name of a preset or a case file.
+
+    Raises:
+        CaseError: nothing acts all the time, or there is no state of rest; see `discretise`.
+    """
+    found_case = find_case(case)
+    return rest_state.dataset_of(discretise.assemble(found_case), found_case)
 
 
 def _run_case(
@@ -507,6 +528,8 @@ def _result(
     names = structure.layout.names
     summary |= quality.settling_summary(recorder, len(names), case, decay)
     summary["judged_by"] = channels.judged(names) if case.is_periodic else None
+    if case.is_loaded:
+        summary["rest"] = rest_state.summary_of(structure, case)
     summary["contacts"] = contacts.of_run(recorder, structure, case, history)
     summary["channels"] = record.measures(record.of_run(history, case))
     summary |= {

@@ -37,10 +37,12 @@ from delam_fem.case.sections import (
     Contact,
     Damping,
     Delamination,
+    Gravity,
     Impactor,
     Initial,
     InitialGap,
     Lamina,
+    Load,
     Mesh,
     Model,
     Output,
@@ -131,6 +133,8 @@ class Case(Section):
         stop: stops that laminae may strike.
         impactor: masses that strike laminae.
         initial: displacements and velocities at t = 0; at rest without any.
+        gravity: weight; none if the table is not given.
+        load: constant loads.
         sensor: sensors, whose signals are in the results.
         support: how the laminae are held at their ends.
         delamination: where neighbours are apart; elsewhere they are bonded. Without any, laminae
@@ -164,6 +168,8 @@ class Case(Section):
     stop: tuple[Stop, ...] = ()
     impactor: tuple[Impactor, ...] = ()
     initial: tuple[Initial, ...] = ()
+    gravity: Gravity | None = None
+    load: tuple[Load, ...] = ()
     sensor: tuple[Sensor, ...] = ()
 
     def __init__(self, /, **sections: object) -> None:
@@ -235,6 +241,7 @@ class Case(Section):
         self._check_sensors()
         self._check_elastic()
         self._check_stops()
+        self._check_loads()
         if self.time.periods == "settled" and not self.is_periodic:
             raise inconsistent(
                 "time.periods",
@@ -267,7 +274,7 @@ class Case(Section):
         """Check that what acts on laminae names one of them and a place on it."""
         for key, drive_table in self._drives():
             self._check_place(key, drive_table)
-        for section in ("point_mass", "sensor", "stop", "impactor", "initial"):
+        for section in ("point_mass", "sensor", "stop", "impactor", "initial", "load"):
             tolerance = 0.0 if section in ("point_mass", "sensor") else EDGE_TOLERANCE
             for number, entry in enumerate(getattr(self, section), start=1):
                 key = f"{section}.{getattr(entry, 'name', number)}"
@@ -414,6 +421,31 @@ class Case(Section):
                     f"{first}, {low:g} to {high:g} m {before.side}, given {start:g} to {end:g} m "
                     f"{stop.side}; only elastic stops may be at one place",
                 )
+
+    def _check_loads(self) -> None:
+        """Check that constant loads act on something, and that nothing is loaded that cannot be."""
+        for number, load in enumerate(self.load, start=1):
+            if load.between is not None:
+                require_neighbours(f"load.{number}.between", load.between, self.lamina)
+            if load.force is not None and load.position is None and not self.is_of_points:
+                raise inconsistent(f"load.{number}.position", "missing, but required beside force")
+            for key in ("axial", "per_length") if self.is_of_points else ("axial",):
+                if self.is_axial and getattr(load, key) is not None:
+                    raise inconsistent(
+                        f"load.{number}.{key}",
+                        "expected a force on bars and points, on which tension has no effect",
+                    )
+        if self.has_axial_forces and not all(lamina.is_uniform for lamina in self.lamina):
+            raise inconsistent(
+                "gravity.inclination" if self.gravity and self.gravity.along else "load",
+                "expected uniform laminae, along which weight or tension acts, given a profile",
+            )
+        if self.is_loaded and (self.model.file is not None or self.model.is_continuum):
+            raise inconsistent(
+                "gravity" if self.gravity else "load",
+                f'expected none with solids and modes from a file, given "{self.model.kind}": they '
+                "know no weight and no loads",
+            )
 
     def _check_sensors(self) -> None:
         """Check that sensors have different names, something to read, and possible rates."""
@@ -658,6 +690,29 @@ class Case(Section):
         return any(entry.elastic_by for _, entry in self.contacts)
 
     @property
+    def is_loaded(self) -> bool:
+        """Whether weight or constant loads act."""
+        return self.gravity is not None or bool(self.load)
+
+    @property
+    def has_axial_forces(self) -> bool:
+        """Whether weight or loads pull or press beams along their axes."""
+        if self.is_axial:
+            return False
+        is_upright = self.gravity is not None and self.gravity.along != 0.0
+        return is_upright or any(load.axial for load in self.load)
+
+    @property
+    def begins_at_rest(self) -> bool:
+        """Whether runs begin in the state of rest under weight and loads."""
+        return self.is_loaded and self.time.begin != "unloaded"
+
+    @property
+    def without_loads(self) -> Self:
+        """The case without weight and without constant loads."""
+        return self.model_copy(update={"gravity": None, "load": ()})
+
+    @property
     def title(self) -> str:
         """What the case is, in a few words."""
         law = self.contact.law
@@ -674,7 +729,7 @@ class Case(Section):
         Its sensors, stops, impactors and initial states are left out.
         """
         mesh = self.mesh if self.mesh.file is None else Mesh(elements=BEAM_CELLS)
-        return self.without_strikes.model_copy(
+        return self.without_strikes.without_loads.model_copy(
             update={"mesh": mesh, "model": Model(), "sensor": (), "point_mass": self.masses}
         )
 
@@ -853,7 +908,8 @@ class Case(Section):
             i: index of the lamina from 0.
         """
         name = self.lamina[i].name
-        if any(mass.lamina == name for mass in self.masses) or not self.lamina[i].is_uniform:
+        has_masses = any(mass.lamina == name for mass in self.masses)
+        if has_masses or self.has_axial_forces or not self.lamina[i].is_uniform:
             return False
         if not self.is_axial:
             return self.support.is_cantilever

@@ -763,6 +763,8 @@ class TimeStepping(Section):
         duration: length of the run [s]; instead of periods where the excitation does not repeat,
             and needed for a blow. A sweep runs for its own duration, a table for its length.
         most_periods: number of periods after which a run ends that has not settled.
+        begin: "equilibrium" (the state of rest under weight and loads; so if there are any and
+            nothing is given) or "unloaded".
     """
 
     scheme: SchemeName = "newmark"
@@ -777,6 +779,7 @@ class TimeStepping(Section):
     periods: CountOrSettled = 300
     duration: Annotated[Positive, Unit("s")] | None = None
     most_periods: Count = 3000
+    begin: Literal["equilibrium", "unloaded"] | None = None
 
     @property
     def integration(self) -> Scheme:
@@ -1128,6 +1131,106 @@ SENSOR_UNITS: Mapping[str, str] = {
     "contact force": "N",
 }
 """Unit of each quantity of a sensor."""
+
+
+class Gravity(Section):
+    """Weight, which acts all the time on every body; without this table there is none.
+
+    Attributes:
+        acceleration: acceleration of free fall [m/s2].
+        inclination: angle of the axis from x = 0 above the horizontal [deg]; 90: upright on x = 0,
+            -90: hanging from it.
+        roll: angle about the axis [deg]; 0: the last lamina on top, 180: turned over, 90: on edge.
+        gaps: "unloaded", or "in place": gaps as measured under this weight and all loads.
+    """
+
+    acceleration: Annotated[Positive, Unit("m/s2")] = 9.80665
+    inclination: Annotated[Finite, Unit("deg")] = 0.0
+    roll: Annotated[Finite, Unit("deg")] = 0.0
+    gaps: Literal["unloaded", "in place"] = "unloaded"
+
+    @property
+    def along(self) -> float:
+        """Acceleration along the axis, towards x = length [m/s2]."""
+        return -self.acceleration * _turned(self.inclination)[1]
+
+    @property
+    def across(self) -> float:
+        """Acceleration along positive deflections [m/s2]."""
+        return -self.acceleration * _turned(self.inclination)[0] * _turned(self.roll)[0]
+
+    @property
+    def sideways(self) -> float:
+        """Acceleration across the width [m/s2]."""
+        return self.acceleration * _turned(self.inclination)[0] * _turned(self.roll)[1]
+
+
+def _turned(degrees: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle, exact at right angles."""
+    quarters, remainder = divmod(degrees, 90.0)
+    angle = math.radians(remainder)
+    c = math.cos(angle)
+    s = math.sin(angle)
+    return ((c, s), (-s, c), (-c, -s), (s, -c))[int(quarters) % 4]
+
+
+class Load(Section):
+    """A constant load; several add up.
+
+    Attributes:
+        lamina: name of the lamina; an axial force without it is that of the structure.
+        between: names of two neighbours, instead of a lamina: the load acts on both, equal and
+            opposite; positive presses them together.
+        position: x of a force [m].
+        force: force [N]; positive upwards, of a bar along its axis.
+        start: where a force per length begins [m]; 0, or the start of the only delamination between
+            the two, if it is not given.
+        end: where it ends [m]; the length, or the end of that delamination, if it is not given.
+        per_length: force per length [N/m].
+        axial: tension along the whole length [N]; that of the structure is shared by E b h.
+    """
+
+    lamina: Label | None = None
+    between: Neighbours | None = None
+    position: Annotated[NotNegative, Unit("m")] | None = None
+    force: Annotated[Finite, Unit("N")] | None = None
+    start: Annotated[NotNegative, Unit("m")] | None = None
+    end: Annotated[Positive, Unit("m")] | None = None
+    per_length: Annotated[Finite, Unit("N/m")] | None = None
+    axial: Annotated[Finite, Unit("N")] | None = None
+
+    @model_validator(mode="after")
+    def _one_load(self) -> Self:
+        """Check that there is one load, with what belongs to it."""
+        kinds = [k for k in ("force", "per_length", "axial") if getattr(self, k) is not None]
+        if len(kinds) != 1:
+            raise inconsistent(
+                "force",
+                f"expected one of force, per_length, axial, given {' and '.join(kinds) or 'none'}",
+            )
+        kind = kinds[0]
+        if kind == "axial" and self.between is not None:
+            raise inconsistent("between", "expected none beside axial: name a lamina, or none")
+        if kind != "axial" and (self.lamina is None) == (self.between is None):
+            count = "none" if self.lamina is None else "both"
+            raise inconsistent("lamina", f"expected one of lamina, between, given {count}")
+        if self.position is not None and kind != "force":
+            raise inconsistent("position", f"expected only with force, given with {kind}")
+        for key in ("start", "end"):
+            if getattr(self, key) is not None and kind != "per_length":
+                raise inconsistent(key, f"expected only with per_length, given with {kind}")
+        if self.start is not None and self.end is not None and not self.start < self.end:
+            raise inconsistent("end", f"expected a place beyond start, given {self.end!r}")
+        return self
+
+    def reach(
+        self, length: float, delaminations: tuple[Delamination, ...] = ()
+    ) -> tuple[float, float]:
+        """Return where a force per length begins and ends [m]."""
+        fitting = [d for d in delaminations if d.between == self.between]
+        ends = (fitting[0].start, fitting[0].end) if len(fitting) == 1 else (0.0, length)
+        start = ends[0] if self.start is None else self.start
+        return start, ends[1] if self.end is None else self.end
 
 
 class PointMass(Section):

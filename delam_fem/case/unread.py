@@ -137,6 +137,8 @@ def _of_time(case: Case) -> Iterator[str]:
         yield "periods"
     if case.time.periods != "settled":
         yield "most_periods"
+    if not case.is_loaded:
+        yield "begin"
     is_linear = case.contact.law == "none" or not has_pairs(case)
     if is_linear:
         yield "refine"

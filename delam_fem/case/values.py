@@ -219,6 +219,7 @@ _WORDS = {
     "kg/m": 'a mass per length such as "0.2 kg/m"',
     "kg/m3": 'a density such as "2.7 g/cm3"',
     "N m": 'a rotational stiffness such as "150 N m"',
+    "deg": 'an angle such as "30 deg"',
     "N m2": 'a bending stiffness such as "1.5 N m2"',
     "N/m": 'a stiffness such as "0.1 N/mm"',
     "N s/m": 'a damping such as "2 N s/m"',

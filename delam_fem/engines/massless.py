@@ -621,7 +621,7 @@ class Periods:
         q, v, s = self.split(at)
         strain = 0.5 * float(self.reduced.squares @ q**2)
         strain += 0.5 * float(np.einsum("ci,cij,cj->", s, self.reduced.compliance, s))
-        return 0.5 * float(v @ v), strain
+        return 0.5 * float(v @ v), strain + self.reduced.sag_energy
 
     def split(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return q, q' and s of a state, shapes (m,), (m,), (c, n)."""
@@ -664,6 +664,7 @@ class ModalStepper:
         rows = operators.observed
         self._of_modes = rows @ reduced.shapes
         self._of_drive = rows @ reduced.drive + operators.probe_shift
+        self._at_rest = rows @ reduced.sag
         self._of_forces = np.stack([rows @ X for X in reduced.residual])
         self.observe()
 
@@ -680,7 +681,7 @@ class ModalStepper:
         """
         late = np.einsum("scn,cpn->sp", s, self._of_forces, optimize=True)
         moved, moving = (np.outer(base_states[:, i], self._of_drive) for i in range(2))
-        return q @ self._of_modes.T + late + moved, v @ self._of_modes.T + moving
+        return q @ self._of_modes.T + late + moved + self._at_rest, v @ self._of_modes.T + moving
 
     def observe(self) -> None:
         """Compute `seen_u` and `seen_v` from the present state."""
@@ -714,7 +715,8 @@ class ModalStepper:
     def restore(self, motion: FloatArray, internal: FloatArray | None) -> None:
         """Take over `internal` if it belongs to a motion (u, v, a), otherwise the motion's modes.
 
-        A motion alone does not tell the late contact forces; they are then 0.
+        A motion alone does not tell the late contact forces; they are then 0, but in the state of
+        rest those that it has.
         """
         reduced = self.periods.reduced
         M = self.operators.mass
@@ -726,8 +728,16 @@ class ModalStepper:
         m = reduced.n_modes
         moved = np.zeros(2) if self.operators.base.is_force else self.base_state[:2]
         self.at = np.zeros(reduced.n_state)
-        for place, of_dofs, of_base in zip((0, m), motion, moved, strict=False):
+        counted = motion[0] - reduced.sag, motion[1]
+        for place, of_dofs, of_base in zip((0, m), counted, moved, strict=True):
             self.at[place : place + m] = M @ of_dofs @ reduced.shapes - of_base * pull
+        equilibrium = self.operators.equilibrium
+        if (
+            equilibrium is not None
+            and reduced.n_pairs
+            and np.array_equal(motion[0], equilibrium.displacement)
+        ):
+            self.at[2 * m :] = np.tile(equilibrium.force, reduced.n_parts)
 
 
 class ModalEngine(Engine):

@@ -36,7 +36,7 @@ from delam_fem.contact.laws import (
 )
 from delam_fem.model.linear import require_stable
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.checkpoint import Watch, stop_signals
 from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_initial, simulate
@@ -467,7 +467,10 @@ def session(
         modes=modes,
     )  # fmt: skip
     if initial is None:
-        initial = start_of(operators, motion(0)[0])
+        has_springs: BoolArray | bool = law.spring[0] > 0.0
+        if operators.pair_numbers is not None:
+            has_springs = operators.pair_numbers.is_elastic | has_springs
+        initial = start_of(operators, motion(0)[0], has_springs=has_springs)
     try:
         set_initial(computing, initial, motion(0)[0])
         recorder = Recorder(
@@ -485,8 +488,20 @@ def session(
     computing.destroy()
 
 
-def start_of(operators: Operators | DistributedOperators, base_state: FloatArray) -> State | None:
-    """Return the state with which a run begins that gets no other; None: all dofs at rest."""
+def start_of(
+    operators: Operators | DistributedOperators,
+    base_state: FloatArray,
+    *,
+    has_springs: BoolArray | bool = False,
+) -> State | None:
+    """Return the state with which a run begins that gets no other; None: all dofs at rest.
+
+    Args:
+        operators: the semi-discrete problem.
+        base_state: (q, q', q'') of the base at the start, shape (3,).
+        has_springs: whether pairs that are pressed together at rest carry springs, all of them or
+            each, shape (n_pairs,).
+    """
     start = getattr(operators, "start", None)
     shift = operators.base.shift
     if start is None and shift is None:
@@ -496,7 +511,12 @@ def start_of(operators: Operators | DistributedOperators, base_state: FloatArray
         motion[:2] = start
     if shift is not None:
         motion[:2] -= np.outer(base_state[:2], shift)
-    return State(motion, np.zeros(operators.n_pairs, dtype=np.bool_))
+    resting = np.zeros(operators.n_pairs, dtype=np.bool_)
+    equilibrium = operators.equilibrium
+    if equilibrium is not None:
+        gap = operators.gap_matrix @ motion[0] + operators.gap0
+        resting = has_springs & (equilibrium.force > 0.0) & (gap <= 0.0)
+    return State(motion, resting)
 
 
 @contextmanager

@@ -20,6 +20,9 @@ neglects α, the inertia of omitted modes, and what f does to them, each of orde
 W is positive definite as long as enough modes are left out. Contact forces are then bounded, and
 rigid contact, 0 <= λ ⊥ gap >= 0, needs no coefficient of restitution.
 
+Under constant loads f all of this counts from the static shape K⁻¹ f, which the gaps at rest and
+the displacements then contain.
+
 Source: D. Monjaraz-Tec, J. Gross, M. Krack, "A massless boundary component mode synthesis method
 for elastodynamic contact problems", Comput. Struct. 260 (2022); MacNeal, Comput. Struct. 1 (1971).
 """
@@ -32,7 +35,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.model.factors import regular
+from delam_fem.model.factors import factored, regular
 from delam_fem.model.linear import lowest, normalised
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -67,6 +70,8 @@ class Reduced:
         shapes: Φ, shape (n_dofs, m).
         residual: X of each part, shape (c, n_dofs, n) [m/N].
         drive: ι, shape (n_dofs,).
+        sag: K⁻¹ f under the constant loads f of the operators, from which q and s count, (n_dofs,).
+        sag_energy: potential of the loads and strain energy there, -f·sag / 2 [J].
     """
 
     squares: FloatArray
@@ -83,6 +88,8 @@ class Reduced:
     shapes: FloatArray
     residual: FloatArray
     drive: FloatArray
+    sag: FloatArray
+    sag_energy: float
 
     @property
     def n_modes(self) -> int:
@@ -113,7 +120,7 @@ class Reduced:
             drive: q_b, shape (k,).
         """
         late = np.einsum("kcn,cdn->kd", s, self.residual, optimize=True)
-        return np.asarray(q @ self.shapes.T + late + drive[:, None] * self.drive)
+        return np.asarray(q @ self.shapes.T + late + drive[:, None] * self.drive + self.sag)
 
     def velocity(self, v: FloatArray, drive_rate: FloatArray) -> FloatArray:
         """Return the velocities of all dofs without that of u_r, shape (k, n_dofs).
@@ -164,13 +171,14 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         base_mass, base_damping = (
             float(iota @ (moved[j] + columns[j]) + o.base.corner[j]) for j in range(2)
         )
+    sag = np.zeros_like(k_b) if o.load is None else factored(o.stiffness).solve(o.load)
     return Reduced(
         squares=squares,
         damping=np.concatenate(damping),
         creep=np.array(creep),
         gap_modes=np.ascontiguousarray(G),
         compliance=W,
-        gap0=o.gap0,
+        gap0=o.gap0 + H @ sag if sag.any() else o.gap0,
         gap_drive=H @ iota,
         loads=loads,
         base_mass=base_mass,
@@ -179,6 +187,8 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         shapes=shapes,
         residual=np.stack(at_gaps),
         drive=iota,
+        sag=sag,
+        sag_energy=0.0 if o.load is None else -0.5 * float(o.load @ sag),
     )
 
 

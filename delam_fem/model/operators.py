@@ -1,9 +1,10 @@
 """The semi-discrete equations of motion: given as arrays, matrices of PETSc, or forms.
 
-    M a + C v + K u = -(m_b q''_b + c_b q'_b + k_b q_b) + H^T lambda,   gap = H u + g0
+    M a + C v + K u = f -(m_b q''_b + c_b q'_b + k_b q_b) + H^T lambda,   gap = H u + g0
 
-u holds the free dofs in the fixed frame, q_b(t) is the motion that all clamped dofs share (paper
-eq. 10). This module does not know where the matrices come from (beam, continuum, point mass) or how
+f are constant loads, as weight; K contains the geometric stiffness of constant axial forces. u
+holds the free dofs in the fixed frame, q_b(t) is the motion that all clamped dofs share (paper eq.
+10). This module does not know where the matrices come from (beam, continuum, point mass) or how
 they are integrated in time.
 
 UFL forms and matrices of PETSc have held dofs, of which each has g times the motion q of the base:
@@ -98,6 +99,19 @@ class BaseCoupling:
         return cls(np.zeros(n), np.zeros(n), np.zeros(n))
 
 
+@dataclass(frozen=True)
+class Equilibrium:
+    """The state of rest under constant loads: K u = f + H^T lambda with contact, the base at q = 0.
+
+    Attributes:
+        displacement: u of the free dofs, from the unloaded shape, shape (n,) [m].
+        force: contact forces lambda, positive where they part the two sides, shape (n_pairs,) [N].
+    """
+
+    displacement: FloatArray
+    force: FloatArray
+
+
 _Matrix = TypeVar("_Matrix")
 
 
@@ -118,6 +132,8 @@ class Recorded(Generic[_Matrix]):
     rayleigh: tuple[FloatArray, FloatArray] | None = None
     names: tuple[str, ...] = ()
     pair_numbers: PairNumbers | None = None
+    load: FloatArray | None = None
+    equilibrium: Equilibrium | None = None
 
     def _complete(self, n: int, further: Mapping[str, tuple[int, ...]], text: str) -> None:
         """Replace missing probes and sensors by an empty matrix; check the shapes.
@@ -136,6 +152,7 @@ class Recorded(Generic[_Matrix]):
         shapes: dict[str, tuple[int, ...]] = {
             **further,
             "lumped_mass": (n,),
+            "load": (n,),
             "base.mass": (n,),
             "base.damping": (n,),
             "base.stiffness": (n,),
@@ -152,6 +169,12 @@ class Recorded(Generic[_Matrix]):
                 raise ValueError(text.format(name=name, given=array.shape, expected=expected))
         named = len(self.names), self.n_probes
         require(named[0] in (0, named[1]), "names", f"one for each of {named[1]} probes", named[0])
+
+    @property
+    def is_touching(self) -> bool:
+        """Whether pairs are closed at rest, so that contact lasts."""
+        is_pressed = self.equilibrium is not None and bool(self.equilibrium.force.any())
+        return is_pressed or bool((self.gap0 <= 0.0).any())
 
     @property
     def n_probes(self) -> int:
@@ -227,14 +250,19 @@ class Operators(Recorded[sp.csr_matrix]):
         rayleigh: α and β at each dof, constant on each body, if C = α M + β K holds to round-off,
             each of shape (n,) [1/s, s]; engines may then need fewer products. None: no word on C.
         names: of the probes; empty: they have numbers only.
+        load: f, constant loads on the dofs, shape (n,) [N, N m]; None: there are none.
+        equilibrium: the state of rest under these loads; None: the unloaded shape, or none.
         near_null: motions that strain the bodies least, as rigid ones, for iterative solvers, shape
             (n, k); None: none are known.
         start: displacements and velocities with which runs begin that get no other state, whatever
             `BaseCoupling.shift` is, shape (2, n) [m, m/s]; None: at rest.
+        buckling_factor: factor on all axial forces in K at which the structure buckles [-]; None:
+            there are none, or none that it buckles at.
     """
 
     near_null: FloatArray | None = None
     start: FloatArray | None = None
+    buckling_factor: float | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
@@ -278,6 +306,7 @@ class Operators(Recorded[sp.csr_matrix]):
             gap0=np.zeros(0),
             pair_weights=None,
             pair_numbers=None,
+            equilibrium=None,
         )
 
     @staticmethod
@@ -460,6 +489,8 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         sensors: own columns of the functionals of sensors, CSR (n_sensors, n_own).
         rayleigh: α and β at the own dofs, each of shape (n_own,); see `Operators`.
         names: of the probes; empty: they have numbers only.
+        load: constant loads on the own dofs, shape (n_own,); None: there are none.
+        equilibrium: see `Operators`; its displacements are those of all dofs.
         comm: the communicator.
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
@@ -542,6 +573,8 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         if o.rayleigh is None
         else (o.rayleigh[0][local_rows], o.rayleigh[1][local_rows]),
         names=o.names,
+        load=None if o.load is None else o.load[local_rows],
+        equilibrium=o.equilibrium,
         comm=comm,
         is_shared_order=True,
     )

@@ -112,6 +112,8 @@ def reduced_case(
     require_mass(case, "reduce", "the case computes its motion in modes already")
     require(modes >= 1, "modes", "at least 1", modes)
     require_coupled(case)
+    if case.is_loaded:
+        raise CaseError("gravity, load: reduce: expected none: modes know no weight and no loads")
     slowest = min(float(lamina.uniform.angular_frequencies(1)[0]) for lamina in case.lamina)
     begin = time.perf_counter()
     if full is None or case.stop or case.impactor or case.initial:

@@ -66,6 +66,7 @@ from delam_fem.model.layout import (
     selection,
 )
 from delam_fem.model.linear import mode_of, n_rigid
+from delam_fem.model.loads import loaded
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
@@ -81,7 +82,7 @@ N_HERTZ = 16
 
 
 def struck(structure: Structure, case: Case) -> Structure:
-    """Return a structure with the stops, the initial state and the impactors of its case.
+    """Return a structure with the stops, initial state, impactors and constant loads of its case.
 
     Args:
         structure: beams, their modes, or solids on one rank, with the drive of the case.
@@ -93,6 +94,7 @@ def struck(structure: Structure, case: Case) -> Structure:
     """
     complete = in_moving_frame(with_impactors(with_start(with_stops(structure, case), case), case))
     complete = with_pair_numbers(complete, case)
+    complete = loaded(complete, case)
     overlap = overlap_at_start(complete, case)
     if overlap is not None and case.contact.law != "penalty":
         raise CaseError(overlap)
@@ -120,6 +122,8 @@ def overlap_at_start(structure: Structure, case: Case) -> str | None:
     q = float(drive(case.excitation).states(np.zeros(1))[0, 0])
     place = start[0] if o.base.shift is None else start[0] - q * o.base.shift
     gap = o.gap_matrix @ place + o.gap0
+    if o.equilibrium is not None and case.begins_at_rest:  # springs that carry a weight are closed
+        gap -= np.minimum(o.gap_matrix @ o.equilibrium.displacement + o.gap0, 0.0)
     if o.pair_numbers is not None and case.contact.law != "penalty":
         gap[o.pair_numbers.is_elastic] = np.inf
     pair = int(gap.argmin())

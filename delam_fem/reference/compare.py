@@ -189,6 +189,7 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
     )
     require_mass(case, "compare", "its masses are at nodes; converge refines the case")
     require_plain(case, "compare")
+    require(not case.is_loaded, "gravity, load: compare", "none, as the reference has none", "some")
     require(
         case.excitation.acts_on == "base",
         "excitation: compare",

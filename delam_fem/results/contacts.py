@@ -178,7 +178,7 @@ def of_run(
             about = {}
         contact = _contact(interface.name, "interface", known, pairs, case, about, at_frames)
         entries.append(contact)
-    for kind, name, pairs in _stops(layout, case):
+    for kind, name, pairs in stops_of(layout, case):
         closed = known.is_closed(pairs)
         begins = group_begins(closed, GROUP_PERIODS * N).tolist()
         speeds = [speed for step in begins if (speed := known.approach_at(step, pairs)) is not None]
@@ -187,7 +187,7 @@ def of_run(
     return [asdict(contact) for contact in entries]
 
 
-def _stops(layout: Layout, case: Case) -> Iterator[tuple[Kind, str, IntArray]]:
+def stops_of(layout: Layout, case: Case) -> Iterator[tuple[Kind, str, IntArray]]:
     """Yield kind, name and pairs of each stop and impactor."""
     for number in dict.fromkeys(stop.number for stop in layout.stops):
         sides = [stop.pairs for stop in layout.stops if stop.number == number]
@@ -221,7 +221,7 @@ def histories(
         interface.name: np.arange(interface.pairs.start, interface.pairs.stop)
         for interface in layout.interfaces
     }
-    pairs |= {name: rows for _, name, rows in _stops(layout, case)}
+    pairs |= {name: rows for _, name, rows in stops_of(layout, case)}
     result = {}
     for name, rows in pairs.items():
         is_recorded = known.knows(rows)

@@ -211,7 +211,12 @@ _ALL = (
     ),
     Variable("impact_count", ("period",), "1", "impulses on pairs in the period"),
     Variable("energy_kinetic", ("period",), "J", "kinetic energy at the end of the period"),
-    Variable("energy_strain", ("period",), "J", "strain energy at the end of the period"),
+    Variable(
+        "energy_strain",
+        ("period",),
+        "J",
+        "strain energy at the end of the period, with the potential of weight and constant loads",
+    ),
     Variable(
         "energy_spring", ("period",), "J", "energy in contact springs at the end of the period"
     ),
@@ -464,6 +469,8 @@ _MEASURES = (
         "how often the tips meet; closures within 0.05 periods count once"),
     Measure("impacts_per_period", (), "1",
         "impulses on single pairs; depends on the time step, does not converge"),
+    Measure("rest", (), "", "state of rest under weight and loads: displacements of the tips [m], "
+        "contact forces [N], factor on weight and axial forces at which the structure buckles"),
     Measure("contacts", (CONTACT,), "",
         "what each interface, stop and impactor did: strikes, speed, impulse, force"),
     Measure("channels", ("channel",), "",
@@ -518,7 +525,7 @@ CHANNEL_MEASURES: Mapping[str, ChannelMeasure] = MappingProxyType(
 
 LISTS = ("unread_keys", "warnings", "probes")
 """Entries of summary.json that are lists of texts."""
-TABLES = ("settling", "intervals", "channels")
+TABLES = ("settling", "intervals", "channels", "rest")
 """Entries that are tables."""
 _OF_INTERVALS = {"mean", "half_width", "windows", "periods"}
 
@@ -554,6 +561,8 @@ def _is_entry(key: str, value: object, n_laminae: int) -> bool:
         return isinstance(value, dict) and all(
             _is_number(entry) or entry is None for entry in value.values()
         )
+    if key == "rest":
+        return isinstance(value, dict)
     if key == "contacts":
         return isinstance(value, list) and all(map(_is_contact, value))
     if key == "channels":
@@ -640,9 +649,12 @@ def rows(summary: Mapping[str, Any], laminae: Sequence[str]) -> list[tuple[str, 
     intervals = summary.get("intervals") or {}
     values: dict[str, Any] = {}
     for key, value in summary.items():
-        if isinstance(value, Mapping):
+        if key == "rest" and value is not None:
+            values |= {f"rest_{name}": entry for name, entry in value.items()}
+            values["rest_contact_force"] = list(value["contact_force"].values())
+        elif isinstance(value, Mapping):
             values |= value if key == "settling" else {}
-        elif key not in (*ELSEWHERE, "settling", "intervals", "contacts"):
+        elif key not in (*ELSEWHERE, "settling", "intervals", "contacts", "rest"):
             values[key] = value
     return [
         _row(key, values[key], intervals.get(key), laminae)

@@ -271,6 +271,8 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
         load = row_product(system.stiffness, i, X, 0) + row_product(system.damping, i, X, size)
         for j in range(3):
             load += system.base[j * size + i] * base[2 - j]
+        if system.has_load:
+            load -= system.load[i]
         X[R * size + i] = -load
     if memory.counts[N_SPRINGS]:
         _spring_loads(system, law, memory, 1.0, 0.0, lk.V, memory.residual)

@@ -402,6 +402,7 @@ def padded(o: Operators) -> Operators:
         base=replace(o.base, mass=base[0], damping=base[1], stiffness=base[2], shift=shift),
         gap_matrix=rows(o.gap_matrix),
         lumped_mass=None if o.lumped_mass is None else np.append(o.lumped_mass, np.ones(size - n)),
+        load=None if o.load is None else np.append(o.load, np.zeros(size - n)),
         probes=rows(o.probes),
         sensors=rows(o.sensors),
         start=None,  # it is that of all dofs
@@ -450,7 +451,13 @@ def _transformed(o: Operators) -> tuple[Operators, InnerModes] | None:
     H, probes, sensors = (
         sp.csr_matrix(_product(rows.toarray(), Phi)) for rows in (o.gap_matrix, o.probes, o.sensors)
     )
-    modal = Operators(mass, damping, stiffness, base, H, o.gap0, probes=probes, sensors=sensors)
+    modal = Operators(
+        *(mass, damping, stiffness, base, H, o.gap0),
+        probes=probes,
+        sensors=sensors,
+        load=None if o.load is None else _product(o.load[None], Phi)[0],
+        equilibrium=o.equilibrium,
+    )
     return modal, InnerModes(np.asarray(Phi, dtype=float), dual)
 
 
@@ -522,6 +529,8 @@ def advance(system, X, base_state):  # type: ignore[no-untyped-def]
         right = fma(by_q, load(base, 2 * size + i), right)
         right = fma(minus * load(diagonals, 2 * size + i), fma(ahead, v, u), right)
         right = fma(minus * c, v, right)
+        if system.has_load:
+            right = right + load(system.load, i)
         a = right * load(diagonals, i)
         after = fma(to_v, a, v)
         z = fma(rho, v, after)

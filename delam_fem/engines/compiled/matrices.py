@@ -135,6 +135,8 @@ class System(NamedTuple):
         modal: diagonals of A⁻¹, C and K in modes, shape (3 size,); empty otherwise.
         is_touching: whether some pairs are closed at rest, so that contact lasts.
         points: the pairs by cells; empty unless `is_within`.
+        has_load: whether there are constant loads.
+        load: these loads, shape (size,).
     """
 
     size: int
@@ -169,6 +171,8 @@ class System(NamedTuple):
     modal: FloatArray
     is_touching: bool
     points: Points
+    has_load: bool
+    load: FloatArray
     coarseness: int = 0
 
 
@@ -227,7 +231,7 @@ def build(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
     Raises:
         ArithmeticError: M or A is singular.
     """
-    lasts = not scheme.has_acceleration and bool((o.gap0 <= 0.0).any())  # see `is_touching`
+    lasts = not scheme.has_acceleration and o.is_touching
     if scheme.is_midpoint and not lasts:
         chained = _chained(o)
         if chained is not None:
@@ -294,8 +298,10 @@ def _system(
         probe_rows=to_rows((probes @ to.T)[: 0 if is_selecting else None]),
         is_modal=is_modal,
         modal=_diagonals(mass, damping, stiffness, scheme) if is_modal else _NOTHING,
-        is_touching=bool((o.gap0 <= 0.0).any()),
+        is_touching=o.is_touching,
         points=NO_POINTS,
+        has_load=o.load is not None,
+        load=simd_chains.flat(to @ (np.zeros(o.n_dofs) if o.load is None else o.load)),
     )
 
 
@@ -396,7 +402,7 @@ def _gaps(o: Operators, order: IntArray) -> tuple[FloatArray | None, Points]:
             return None, NO_POINTS
         result[place // lk.ROW * simd_chains.LANES + place % simd_chains.LANES] = o.gap0
         return result, NO_POINTS
-    points = None if not o.n_pairs or (o.gap0 <= 0.0).any() else points_of(o, order)
+    points = None if not o.n_pairs or o.is_touching else points_of(o, order)
     return (None, NO_POINTS) if points is None else (result, points)
 
 

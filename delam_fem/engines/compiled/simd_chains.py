@@ -247,18 +247,24 @@ def _flow(form, q, own, after):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
-def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
+def eliminate_diagonal(X, size, c, load_tape, solution, first, constant):  # type: ignore[no-untyped-def]
     """Substitute from the ends to the middle with r = Δt f + B w for a diagonal B.
 
-    Each row gets y_j = r_j - L_j y_{j-1}.
+    Each row gets y_j = r_j - L_j y_{j-1}. `constant` is (whether there are constant loads, Δt,
+    these loads); `first` is the load of the base on the first row.
     """
     # Row i/8 of a field holds u in numbers i … i+3, one per lane, and φ in i+4 … i+7; row 0 alone
     # carries the load of the base, as only the nodes beside the clamps are coupled to it.
     s = load(c, 4 * S)
     v = V * size
     y = Y * size
+    has_load, dt, loads = constant
+    force0, force1 = first
     w0 = fma(s, load(X, v), load(X, 0))
     w1 = fma(s, load(X, v + 4), load(X, 4))
+    if has_load:
+        force0 = fma(dt, load(loads, 0), force0)
+        force1 = fma(dt, load(loads, 4), force1)
     y0 = fma(load(load_tape, 0), w0, force0)
     y1 = fma(load(load_tape, 4), w1, force1)
     store(X, y, y0)
@@ -268,25 +274,29 @@ def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type
         t = 6 * i
         w0 = fma(s, load(X, v + i), load(X, i))
         w1 = fma(s, load(X, v + i + 4), load(X, i + 4))
-        right = load(load_tape, i) * w0, load(load_tape, i + 4) * w1
-        y0, y1 = _forth(solution, t, right, (y0, y1))
+        r0 = load(load_tape, i) * w0
+        r1 = load(load_tape, i + 4) * w1
+        if has_load:
+            r0 = fma(dt, load(loads, i), r0)
+            r1 = fma(dt, load(loads, i + 4), r1)
+        y0, y1 = _forth(solution, t, (r0, r1), (y0, y1))
         store(X, y + i, y0)
         store(X, y + i + 4, y1)
 
 
 @njit(forceinline=True)
-def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
+def eliminate_chained(X, size, c, load_tape, solution, first, constant):  # type: ignore[no-untyped-def]
     """Substitute from the ends to the middle with r = Δt f + B w for a block tridiagonal B.
 
-    Each row gets y_j = r_j - L_j y_{j-1}.
+    Each row gets y_j = r_j - L_j y_{j-1}; see `eliminate_diagonal` for the arguments.
     """
     s = load(c, 4 * S)
     v = V * size
     y = Y * size
+    has_load, dt, loads = constant
     zero = splat(0.0)
     y0 = y1 = before0 = before1 = zero
-    r0 = force0
-    r1 = force1
+    r0, r1 = first
     w0 = fma(s, load(X, v), load(X, 0))
     w1 = fma(s, load(X, v + 4), load(X, 4))
     for i in range(0, size, 8):
@@ -300,6 +310,9 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
         else:
             next0 = swap_neighbours(w0)
             next1 = swap_neighbours(w1)
+        if has_load:
+            r0 = fma(dt, load(loads, i), r0)
+            r1 = fma(dt, load(loads, i + 4), r1)
         r0 = fma(load(load_tape, t), before0, r0)
         r1 = fma(load(load_tape, t + 8), before0, r1)
         r0 = fma(load(load_tape, t + 4), before1, r0)
@@ -400,12 +413,14 @@ def step(system, X, base_state, keeps):  # type: ignore[no-untyped-def]
     d = d + 4
     k = k + 4
     force1 = fma(by_q, load(base, k), fma(by_dq, load(base, d), by_ddq * load(base, m)))
+    first = force0, force1
+    constant = system.has_load, splat(dt), system.load
     if system.is_diagonal_load:
         h_field = U
-        eliminate_diagonal(X, size, c, system.load_tape, system.solution, force0, force1)
+        eliminate_diagonal(X, size, c, system.load_tape, system.solution, first, constant)
     else:
         h_field = V
-        eliminate_chained(X, size, c, system.load_tape, system.solution, force0, force1)
+        eliminate_chained(X, size, c, system.load_tape, system.solution, first, constant)
     return finish(X, size, c, system.solution, system.form, system.rest, h_field, keeps)
 
 

@@ -60,6 +60,8 @@ def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
         load = column[i] * ddq + column[size + i] * dq + column[2 * size + i] * q
         load += row_product(system.stiffness, i, X, lk.Y * size)
         load += row_product(system.damping, i, X, size)
+        if system.has_load:
+            load -= system.load[i]
         X[lk.R * size + i] = -load
     algebra.substitute(X, size, system.band, lk.R, lk.A)
     for i in range(size):
@@ -516,6 +518,9 @@ def _store_level(p, log, j):  # type: ignore[no-untyped-def]
         attachment += system.base[2 * size + i] * X[i]
     kinetic = 0.5 * algebra.form(system.mass, size, X, size)
     strain = 0.5 * algebra.form(system.stiffness, size, X, 0)
+    if system.has_load:
+        for i in range(size):
+            strain -= system.load[i] * X[i]
     levels[first] = kinetic + dq * momentum + 0.5 * mass * dq * dq
     levels[first + 1] = strain + q * attachment + 0.5 * stiffness * q * q
     levels[first + 2] = contact.spring_energy(system, p.law, memory)

@@ -64,17 +64,20 @@ class Dynamics:
         ]
         self._M, self._C, self._K = map(linear_algebra.product, self._blocks)
         self._H = matrix(o.gap_matrix, MPI.COMM_SELF)
-        self.is_touching = bool((o.gap0 <= 0.0).any())
+        self.is_touching = o.is_touching
         self._absolute_H = matrix(abs(o.gap_matrix), MPI.COMM_SELF)
         n = o.n_own
-        memory = np.zeros(3 * o.n_own + 3)
+        base = np.column_stack([o.base.stiffness, o.base.damping, o.base.mass])
+        if o.load is not None:  # constant loads: a fourth column, whose number is always 1
+            base = np.column_stack([base, -o.load])
+        memory = np.zeros(3 * o.n_own + base.shape[1])
+        memory[3 * o.n_own + 3 :] = 1.0
         # u, v, a and (q, q', q'') of the base in one memory, so that one product sees them all
         parts = memory, memory[: 2 * n], memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n]
         self._all, self._motion, self.u, self.v, self.a = map(linear_algebra.vector_in, parts)
         self._drive = linear_algebra.vector_in(memory[3 * n :])
         self._residual, self._load, self._response, self._point = (new_vector(n) for _ in range(4))
         self._rayleigh = o.rayleigh and [new_vector(n, values) for values in o.rayleigh]
-        base = np.column_stack([o.base.stiffness, o.base.damping, o.base.mass])
         self._base_columns = matrix(base, MPI.COMM_SELF)
         self._stacks: list[PETSc.Mat] = []
         self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
@@ -315,6 +318,8 @@ class Dynamics:
             local_sums = [float(base.mass.dot(self.v.array)), self._load.dot(self.v)]
             self._K.mult(self.u, self._load)
             local_sums += [self._load.dot(self.u), float(base.stiffness.dot(self.u.array))]
+            if self.operators.load is not None:
+                local_sums[2] -= 2.0 * float(self.operators.load.dot(self.u.array))
         momentum, of_mass, of_stiffness, attachment = linear_algebra.added(local_sums, self.comm)
         kinetic = 0.5 * of_mass + dq * momentum
         strain = 0.5 * of_stiffness + q * attachment

@@ -24,15 +24,18 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.model.beams.network import (
     Network,
+    apart_forces,
     apart_parts,
     hermite,
     hermite_curvature,
     network,
     side_by_side,
+    stack_forces,
     structure,
     unit_gauss,
 )
 from delam_fem.model.layout import Structure
+from delam_fem.model.loads import GAUSS
 from delam_fem.model.mesh import node_coordinates, require_edges
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
@@ -61,6 +64,10 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         "at_middles": case.is_at_middles,
         "is_tied": case.support.holds("start") and case.support.holds("end"),
     }
+    geometric = None
+    forces = apart_forces(case, x)
+    if forces is not None:
+        geometric = sp.block_diag([sum_elements(element_geometric(N, h)) for N in forces])
     M, K, lumped = zip(
         *(
             beam(lamina.flexural_rigidity, lamina.mass_per_length, h, **masses)
@@ -71,7 +78,11 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         strict=True,
     )
     return side_by_side(
-        case, apart_parts(case, x), (sp.block_diag(M), sp.block_diag(K)), np.concatenate(lumped)
+        case,
+        apart_parts(case, x),
+        (sp.block_diag(M), sp.block_diag(K)),
+        np.concatenate(lumped),
+        geometric=geometric,
     )
 
 
@@ -81,6 +92,8 @@ def _stack(case: Case, stack: Network) -> Structure:
     mass = sp.csr_matrix(sizes)
     stiffness = sp.csr_matrix(sizes)
     lumped = np.zeros(stack.n_columns)
+    geometric = None
+    forces = stack_forces(case, stack)
     for segment, group in stack.groups():
         nodes = segment.nodes
         how = {"at_middles": case.is_at_middles, "is_tied": stack.ties(segment, case)}
@@ -109,7 +122,11 @@ def _stack(case: Case, stack: Network) -> Structure:
         mass = mass + to.T @ M @ to
         stiffness = stiffness + to.T @ K @ to + EA / h.sum() * stretch.T @ stretch
         lumped += to.T @ masses  # each column of `to` picks a single dof
-    return structure(case, stack, mass, stiffness, lumped)
+        if forces is not None:
+            N = forces[list(group), segment.first : segment.last].sum(axis=0)
+            of_group = to.T @ sum_elements(element_geometric(N, h)) @ to
+            geometric = of_group if geometric is None else geometric + of_group
+    return structure(case, stack, mass, stiffness, lumped, geometric=geometric)
 
 
 def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
@@ -160,6 +177,26 @@ def element_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray
         ]
     )
     return _scaled(numbers, np.asarray(mass_per_length) * np.asarray(h) / 420.0, h)
+
+
+def element_geometric(forces: FloatArray, h: FloatArray) -> FloatArray:
+    """Return the geometric stiffness of beam elements with linear axial forces, shape (n, 4, 4).
+
+        K = integral of N (dN/dx) (dN/dx)^T
+
+    Args:
+        forces: axial forces at both ends, shape (n, 2) [N].
+        h: lengths of the elements, shape (n,) [m].
+    """
+    X = 0.5 + 0.5 * GAUSS[0]  # four points are exact for polynomials of degree 7
+    weights = 0.5 * GAUSS[1]
+    slopes = np.array([
+        6.0 * (X**2 - X), 1.0 - 4.0 * X + 3.0 * X**2, 6.0 * (X - X**2), 3.0 * X**2 - 2.0 * X
+    ])  # fmt: skip
+    first = (slopes * weights * (1.0 - X)) @ slopes.T
+    last = (slopes * weights * X) @ slopes.T
+    start, end = forces.T / h
+    return _scaled(first, start, h) + _scaled(last, end, h)
 
 
 def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:

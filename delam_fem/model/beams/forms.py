@@ -16,6 +16,7 @@ Laminae that are apart have
     m(w, v) = ∫ rho A w v dx + Σ m_j w(x_j) v(x_j)         (mass; point masses: network.py)
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
     c(w, v) = ∫ alpha rho A w v dx + ∫ beta E I w'' v'' dx (Rayleigh damping)
+    k_N(w, v) = ∫ N w' v' dx                               (axial force, tension positive)
 
 w and v are the Hermite interpolants of (u, phi). All laminae lie on one mesh as separate
 lines; E I, rho A, alpha and beta are functions of x on this mesh. The clamped dofs are separated
@@ -47,9 +48,11 @@ from delam_fem.model.beams.network import (
     Group,
     Network,
     Segment,
+    apart_forces,
     apart_parts,
     network,
     side_by_side,
+    stack_forces,
     structure,
 )
 from delam_fem.model.layout import Structure
@@ -59,6 +62,7 @@ from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
 
 MASS_DEGREE = 8  # cubic times cubic times a quadratic coefficient
+AXIAL_DEGREE = 6  # quadratic times quadratic times a quadratic coefficient
 BENDING_DEGREE = 4  # linear times linear times a quadratic coefficient
 COEFFICIENT_DEGREE = 2
 VARYING_DEGREE = 5
@@ -109,6 +113,13 @@ class Hermite:
             + (3 * X**2 - 2 * X**3) * u1
             + (X**3 - X**2) * J * p1
         )
+
+    def slope(self, pair: Any) -> Any:
+        """Return w' of the Hermite interpolant of (u, phi); u enters through J u'."""
+        X, _, _, _ = self._ends(pair[0])
+        _, _, p0, p1 = self._ends(pair[1])
+        bend = (1 - 4 * X + 3 * X**2) * p0 + (3 * X**2 - 2 * X) * p1
+        return 6 * (X - X**2) * pair[0].dx(0) + bend
 
     def curvature(self, pair: Any) -> Any:
         """Return w'' of the Hermite interpolant of (u, phi); u enters through J u'."""
@@ -204,11 +215,19 @@ def assemble(
     sections = [
         [np.broadcast_to(course(i, middle, middle), n) for i in numbers] for course in (EI, rhoA)
     ]
-    M, K, lumped, C = _matrices(case, comm, [x] * len(numbers), (EI, rhoA))
+    forces = apart_forces(case, x)
+    M, K, lumped, C, geometric = _matrices(
+        case,
+        comm,
+        [x] * len(numbers),
+        (EI, rhoA),
+        forces=None if forces is None else forces.reshape(-1, 2),
+    )
     constants = (
         None if flexural_rigidity is None and mass_per_length is None else np.array(sections)
     )
-    return side_by_side(case, apart_parts(case, x, constants), (M, K), lumped, C)
+    parts = apart_parts(case, x, constants)
+    return side_by_side(case, parts, (M, K), lumped, C, geometric=geometric)
 
 
 def _course(profile: Profile | None) -> Course | None:
@@ -224,8 +243,9 @@ def _matrices(
     axial: tuple[Course, Course] | None = None,
     *,
     has_damping: bool = True,
-) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray, sp.csr_matrix | None]:
-    """Return M, K, the diagonal of the lumped mass and C of lines of beams, held dofs included.
+    forces: FloatArray | None = None,
+) -> tuple[sp.csr_matrix, sp.csr_matrix, FloatArray, sp.csr_matrix | None, sp.csr_matrix | None]:
+    """Return M, K, the lumped mass, C and the geometric stiffness of lines, held dofs included.
 
     The lumped mass is ρA h/2 for u and ρA h³/78 for phi at each end of a cell.
 
@@ -237,6 +257,8 @@ def _matrices(
         axial: EA [N] and ζ [m] of lines with an axial field, which have no C; None: each line is a
             lamina of its own.
         has_damping: whether C follows from the modes of each lamina, if they are known exactly.
+        forces: axial forces N at both ends of the cells of all lines, shape (n_cells, 2) [N]; None:
+            there are none, and no geometric stiffness.
     """
     sizes = np.array([x.size for x in lines])
     cells = np.column_stack([np.arange(sizes.sum() - 1), np.arange(1, sizes.sum())])
@@ -283,7 +305,18 @@ def _matrices(
     if axial is not None:
         EA, zeta = map(coefficient, axial)
         energy += EA * (pair[2].dx(0) - zeta * w2) * (test[2].dx(0) - zeta * v2)
-    return inertia(rhoA), assembled(energy), at_ends(rhoA).diagonal(), C
+    geometric = None
+    if forces is not None:
+        x = np.concatenate(lines)
+
+        def linear(cells: IntArray, places: FloatArray) -> FloatArray:
+            start, end = x[within[cells]].T
+            share = (places - start) / (end - start)
+            return np.asarray((1.0 - share) * forces[cells, 0] + share * forces[cells, 1])
+
+        N = on.coefficient(linear)
+        geometric = assembled(N * on.slope(pair) * on.slope(test), AXIAL_DEGREE)
+    return inertia(rhoA), assembled(energy), at_ends(rhoA).diagonal(), C, geometric
 
 
 Line = tuple[Segment, Group, int]
@@ -297,7 +330,8 @@ def _stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
     lines = [(segment, group, i) for segment, group in unknowns.groups() for i in group]
     laminae = [unknowns.laminae[i] for _, _, i in lines]
     zeta = [float(unknowns.middles[i]) - unknowns.neutral_axis(group) for _, group, i in lines]
-    M, K, lumped, _ = _matrices(
+    N = stack_forces(case, unknowns)
+    M, K, lumped, _, geometric = _matrices(
         case,
         comm,
         [unknowns.x[segment.nodes] for segment, _, _ in lines],
@@ -306,9 +340,13 @@ def _stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
             lambda i, *x: laminae[i].mass_per_length,
         ),
         (lambda i, *x: laminae[i].axial_rigidity, lambda i, *x: zeta[i]),
+        forces=None if N is None else np.vstack([N[i, s.first : s.last] for s, _, i in lines]),
     )
     to = _transformation(unknowns, lines)
-    return structure(case, unknowns, to.T @ M @ to, to.T @ K @ to, to.T @ lumped)
+    of_axial = None if geometric is None else to.T @ geometric @ to
+    return structure(
+        case, unknowns, to.T @ M @ to, to.T @ K @ to, to.T @ lumped, geometric=of_axial
+    )
 
 
 def _varying_stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Structure:
@@ -317,7 +355,7 @@ def _varying_stack(case: Case, unknowns: Network, comm: MPI.Intracomm) -> Struct
     Its axial force is constant in a segment; see `Network.stretch`.
     """
     groups = [*unknowns.groups()]
-    M, K, lumped, _ = _matrices(
+    M, K, lumped, *_ = _matrices(
         case,
         comm,
         [unknowns.x[segment.nodes] for segment, _ in groups],

@@ -79,6 +79,10 @@ from delam_fem.model.layout import (
     tributary_lengths,
 )
 from delam_fem.model.linear import elastic, kept_closed, n_rigid
+from delam_fem.model.loads import (
+    axial_forces,
+    require_unbuckled,
+)
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.stops_sensors import StrainRows, struck, with_sensors
 from delam_fem.numerics import harmonics
@@ -677,6 +681,8 @@ def side_by_side(
     matrices: Sequence[sp.spmatrix],
     lumped: FloatArray,
     damping: sp.spmatrix | None = None,
+    *,
+    geometric: sp.spmatrix | None = None,
 ) -> Structure:
     """Return laminae that are apart, with their point masses; each has its own damping.
 
@@ -688,6 +694,7 @@ def side_by_side(
         matrices: M and K of all points of all laminae, point by point, held ones included.
         lumped: diagonal of the lumped mass of the same dofs.
         damping: C of the same dofs without point masses; None: it follows from M and K.
+        geometric: geometric stiffness of the same dofs; None: there are no axial forces.
     """
     layout = layout_of(case, parts)
     dofs = np.concatenate([part.dofs.ravel() for part in layout.parts])
@@ -698,6 +705,8 @@ def side_by_side(
     M, K = matrices
     if case.time.mass == "lumped":
         M = sp.diags(lumped, format="csr")
+    if geometric is not None:
+        K = K + geometric
     of_points = M, K
     lumped = to.T @ lumped
     M, K = (sp.csr_matrix(to.T @ matrix @ to) for matrix in of_points)
@@ -711,6 +720,8 @@ def side_by_side(
     springs = [_springs(case, layout, n, i) for i in range(len(parts))]
     for stiffness, _ in springs if has_springs(case) else ():
         K = sp.csr_matrix(K + stiffness)
+    of_axial = None if geometric is None else to.T @ geometric @ to
+    buckling = require_unbuckled(K, of_axial, n)
     if case.damping.rayleigh == "every mode":
         C = _of_every_mode(case, layout, M, K)
     elif damping is None or not all(map(case.has_exact_modes, range(len(parts)))):
@@ -725,7 +736,8 @@ def side_by_side(
         C = to.T @ damping @ to
     for _, dampers in springs:
         C = C + dampers if dampers.nnz else C
-    return completed(Structure(_operators(case, layout, (M, C, K), lumped), layout), case)
+    operators = replace(_operators(case, layout, (M, C, K), lumped), buckling_factor=buckling)
+    return completed(Structure(operators, layout), case)
 
 
 def lamina_damping(
@@ -802,8 +814,46 @@ def _operators(
 _TWO_PI = 2.0 * np.pi
 
 
+def apart_forces(case: Case, x: FloatArray) -> FloatArray | None:
+    """Return the axial forces of laminae that are apart, (n_laminae, n, 2); None: there are none.
+
+    Each is held along its axis where a support holds an end of it.
+    """
+    if not case.has_axial_forces:
+        return None
+    last = x.size - 1
+    joints = [
+        [-1 if turns_at(case, x, node, (i,)) is not None else 2 * i + k]
+        for i in range(len(case.lamina))
+        for k, node in enumerate((0, last))
+    ]
+    ends = np.array(joints).reshape(-1, 2).tolist()
+    return axial_forces(case, x, [(0, last, (i,), *pair) for i, pair in enumerate(ends)])
+
+
+def stack_forces(case: Case, stack: Network) -> FloatArray | None:
+    """Return the axial forces of the laminae of a stack; None: there are none.
+
+    Joints move along the axis without turning: the eccentricity of a force does not bend.
+    """
+    if not case.has_axial_forces:
+        return None
+    chains = []
+    for segment, group in stack.groups():
+        joints = [stack.axial[node, group[0]] for node in (segment.first, segment.last)]
+        start, end = (-1 if joint == FIXED else joint for joint in joints)
+        chains.append((segment.first, segment.last, group, start, end))
+    return axial_forces(case, stack.x, chains)
+
+
 def structure(
-    case: Case, network: Network, mass: sp.spmatrix, stiffness: sp.spmatrix, lumped: FloatArray
+    case: Case,
+    network: Network,
+    mass: sp.spmatrix,
+    stiffness: sp.spmatrix,
+    lumped: FloatArray,
+    *,
+    geometric: sp.spmatrix | None = None,
 ) -> Structure:
     """Return the operators and the layout of a bonded stack.
 
@@ -813,6 +863,7 @@ def structure(
         mass: M in the columns of the network.
         stiffness: K in the columns of the network.
         lumped: diagonal of the lumped mass in the columns of the network.
+        geometric: geometric stiffness in the columns of the network; None: no axial forces.
     """
     n = network.n_free
     layout = layout_of(case, parts_of(case, network.x, network.dofs))
@@ -822,9 +873,13 @@ def structure(
     M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
     of_supports = _springs(case, layout, n)
     K = eliminated(stiffness, n + 1) + of_supports[0]
+    if geometric is not None:
+        K = K + sp.csr_matrix(geometric)[: n + 1, : n + 1]
+    buckling = require_unbuckled(K, geometric, n)
     alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
     C = alpha * M + beta * K + of_supports[1]
     operators = _operators(case, layout, (M, C, K), lumped[: n + 1] + diagonal)
+    operators = replace(operators, buckling_factor=buckling)
     return completed(
         Structure(operators, layout), case, surface_strain(network, layout.parts, stiffness)
     )

@@ -1,5 +1,7 @@
 """Natural frequencies and shapes of laminae, and of structures with delaminations open or closed.
 
+All modes are those about the state of rest, with the axial forces of weight and loads.
+
 Free: laminae pass through one another where they are apart. Closed: they share their deflection
 there and slide. A motion with contact lies between both: while a delamination opens and closes
 along one shape, its frequency is the bilinear one, 2 f_free f_closed / (f_free + f_closed). Modes
@@ -35,6 +37,7 @@ from delam_fem.api import (
     lowest,
     nodal,
     number,
+    opening_amplitude,
     require,
     style,
 )
@@ -73,6 +76,10 @@ class StructureModes(Finding):
         partner_frequencies: frequencies of these modes, NaN without a partner, shape (n,) [Hz].
         motions: what each mode is: "bending"; of solids also "sideways", "torsion" and "stretch",
             whose openings are in parts of the largest displacement; "impactor", which moves alone.
+        buckling_factor: factor on weight and axial forces together at which the structure buckles.
+        opening_amplitudes: of the drive at each frequency, at which the first pair opens that
+            weight and loads keep closed; None: none is closed.
+        unit: unit of these amplitudes.
     """
 
     kind: Kind
@@ -86,6 +93,9 @@ class StructureModes(Finding):
     partners: IntArray
     partner_frequencies: FloatArray
     motions: tuple[str, ...] = ()
+    buckling_factor: float | None = None
+    opening_amplitudes: tuple[float | None, ...] = ()
+    unit: str = "m"
 
     @property
     def bilinear_frequencies(self) -> FloatArray:
@@ -109,7 +119,10 @@ class StructureModes(Finding):
             "motion": self.motions,
             f"{other}_frequency_hz": self.partner_frequencies,
             "bilinear_frequency_hz": self.bilinear_frequencies,
+            "buckling_factor": self.buckling_factor,
+            "opening_amplitude": self.opening_amplitudes,
         }
+        is_closed = any(amplitude is not None for amplitude in self.opening_amplitudes)
         heading = (
             "mode",
             "frequency [Hz]",
@@ -117,6 +130,7 @@ class StructureModes(Finding):
             *(f"opens {place}" for place in self.places),
             f"{other} mode alike [Hz]",
             "bilinear [Hz]",
+            *([f"drive that opens [{self.unit}]"] if is_closed else []),
         )
         rows = [
             (
@@ -126,6 +140,7 @@ class StructureModes(Finding):
                 *(f"{opening:.3f}" for opening in self.openings[k]),
                 number(self.partner_frequencies[k], ".6g"),
                 number(self.bilinear_frequencies[k], ".6g"),
+                *([number(self.opening_amplitudes[k] or np.nan, ".4g")] if is_closed else []),
             )
             for k, frequency in enumerate(self.frequencies)
         ]
@@ -237,6 +252,9 @@ def structure_modes(
         partners,
         np.where(partners < 0, np.nan, other_frequencies[partners]),
         motions,
+        o.buckling_factor,
+        tuple(opening_amplitude(o, case, f) for f in frequencies.tolist()),
+        "N" if o.base.is_force else "m",
     )
 
 

@@ -214,7 +214,7 @@ def map_of(case: Case, key: str) -> PeriodMap:
 
 def start_of(case: Case) -> FloatArray | None:
     """Return the state with which a run of a case begins; None: rest, or massless points."""
-    if case.is_massless or not (case.initial or case.impactor):
+    if case.is_massless or not (case.initial or case.impactor or case.begins_at_rest):
         return None
     operators = assemble(case, needs_dolfinx=False).operators
     start = start_of_motion(operators, drive(case.excitation).states(np.zeros(1))[0])

@@ -20,7 +20,7 @@ def mass_at_stop(compliance: float, creep: float, gap: float = 0.0) -> Reduced:
         gap0=np.array([gap]), gap_drive=np.zeros(1), loads=np.zeros((3, 1)), base_mass=0.0,
         base_damping=0.0,
         probes=sp.csr_matrix((0, 1)), shapes=np.ones((1, 1)), residual=np.zeros((1, 1, 1)),
-        drive=np.zeros(1),
+        drive=np.zeros(1), sag=np.zeros(1), sag_energy=0.0,
     )  # fmt: skip
 
 

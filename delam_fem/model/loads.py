@@ -1,0 +1,496 @@
+"""Add what acts on a structure all the time: weight, forces, pressure; find its state of rest.
+
+Constant loads are one vector f of the operators, from the virtual work of all of them,
+
+    f·v = Σ ∫ ρA a v dx + Σ m_j a v(x_j) + Σ F_j v(x_j) + Σ ∫ p v dx                         (L1)
+
+where a is the acceleration of free fall along deflections, and a pair of neighbours that is pressed
+together gets F and -F. An axial force N, tension being positive, adds the geometric stiffness
+
+    k_N(w, v) = ∫ N w' v' dx                                                                   (L2)
+
+to K. Of weight along the axis, N follows from the masses behind each place; see `axial_forces`.
+
+At rest contact forces λ part closed pairs, and
+
+    K u = f + Hᵀ λ,   0 <= λ ⊥ H u + g0 + λ / k >= 0                                          (L3)
+
+with the springs k of the law; k is infinite for rigid contact. u follows from
+(H K⁻¹ Hᵀ + 1/k) λ + H K⁻¹ f + g0 >= 0. Where something floats, K is singular; then
+(K + s M) uₙ₊₁ = f + s M uₙ + Hᵀ λ is solved until u stays (proximal points): a body that lies on
+another stays at once, and one that falls never does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import eigh
+from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.special import roots_legendre
+
+from delam_fem.case.definition import Case
+from delam_fem.case.sections import Load, PointMass
+from delam_fem.contact import complementarity
+from delam_fem.model.factors import Factor, factored, regular
+from delam_fem.model.layout import (
+    Layout,
+    Part,
+    Structure,
+    interpolation_rows,
+    place_of,
+    places_of,
+)
+from delam_fem.model.operators import Equilibrium, Operators
+from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.system.errors import CaseError
+
+GAUSS: tuple[FloatArray, FloatArray] = roots_legendre(4)
+"""Points and weights that integrate cubic functions times a cubic load exactly."""
+MOST_ITERATIONS = 200
+"""Proximal points after which something is falling."""
+STAYS = 1e-12
+"""Change of u, relative to a step of a falling body, that is round-off."""
+SOFT = 1e-6
+"""Shift of a floating structure, in parts of the mean of its diagonal K over that of M."""
+DENSE_DOFS = 400
+"""Up to here a dense eigenvalue problem is solved."""
+LIES = 1e-9
+"""Gap of a free impactor, relative to the length, up to which it lies on its lamina."""
+
+
+def loaded(structure: Structure, case: Case) -> Structure:
+    """Return a structure with the constant loads of its case, its state of rest, and its start.
+
+    Args:
+        structure: the structure with all of its pairs and dofs.
+        case: the case.
+
+    Raises:
+        CaseError: a load has no effect, or there is no state of rest from which to begin.
+    """
+    o = structure.operators
+    if not case.is_loaded:
+        return structure
+    f = constant_load(structure, case)
+    if not f.any():
+        return structure
+    o = replace(o, load=f)
+    is_falling = falling_dofs(structure, case)
+    if case.gravity is not None and case.gravity.gaps == "in place":
+        o = replace(o, gap0=o.gap0 - o.gap_matrix @ _without_contact(o, is_falling))
+    equilibrium = state_of_rest(
+        o,
+        springs=springs_of(o, case),
+        is_falling=is_falling,
+        is_open=case.contact.law == "none",
+    )
+    if equilibrium is None and case.begins_at_rest:
+        raise CaseError(
+            "gravity: there is no state of rest, as something that nothing holds falls or is "
+            'pushed away for ever; give it a stop or a support, or time.begin = "unloaded"'
+        )
+    springs = springs_of(o, case)
+    is_rigid = np.full(o.n_pairs, True) if springs is None else np.isinf(springs)
+    if equilibrium is not None and equilibrium.force[is_rigid].any():
+        require_lasting(case)
+    o = replace(o, equilibrium=equilibrium)
+    if equilibrium is not None and case.begins_at_rest:
+        start = np.zeros((2, o.n_dofs)) if o.start is None else o.start
+        o = replace(o, start=start + np.stack([equilibrium.displacement, np.zeros(o.n_dofs)]))
+    return replace(structure, operators=o)
+
+
+def springs_of(o: Operators, case: Case) -> FloatArray | None:
+    """Return the stiffness of the contact of each pair, (n_pairs,) [N/m]; None: all are rigid."""
+    of_law = case.contact.law in ("penalty", "newton-penalty") and case.spring[0] > 0.0
+    has_spring = np.full(o.n_pairs, of_law)
+    if o.pair_numbers is not None:
+        has_spring |= o.pair_numbers.is_elastic
+    if not has_spring.any():
+        return None
+    weights = np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
+    return np.where(has_spring, case.spring[0] * weights, np.inf)
+
+
+def opening_amplitude(o: Operators, case: Case, frequency: float) -> float | None:
+    """Return the amplitude of the drive at which the first pair opens that is closed at rest.
+
+    The pairs that are pressed together at rest stay together, all others are open:
+
+        (K + iωC - ω²M) u - Hᵀ λ = -(k_b + iω c_b - ω² m_b),   H u + λ / k = 0
+
+    and a pair opens where the amplitude of λ is that of its force at rest.
+
+    Args:
+        o: the operators, with their state of rest.
+        case: the case.
+        frequency: frequency of the drive [Hz].
+
+    Returns:
+        The amplitude [m, or N of a force]; None: no pair is closed at rest, or none opens.
+    """
+    if o.equilibrium is None or not o.equilibrium.force.any():
+        return None
+    pairs = np.flatnonzero(o.equilibrium.force > 0.0)
+    omega = 2.0 * np.pi * frequency
+    H = o.gap_matrix[pairs]
+    springs = springs_of(o, case)
+    soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
+    dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
+    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
+    matrix = sp.bmat([[dynamic, -H.T], [H, sp.diags(soft)]], format="csc")
+    force = regular(matrix)(np.concatenate([load, np.zeros(pairs.size)]))[o.n_dofs :]
+    sizes = np.abs(force)
+    opens = sizes > 0.0
+    ratios = o.equilibrium.force[pairs][opens] / sizes[opens]
+    return float(ratios.min()) if ratios.size else None
+
+
+def require_lasting(case: Case) -> None:
+    """Refuse a law whose impacts between steps cannot hold what is pressed together.
+
+    Between two impacts it falls by Δt² times half its acceleration, and nothing lifts it again.
+
+    Raises:
+        CaseError: the law has no springs, and the scheme no impulses within its steps.
+    """
+    is_carried = case.time.integration.has_impulses_within or case.is_massless
+    if case.contact.law == "newton" and not is_carried:
+        raise CaseError(
+            f'contact.law: expected "newton@moreau-jean", or a law with springs, where weight or '
+            f'loads press pairs together at rest, given "newton@{case.time.scheme}": with impacts '
+            "between steps alone they would sink into one another"
+        )
+
+
+def constant_load(structure: Structure, case: Case) -> FloatArray:
+    """Return the loads of weight and of all [[load]] on the dofs (L1), shape (n,) [N, N m].
+
+    Raises:
+        CaseError: a load is where its lamina is held, and has no effect.
+    """
+    f = np.zeros(structure.operators.n_dofs)
+    if case.gravity is not None:
+        f += _weight(structure, case)
+    for number, load in enumerate(case.load, start=1):
+        if load.axial is not None:
+            continue
+        of_load = _of_load(structure, case, load)
+        size = load.force if load.per_length is None else load.per_length
+        if size and not of_load.any():
+            raise CaseError(
+                f"load.{number}: expected a place that can move, given one where "
+                f"{load.lamina or ' and '.join(load.between or ())} is held, or two bonded laminae"
+            )
+        f += of_load
+    return f
+
+
+def _weight(structure: Structure, case: Case) -> FloatArray:
+    """Return the weights of laminae, points, point masses and impactors, shape (n,)."""
+    assert case.gravity is not None
+    layout = structure.layout
+    is_along = case.lamina[0].motion == "axial"
+    a = case.gravity.along if is_along else case.gravity.across
+    n = structure.operators.n_dofs
+    f = np.zeros(n)
+    if not a:
+        return f
+    for lamina, part in zip(case.lamina, layout.parts, strict=True):
+        if lamina.mass is not None:
+            f += lamina.mass * a * _at(layout, part, part.x[-1], n)
+            continue
+        for cell, q in enumerate(part.mass_per_length):
+            f += q * a * _over(layout, part, (part.x[cell], part.x[cell + 1]), n)
+    for mass in case.masses:
+        part = layout.parts[layout.names.index(mass.lamina)]
+        f += mass.mass * a * _at(layout, part, _place(case, mass), n)
+    for k, impactor in enumerate(case.impactor):
+        f[n - layout.n_impactors + k] = impactor.mass * a
+    return f
+
+
+def _place(case: Case, mass: PointMass) -> float:
+    """Return the place of a point mass [m]."""
+    return case.length if mass.position is None else mass.position
+
+
+def _of_load(structure: Structure, case: Case, load: Load) -> FloatArray:
+    """Return a force, or a force per length, on a lamina or on two neighbours, shape (n,)."""
+    layout = structure.layout
+    n = structure.operators.n_dofs
+    sides = (
+        [(load.lamina, 1.0)]
+        if load.between is None
+        else [*zip(load.between, (1.0, -1.0), strict=True)]
+    )
+    f = np.zeros(n)
+    for name, sign in sides:
+        part = layout.parts[layout.names.index(name or "")]
+        if load.force is not None:
+            place = case.length if load.position is None else load.position
+            f += sign * load.force * _at(layout, part, place, n)
+        elif load.per_length is not None:
+            reach = load.reach(case.length, case.delamination)
+            f += sign * load.per_length * _over(layout, part, reach, n)
+    return f
+
+
+def _at(layout: Layout, part: Part, x: float, n: int) -> FloatArray:
+    """Return the loads of a unit force at a place of a part, shape (n,)."""
+    row = interpolation_rows(part, np.array([place_of(part, x)]), layout.n_numbered(n))
+    return np.asarray(layout.of_dofs(row).toarray()[0])
+
+
+def _over(layout: Layout, part: Part, reach: tuple[float, float], n: int) -> FloatArray:
+    """Return the loads of a unit force per length over a stretch of a part, shape (n,)."""
+    inside = part.x[(part.x > reach[0]) & (part.x < reach[1])]
+    edges = np.concatenate([[reach[0]], inside, [reach[1]]])
+    half = 0.5 * np.diff(edges)
+    x = (0.5 * (edges[1:] + edges[:-1]))[:, None] + half[:, None] * GAUSS[0]
+    weights = half[:, None] * GAUSS[1]
+    rows = interpolation_rows(part, places_of(part, x.ravel()), layout.n_numbered(n))
+    return np.asarray(layout.of_dofs(rows).T @ weights.ravel())
+
+
+def falling_dofs(structure: Structure, case: Case) -> BoolArray:
+    """Return which dofs are free impactors that do not lie on their laminae, shape (n,).
+
+    They begin as their keys say and are no part of the state of rest.
+    """
+    n = structure.operators.n_dofs
+    result = np.zeros(n, dtype=np.bool_)
+    for k, impactor in enumerate(case.impactor):
+        is_away = impactor.gap > LIES * case.length or impactor.velocity > 0.0
+        result[n - len(case.impactor) + k] = not impactor.spring and is_away
+    return result
+
+
+def _without_contact(o: Operators, is_falling: BoolArray) -> FloatArray:
+    """Return the displacements under the constant loads without contact, shape (n,)."""
+    assert o.load is not None
+    dofs = np.flatnonzero(~is_falling)
+    u = np.zeros(o.n_dofs)
+    try:
+        u[dofs] = factored(o.stiffness[dofs][:, dofs]).solve(o.load[dofs])
+    except ValueError:
+        raise CaseError(
+            'gravity.gaps: expected "unloaded" where something floats, given "in place"'
+        ) from None
+    return u
+
+
+def state_of_rest(
+    o: Operators,
+    *,
+    springs: FloatArray | None = None,
+    is_falling: BoolArray | None = None,
+    is_open: bool = False,
+) -> Equilibrium | None:
+    """Return the state of rest under the constant loads of operators (L3), the base at 0.
+
+    Args:
+        o: the operators, with a load.
+        springs: stiffness of the contact of each pair, shape (n_pairs,) [N/m]; None: rigid.
+        is_falling: dofs that are no part of it and stay at 0, shape (n,); None: there are none.
+        is_open: whether laminae pass through one another.
+
+    Returns:
+        The state of rest; None: there is none.
+    """
+    assert o.load is not None
+    is_away = np.zeros(o.n_dofs, dtype=np.bool_) if is_falling is None else is_falling
+    dofs = np.flatnonzero(~is_away)
+    K, M = (sp.csr_matrix(A)[dofs][:, dofs] for A in (o.stiffness, o.mass))
+    f = o.load[dofs]
+    of_away = abs(o.gap_matrix) @ is_away.astype(float)
+    pairs = np.flatnonzero(of_away == 0.0)[: 0 if is_open else None]
+    H = o.gap_matrix[pairs][:, dofs]
+    soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
+    factor, shift = _factor(K, M)
+    of_pairs = factor.solve(H.T.toarray()) if pairs.size else np.zeros((dofs.size, 0))
+    W = H @ of_pairs + np.diag(soft)
+    W = 0.5 * (W + W.T)
+    u = np.zeros(dofs.size)
+    size = float(np.abs(factor.solve(f)).max(initial=0.0))  # a step of what falls
+    for _ in range(MOST_ITERATIONS):
+        before = u
+        right = f + shift * (M @ u)
+        u = factor.solve(right)
+        gap = H @ u + o.gap0[pairs]
+        if pairs.size and gap.min() < 0.0:
+            force = complementarity.solve(W, gap)
+            u = u + of_pairs @ force
+        else:
+            force = np.zeros(pairs.size)
+        if not shift or np.abs(u - before).max() <= STAYS * size:
+            displacement = np.zeros(o.n_dofs)
+            displacement[dofs] = u
+            all_forces = np.zeros(o.n_pairs)
+            all_forces[pairs] = force
+            return Equilibrium(displacement, all_forces)
+    return None
+
+
+def _factor(K: sp.csr_matrix, M: sp.csr_matrix) -> tuple[Factor, float]:
+    """Return factors of K, or of K + s M where K is singular, and s [1/s2]."""
+    try:
+        if K.shape[0] and K.diagonal().min() > 0.0:
+            return factored(K), 0.0
+    except ValueError:
+        pass
+    shift = SOFT * float(K.diagonal().sum() / M.diagonal().sum()) or 1.0
+    return factored(K, M, shift), shift
+
+
+def buckling_factor(K: sp.spmatrix, geometric: sp.spmatrix) -> float | None:
+    """Return the factor on all axial forces at which a structure buckles.
+
+    det(K + μ K_N) = 0, as 1/μ is the largest eigenvalue of -K_N φ = (1/μ) K φ.
+
+    Args:
+        K: stiffness without axial forces, of the free dofs.
+        geometric: K_N of L2.
+
+    Returns:
+        The least μ above 0; None: there is none, or the structure floats.
+    """
+    n = K.shape[0]
+    if not n or not abs(geometric).sum():
+        return None
+    try:
+        factor = factored(K)
+    except ValueError:
+        return None
+    if n <= DENSE_DOFS:
+        share = float(
+            eigh(-geometric.toarray(), K.toarray(), eigvals_only=True, subset_by_index=(n - 1,) * 2)
+        )
+    else:
+        inverse = LinearOperator((n, n), matvec=factor.solve, dtype=float)
+        (share,) = eigsh(
+            -geometric, 1, K, Minv=inverse, which="LA", return_eigenvectors=False, v0=np.ones(n)
+        ).tolist()
+    largest = float(abs(geometric).max() / abs(K).max())
+    return 1.0 / share if share > 1e-12 * largest else None
+
+
+def require_unbuckled(K: sp.spmatrix, geometric: sp.spmatrix | None, n: int) -> float | None:
+    """Return the buckling factor of a structure; refuse one that its axial forces buckle.
+
+    Args:
+        K: stiffness, geometric stiffness included; it may have further rows and columns.
+        geometric: geometric stiffness, likewise; None: there are no axial forces.
+        n: number of free dofs.
+
+    Raises:
+        CaseError: the factor is at most 1.
+    """
+    if geometric is None:
+        return None
+    of_axial = sp.csr_matrix(geometric)[:n, :n]
+    factor = buckling_factor(sp.csr_matrix(K)[:n, :n] - of_axial, of_axial)
+    if factor is not None and factor <= 1.0:
+        raise CaseError(
+            f"gravity, load.axial: the structure buckles: it bears {factor:.4g} of its weight and "
+            "axial forces; take a stiffer or shorter one, or less compression"
+        )
+    return factor
+
+
+def axial_forces(case: Case, x: FloatArray, chains: Sequence[Chain]) -> FloatArray:
+    """Return the axial forces of all laminae at both ends of each cell, (n_laminae, n, 2) [N].
+
+    Tension is positive. Within a cell they are linear; a point mass inside a cell counts from its
+    end on. Neighbours that are bonded share the force of their stack by E b h.
+
+    Args:
+        case: the case.
+        x: positions of the nodes, shape (n + 1,) [m].
+        chains: the stretches of bonded laminae, with the joints at their ends.
+
+    Raises:
+        CaseError: nothing holds the structure along its axis.
+    """
+    N = np.zeros((len(case.lamina), x.size - 1, 2))
+    EA = np.array([lamina.axial_rigidity for lamina in case.lamina])
+    for load in case.load:
+        if load.axial is not None and load.lamina is None:
+            N += load.axial * (EA / EA.sum())[:, None, None]
+        elif load.axial is not None:
+            names = [lamina.name for lamina in case.lamina]
+            N[names.index(load.lamina or "")] += load.axial
+    if case.gravity is not None and case.gravity.along:
+        N += _of_weight(case, x, chains, case.gravity.along)
+    return N
+
+
+Chain = tuple[int, int, tuple[int, ...], int, int]
+"""First and last node, the laminae that are bonded there, and the joints at both ends; -1: held."""
+
+
+def _of_weight(case: Case, x: FloatArray, chains: Sequence[Chain], a: float) -> FloatArray:
+    """Return the axial forces by weight along the axis; see `axial_forces`.
+
+    Each chain is a bar between two joints, on which its masses pull with a; the joints' axial
+    displacements follow from their equilibrium.
+    """
+    N = np.zeros((len(case.lamina), x.size - 1, 2))
+    count = 1 + max((max(chain[3:]) for chain in chains), default=-1)
+    K = np.zeros((count, count))
+    f = np.zeros(count)
+    bars = []
+    for first, last, group, start, end in chains:
+        EA = [case.lamina[i].axial_rigidity for i in group]
+        pulls = np.zeros((last - first, 2))  # of all masses before the ends of each cell
+        per_cell = sum(case.lamina[i].mass_per_length for i in group) * np.diff(x[first : last + 1])
+        pulls[:, 1] = a * np.cumsum(per_cell)
+        pulls[1:, 0] = pulls[:-1, 1]
+        for mass, place in _masses(case, group):
+            is_at_end = last == x.size - 1 and place >= x[last]
+            if not (x[first] <= place < x[last] or is_at_end):
+                continue
+            pulls[x[first:last] >= place, 0] += a * mass
+            pulls[x[first + 1 : last + 1] > place, 1] += a * mass
+            if is_at_end and end >= 0:
+                f[end] += a * mass
+        h = np.diff(x[first : last + 1])
+        length = float(h.sum())
+        k = sum(EA) / length
+        # N = N_start - pulls; its mean times length over EA is the elongation
+        mean = float((0.5 * pulls.sum(axis=1)) @ h) / length
+        bars.append((pulls, mean, k))
+        for joint, other in ((start, end), (end, start)):
+            if joint >= 0:
+                K[joint, joint] += k
+                if other >= 0:
+                    K[joint, other] -= k
+        if start >= 0:
+            f[start] += mean
+        if end >= 0:
+            f[end] += float(pulls[-1, 1]) - mean
+    u = np.linalg.lstsq(K, f, rcond=None)[0] if count else np.zeros(0)
+    if count and np.abs(K @ u - f).max() > 1e-9 * np.abs(f).max():
+        raise CaseError(
+            "gravity.inclination: expected an end that is clamped or pinned, which holds the "
+            "structure along its axis"
+        )
+    for (first, last, group, start, end), (pulls, mean, k) in zip(chains, bars, strict=True):
+        stretch = (u[end] if end >= 0 else 0.0) - (u[start] if start >= 0 else 0.0)
+        forces = k * stretch + mean - pulls
+        EA_all = np.array([case.lamina[i].axial_rigidity for i in group])
+        for i, share in zip(group, EA_all / EA_all.sum(), strict=True):
+            N[i, first:last] += share * forces
+    return N
+
+
+def _masses(case: Case, group: Sequence[int]) -> Iterator[tuple[float, float]]:
+    """Yield mass [kg] and place [m] of the point masses on some laminae."""
+    names = [case.lamina[i].name for i in group]
+    for mass in case.masses:
+        if mass.lamina in names:
+            yield mass.mass, _place(case, mass)
