@@ -153,10 +153,11 @@ if TYPE_CHECKING:
         keeping_closed as keeping_closed,
         largest_stable_time_step as largest_stable_time_step,
         lowest as lowest,
+        opening_amplitude as opening_amplitude,
         openings as openings,
         response as response,
     )
-    from delam_fem.model.loads import opening_amplitude as opening_amplitude
+    from delam_fem.model.loads import springs_of as springs_of
     from delam_fem.model.massless import Reduced as Reduced, reduce as reduce
     from delam_fem.model.mesh import node_coordinates as node_coordinates
     from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
@@ -301,9 +302,9 @@ _HOMES = {
     ),
     "model.linear": (
         "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
-        "lowest openings response"
+        "lowest opening_amplitude openings response"
     ),
-    "model.loads": "opening_amplitude",
+    "model.loads": "springs_of",
     "model.mesh": "node_coordinates",
     "model.beams.closed_form": "beam",
     "model.beams.network": "network",

@@ -214,6 +214,41 @@ def response(
     return np.asarray(U if S is None else S @ U)
 
 
+def opening_amplitude(
+    o: Operators, frequency: float, springs: FloatArray | None = None
+) -> float | None:
+    """Return the amplitude of the drive at which the first pair opens that is closed at rest.
+
+    The pairs that are pressed together at rest stay together, all others are open:
+
+        (K + iωC - ω²M) u - Hᵀ λ = -(k_b + iω c_b - ω² m_b),   H u + λ / k = 0
+
+    and a pair opens where the amplitude of λ is that of its force at rest.
+
+    Args:
+        o: the operators, with their state of rest.
+        frequency: frequency of the drive [Hz].
+        springs: k of each pair, shape (n_pairs,) [N/m]; None: all are rigid.
+
+    Returns:
+        The amplitude [m, or N of a force]; None: no pair is closed at rest, or none opens.
+    """
+    if o.equilibrium is None or not o.equilibrium.force.any():
+        return None
+    pairs = np.flatnonzero(o.equilibrium.force > 0.0)
+    omega = 2.0 * math.pi * frequency
+    H = o.gap_matrix[pairs]
+    soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
+    dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
+    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
+    matrix = sp.bmat([[dynamic, -H.T], [H, sp.diags(soft)]], format="csc")
+    force = regular(matrix)(np.concatenate([load, np.zeros(pairs.size)]))[o.n_dofs :]
+    sizes = np.abs(force)
+    opens = sizes > 0.0
+    ratios = o.equilibrium.force[pairs][opens] / sizes[opens]
+    return float(ratios.min()) if ratios.size else None
+
+
 def at_start(U: ComplexArray, frequency: float) -> FloatArray:
     """Return u, v, a of u = Im(U exp(iωt)) at t = 0, shape (3, n) [m, m/s, m/s2]."""
     omega = 2.0 * math.pi * frequency

@@ -35,7 +35,7 @@ from scipy.special import roots_legendre
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Load, PointMass
 from delam_fem.contact import complementarity
-from delam_fem.model.factors import Factor, factored, regular
+from delam_fem.model.factors import Factor, factored
 from delam_fem.model.layout import (
     Layout,
     Part,
@@ -114,40 +114,6 @@ def springs_of(o: Operators, case: Case) -> FloatArray | None:
         return None
     weights = np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
     return np.where(has_spring, case.spring[0] * weights, np.inf)
-
-
-def opening_amplitude(o: Operators, case: Case, frequency: float) -> float | None:
-    """Return the amplitude of the drive at which the first pair opens that is closed at rest.
-
-    The pairs that are pressed together at rest stay together, all others are open:
-
-        (K + iωC - ω²M) u - Hᵀ λ = -(k_b + iω c_b - ω² m_b),   H u + λ / k = 0
-
-    and a pair opens where the amplitude of λ is that of its force at rest.
-
-    Args:
-        o: the operators, with their state of rest.
-        case: the case.
-        frequency: frequency of the drive [Hz].
-
-    Returns:
-        The amplitude [m, or N of a force]; None: no pair is closed at rest, or none opens.
-    """
-    if o.equilibrium is None or not o.equilibrium.force.any():
-        return None
-    pairs = np.flatnonzero(o.equilibrium.force > 0.0)
-    omega = 2.0 * np.pi * frequency
-    H = o.gap_matrix[pairs]
-    springs = springs_of(o, case)
-    soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
-    dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
-    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
-    matrix = sp.bmat([[dynamic, -H.T], [H, sp.diags(soft)]], format="csc")
-    force = regular(matrix)(np.concatenate([load, np.zeros(pairs.size)]))[o.n_dofs :]
-    sizes = np.abs(force)
-    opens = sizes > 0.0
-    ratios = o.equilibrium.force[pairs][opens] / sizes[opens]
-    return float(ratios.min()) if ratios.size else None
 
 
 def require_lasting(case: Case) -> None:

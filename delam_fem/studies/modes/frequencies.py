@@ -39,6 +39,7 @@ from delam_fem.api import (
     number,
     opening_amplitude,
     require,
+    springs_of,
     style,
 )
 from delam_fem.studies.modes.study import Modes as Options
@@ -253,7 +254,7 @@ def structure_modes(
         np.where(partners < 0, np.nan, other_frequencies[partners]),
         motions,
         o.buckling_factor,
-        tuple(opening_amplitude(o, case, f) for f in frequencies.tolist()),
+        tuple(opening_amplitude(o, f, springs_of(o, case)) for f in frequencies.tolist()),
         "N" if o.base.is_force else "m",
     )
 
