@@ -26,7 +26,8 @@ OUTPUTS = frozenset({
     "case.toml", "checkpoint.npz", "state.npz", "result.nc", "summary.json", "report.html",
     "figures", "fields", "sweep.toml", "sweep.nc", "sweep.json", "sweep.journal",
     "convergence.json", "tables.md", "detection.json",
-    "orbit.json", "orbit.npz", "branch.nc", "points", "checkpoints", "unfinished.txt",
+    "orbit.json", "orbit.npz", "branch.nc", "branch.png", "points", "checkpoints",
+    "unfinished.txt",
 })  # fmt: skip
 """Names that runs, sweeps, refinement studies, orbits and branches give to what they write."""
 MADE_OF_RESULT = (
