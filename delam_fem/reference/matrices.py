@@ -121,6 +121,16 @@ def varying_element(lamina: Lamina, x: float, h: float) -> tuple[FloatArray, Flo
     return mass, stiffness
 
 
+def varying_lumped_mass(lamina: Lamina, x: float, h: float) -> FloatArray:
+    """Return the lumped mass of an element whose section changes, shape (4,) [kg, kg m2].
+
+    Each end has that of an element with the section there.
+    """
+    rho, b, t = (_line(lamina, key, x, h) for key in ("density", "width", "thickness"))
+    first, last = (lumped_mass(float((rho * b * t)(s)), h) for s in (0.0, h))
+    return np.concatenate([first[:DOFS], last[DOFS:]])
+
+
 def shape_functions(h: float) -> list[Polynomial]:
     """Return the four cubic shape functions N of an element.
 
@@ -454,15 +464,17 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     laminae = range(len(case.lamina))
     places = [(i, k, h) for i in laminae for k, h in enumerate(np.diff(stack.x).tolist())]
     if stack.is_varying:
-        if stack.is_bonded.any() or case.time.mass == "lumped":
+        if stack.is_bonded.any():
             raise CaseError(
-                "reference: expected uniform laminae, or laminae that are apart with the "
-                "consistent mass, given tables over x"
+                "reference: expected uniform laminae in a bonded stack, given tables over x"
             )
         blocks = [varying_element(case.lamina[i], float(stack.x[k]), h) for i, k, h in places]
         masses = [(i, k, mass) for (i, k, _), (mass, _) in zip(places, blocks, strict=True)]
         bending = [(i, k, block) for (i, k, _), (_, block) in zip(places, blocks, strict=True)]
-        lumps = [(i, k, np.diag(np.diag(mass))) for i, k, mass in masses]
+        lumps = [
+            (i, k, np.diag(varying_lumped_mass(case.lamina[i], float(stack.x[k]), h)))
+            for i, k, h in places
+        ]
     else:
         rhoA, EI = stack.sections[:2]
         lumps = [(i, k, np.diag(lumped_mass(rhoA[i], h))) for i, k, h in places]

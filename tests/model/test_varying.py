@@ -362,3 +362,18 @@ def test_numbers_of_tables_are_keys_of_sweeps_and_fits() -> None:
     assert units == ["m", "m", "kg/m3", "m"]
     assert value_of(case, "lamina.one.thickness.value.2") == pytest.approx(0.4 * H)
     assert np.isnan(value_of(case, "lamina.one.thickness"))
+
+
+def test_compare_finds_the_motion_of_the_reference() -> None:
+    """Tapered and stepped laminae on a soft clamp, with contact."""
+    clamp = {"side": "start", "kind": "pinned", "rotational_stiffness": 40.0}
+    case = case_of(
+        {"thickness": TAPER}, {"name": "two", "width": STEPS | {"value": [B, 0.8 * B, 1.2 * B]}},
+        support=[clamp], gap={"tip": 1e-4}, mesh={"elements": 8},
+        contact={"law": "newton-penalty", "impulse": "lumped"},
+    )  # fmt: skip
+    found = df.compare(case, periods=2)
+    assert max(found.matrices.values()) < 1e-9
+    assert found.frequencies < 1e-9
+    assert found.motion is not None
+    assert found.motion.until_impact < 1e-9

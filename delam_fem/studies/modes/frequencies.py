@@ -447,7 +447,7 @@ def modes_of(
         factor: factors of the stiffness of a single lamina; None: they are computed.
 
     Returns:
-        Frequencies and shapes beside the exact ones.
+        Frequencies and shapes beside the exact ones, NaN where these are not known.
 
     Raises:
         CaseError: n is below 1 or above the number of dofs of a lamina.
@@ -465,7 +465,10 @@ def modes_of(
         full_shapes[:, dofs] = vectors.T
         deflections = nodal(layout, full_shapes, np.zeros(n))[0, i]
         shapes[i] = deflections / deflections[:, -1:]  # 1 at the last point
-    exact = np.stack([lamina.angular_frequencies(n) / (2.0 * np.pi) for lamina in case.lamina])
+    exact = np.full((len(case.lamina), n), np.nan)
+    for i, lamina in enumerate(case.lamina):
+        if case.has_exact_modes(i):
+            exact[i] = lamina.angular_frequencies(n) / (2.0 * np.pi)
     return NaturalModes(layout.names, frequencies, exact, layout.x, shapes)
 
 
