@@ -63,13 +63,16 @@ class History(NamedTuple):
     units: str
 
 
-def histories_of(recorder: Recorder, structure: Structure, case: Case) -> dict[str, History]:
+def histories_of(
+    recorder: Recorder, structure: Structure, case: Case, *, has_contacts: bool = True
+) -> dict[str, History]:
     """Return the histories of all channels over the window of a recorder, by their names.
 
     Args:
         recorder: recorder of the run, after at least one period.
         structure: structure that moved.
         case: its case.
+        has_contacts: whether forces of contacts, which take most of the time, are wanted.
 
     Returns:
         One value after each step; a sensor with a sampling rate has times of its own. Sensors are
@@ -84,7 +87,8 @@ def histories_of(recorder: Recorder, structure: Structure, case: Case) -> dict[s
         histories[f"tip_{name}_velocity"] = History(time, v[:, row], "m/s")
     name, units = ("drive", "N") if recorder.is_forced else ("base", "m")
     histories[name] = History(time, base[:, 0], units)
-    for contact, (units, values) in contacts.histories(recorder, structure, case).items():
+    touching = contacts.histories(recorder, structure, case) if has_contacts else {}
+    for contact, (units, values) in touching.items():
         histories[f"contact_{contact}"] = History(time, values, units)
     for signal in signals(recorder, structure, case):
         sensor = signal.sensor

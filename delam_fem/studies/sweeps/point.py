@@ -388,7 +388,9 @@ def _channel_values(
     wanted: tuple[Quantity, ...], recorder: Recorder, structure: Structure, case: Case
 ) -> dict[str, npt.ArrayLike]:
     """Return the measures of channels; what this point has in another unit or not at all is NaN."""
-    histories = histories_of(recorder, structure, case)
+    names = {quantity.channel[0] for quantity in wanted if quantity.channel}
+    has_contacts = any(name.startswith("contact_") for name in names)
+    histories = histories_of(recorder, structure, case, has_contacts=has_contacts)
     values: dict[str, npt.ArrayLike] = {}
     for quantity in wanted:
         name, key, units = quantity.channel or ("", "", "")
