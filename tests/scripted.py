@@ -43,7 +43,7 @@ class Scripted:
     seen_u: np.ndarray = field(default_factory=lambda: np.zeros(5))
     seen_v: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
-    def observe(self) -> None:
+    def finish_step(self) -> None:
         """Show (m·u, c·u, k·u), the probes, and their velocities, which are ten times as large."""
         s = float(self.step)
         self.seen_u[:] = 7.0 * s, 0.25 * s, 0.5 * s, *U[:, self.step]
@@ -104,7 +104,7 @@ class Engine:
                 if decision.resting is not None:
                     s.resting = decision.resting
                 record.jump(step, decision, (changes[0], changes[1]))
-            s.observe()
+            s.finish_step()
             record.keep(step, s)
         return STEPS
 

@@ -233,7 +233,7 @@ class StepByStep(Engine):
                 decision = supervisor.examine(stepper)
                 if decision is not None:
                     record.jump(step, decision, stepper.jump(decision))
-            stepper.observe()
+            stepper.finish_step()
             record.keep(step, stepper)
         return n_steps
 

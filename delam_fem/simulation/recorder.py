@@ -311,8 +311,8 @@ class Stepper(Protocol):
     def state(self) -> FloatArray:
         """Return (u, v, a) of the dofs of this rank, shape (3, n_own)."""
 
-    def observe(self) -> None:
-        """Compute `seen_u` and `seen_v` from the present state."""
+    def finish_step(self) -> None:
+        """Book what a completed step has lost; `seen_u` and `seen_v` are then those of its end."""
 
 
 @dataclass
@@ -533,7 +533,7 @@ class Recorder:
             ticks_per_step=self.refine,
             resting=np.array(stepper.resting, dtype=np.bool_),
         )
-        stepper.observe()
+        stepper.finish_step()
         record.u[0], record.v[0] = stepper.seen_u, stepper.seen_v
         return record
 

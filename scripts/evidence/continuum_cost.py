@@ -62,7 +62,7 @@ def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     factor.destroy()
     stepper = MoreauJean(operators, dt, comm=comm)
     stepper.begin(motion_of(case)(0)[: MOST_STEPS + 1])
-    steps, (step, wall) = repeated(clock, comm, lambda: (stepper.advance(), stepper.observe()))
+    steps, (step, wall) = repeated(clock, comm, lambda: (stepper.advance(), stepper.finish_step()))
     solving = stepper._now.A.solve
     load, answer = stepper._residual, stepper._response
     _, (solve, _) = repeated(clock, comm, lambda: solving(load, answer))

@@ -70,7 +70,7 @@ class Ball:
             self.speed += float(decision.impulses[0])
         return 0.5 * self.speed**2 - before, 0.0
 
-    def observe(self) -> None:
+    def finish_step(self) -> None:
         self.seen_u[:] = 0.0, 0.0, 0.0, self.height
         self.seen_v[0] = self.speed
 

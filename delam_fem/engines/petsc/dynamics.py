@@ -306,7 +306,7 @@ class Dynamics:
 
     # -- for recorders ------------------------------------------------------------------------
 
-    def observe(self) -> None:
+    def finish_step(self) -> None:
         """Do nothing: `seen_u` and `seen_v` are always those of the present state."""
 
     def energies(self) -> Energies:

@@ -121,7 +121,7 @@ class RefinedSteps(StepByStep):
         s = self.stepper
         factor = self.refinement.factor
         rows = s.begin(record.base_states)
-        s.observe()
+        s.finish_step()
         for step in range(1, len(rows)):
             near = self._leap(COARSE, rows[step - 1], rows[step], record, step * factor)
             if near is not None:
@@ -133,7 +133,7 @@ class RefinedSteps(StepByStep):
                     return step - 1
             else:
                 record.effort[0] += 1
-            s.observe()
+            s.finish_step()
             record.keep(step, s)
         return len(rows) - 1
 
@@ -228,5 +228,5 @@ class RefinedSteps(StepByStep):
 
     def _observe(self, base_state: BaseState, share: float, ends: list[float]) -> None:
         """Note the end of a small step, a share of a coarse one, for the work of the base."""
-        self.stepper.observe()
+        self.stepper.finish_step()
         ends += [*self.stepper.seen_base.tolist(), *base_state, share]

@@ -300,7 +300,7 @@ class MoreauJean(Dynamics):
         """Compute the free motion of the next step; return the smallest predicted gap [m]."""
         u, v, dt, theta = self.u, self.v, self.time_step, self._theta
         if self._is_unaccounted:
-            self.observe()
+            self.finish_step()
         self._rate_vector.copy(self._rate_start.own)
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
         self.resting = self._none_resting
@@ -383,7 +383,7 @@ class MoreauJean(Dynamics):
         self._now.responses[pair] = motion, reading
         return motion, reading
 
-    def observe(self) -> None:
+    def finish_step(self) -> None:
         """Account for the damping of a completed step."""
         if not self._is_unaccounted:
             return

@@ -39,7 +39,7 @@ def test_motion_and_loss_are_those_of_products_with_the_damping(theta: float) ->
     for operators in (o, replace(o, rayleigh=None)):
         stepper = MoreauJean(operators, 2 * DT, DT, theta=theta)
         stepper.begin(base_states)
-        stepper.observe()
+        stepper.finish_step()
         for step in range(30):
             if step == 12:  # a step that is undone leaves nothing behind
                 stepper.keep()
@@ -50,10 +50,10 @@ def test_motion_and_loss_are_those_of_products_with_the_damping(theta: float) ->
             stepper.advance()
             if step in (12, 25):
                 stepper.jump(Decision(hit, impulses, np.zeros(2), np.zeros(2)))
-            stepper.observe()
+            stepper.finish_step()
             if step == 12:
                 stepper.begin(base_states[13:])
-                stepper.observe()
+                stepper.finish_step()
         ends.append((stepper.state()[:2], stepper.dissipated))
         stepper.destroy()
     (state, loss), (expected, expected_loss) = ends

@@ -174,7 +174,7 @@ def test_what_is_seen_belongs_to_the_present_state(scheme: type[Newmark | Moreau
     }
     for name, act in actions.items():
         act()
-        stepper.observe()
+        stepper.finish_step()
         u, v, _ = stepper.state()
         rows = np.vstack([o.base.mass, o.base.damping, o.base.stiffness, o.observed.toarray()])
         gap, rate = stepper.margins()
@@ -216,7 +216,7 @@ def test_kept_responses_make_the_jump_that_a_solve_makes(monkeypatch: pytest.Mon
             stepper.use(level)
             stepper.advance()
             assert stepper.jump(push)[0] == pytest.approx(-5e-5)
-            stepper.observe()
+            stepper.finish_step()
         results.append((stepper.state()[:2], stepper.dissipated, stepper.margins()[1].copy()))
         stepper.destroy()
     (state, loss, rate), (solved, its_loss, its_rate) = results
@@ -236,7 +236,7 @@ def test_what_is_near_is_sought_anew_when_the_state_changes(
     reach = 0.1
     stepper.begin(shaken(4))
     stepper.advance()
-    stepper.observe()
+    stepper.finish_step()
     assert stepper.nearness(reach, 1e-3) == 0
     stepper.keep()
     stepper.advance()
@@ -269,12 +269,12 @@ def test_a_step_that_is_undone_leaves_no_trace(
             stepper.begin_step(rows[0], rows[2])
             stepper.advance()
             if is_observed:
-                stepper.observe()
+                stepper.finish_step()
             stepper.undo()
         lost = stepper.dissipated
         stepper.begin_step(rows[0], rows[1])
         stepper.advance()
-        stepper.observe()
+        stepper.finish_step()
         results.append((stepper.dissipated - (lost if is_observed else 0.0), stepper.state()))
         stepper.destroy()
     (loss, state), (its_loss, its_state) = results
@@ -290,8 +290,8 @@ def test_a_step_that_nobody_observed_is_accounted_for() -> None:
         for _ in range(9):
             stepper.advance()
             if is_observed:
-                stepper.observe()
-        stepper.observe()
+                stepper.finish_step()
+        stepper.finish_step()
         losses.append((stepper.dissipated, stepper.state().tolist()))
         stepper.destroy()
     assert losses[0] == losses[1]
