@@ -666,7 +666,7 @@ class ModalStepper:
         self._of_drive = rows @ reduced.drive + operators.probe_shift
         self._at_rest = rows @ reduced.sag
         self._of_forces = np.stack([rows @ X for X in reduced.residual])
-        self.observe()
+        self.finish_step()
 
     def seen(
         self, q: FloatArray, v: FloatArray, s: FloatArray, base_states: FloatArray
@@ -683,7 +683,7 @@ class ModalStepper:
         moved, moving = (np.outer(base_states[:, i], self._of_drive) for i in range(2))
         return q @ self._of_modes.T + late + moved + self._at_rest, v @ self._of_modes.T + moving
 
-    def observe(self) -> None:
+    def finish_step(self) -> None:
         """Compute `seen_u` and `seen_v` from the present state."""
         q, v, s = self.periods.split(self.at)
         (u,), (self.seen_v,) = self.seen(q[None], v[None], s[None], self.base_state[None])
