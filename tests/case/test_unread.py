@@ -173,6 +173,14 @@ BASES: dict[str, tuple[str, dict[str, Any]]] = {
         "impactor": [IMPACTOR | {"lamina": "thick", "restitution": 0.3,
                                  "threshold_velocity": 1e-3}],
     }),
+    "loaded": ("embedded", BONDED | {
+        "gravity": {"acceleration": 9.0, "inclination": 20.0, "roll": 30.0},
+        "load": [
+            {"lamina": "lower", "position": 0.2, "force": 0.5},
+            {"between": ["lower", "upper"], "start": 0.15, "end": 0.25, "per_length": 20.0},
+            {"lamina": "upper", "axial": 5.0},
+        ],
+    }),
     "nothing touches": ("default", SINGLE | {"contact": {"law": "newton", "restitution": 0.5}}),
 }  # fmt: skip
 """Presets with what makes small cases of all kinds of them."""
@@ -219,6 +227,7 @@ CHOSEN: dict[str, tuple[object, ...]] = {
     "model.poisson": (0.2,), "model.degree": (3,), "model.layers": (2,), "model.strips": (2,),
     "contact.restitution": (0.4,), "contact.points_per_element": (2,),
     "contact.penalty_stiffness": (222.0,), "contact.penalty_damping": (0.2,),
+    "load.lamina": ("upper",), "load.between": (["upper", "lower"],),
 }  # fmt: skip
 """Other values of keys; of keys that a base has, numbers get 0.8 of their value."""
 SHOWN_BY = {
@@ -235,7 +244,8 @@ SHOWN_BY = {
     "contact.threshold_velocity": "literal", "contact.penalty_damping": "penalty",
     "contact.penalty_stiffness": "penalty", "time.refine_velocity": "apart",
     "excitation.lamina": "force", "excitation.position": "force",
-    "time.most_periods": "apart", "model.poisson": "plane", "impactor.radius": "ball",
+    "time.begin": "loaded", "time.most_periods": "apart", "model.poisson": "plane",
+    "impactor.radius": "ball",
 }  # fmt: skip
 """Bases that show the effect of keys that do not always have one; of others the first base."""
 
