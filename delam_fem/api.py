@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         Excitation as Excitation,
         ForceExcitation as ForceExcitation,
         HarmonicExcitation as HarmonicExcitation,
+        MultisineExcitation as MultisineExcitation,
         SweepExcitation as SweepExcitation,
         SweptMotion as SweptMotion,
         base_motion as base_motion,
@@ -279,7 +280,8 @@ _HOMES = {
     # Cases
     "case.definition": "Case",
     "case.excitation": (
-        "Excitation ForceExcitation HarmonicExcitation SweepExcitation SweptMotion base_motion "
+        "Excitation ForceExcitation HarmonicExcitation MultisineExcitation SweepExcitation "
+        "SweptMotion base_motion "
         "drive parts_of swept_motion"
     ),
     "case.files": "PRESETS CaseSource find_case load_case preset save_case",

@@ -218,10 +218,27 @@ def response_command(
             help="Follow the free vibration of a channel between two frequencies, in segments.",
         ),
     ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="Period of a multisine, 1/spacing: no window, and its distortions."
+        ),
+    ] = None,
+    realisations: Annotated[
+        int, typer.Option(min=1, help="Realisations of the multisine, one after the other.")
+    ] = 1,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read measurements, and add frequency responses, poles, or a free vibration over time."""
+    """Read measurements or a run, and add responses, distortions, poles, or a free vibration."""
+    from delam_fem.studies.signals.distortions import run_in, with_distortions
+
+    run = run_in(files)
+    if run is not None:
+        files = [run.file]
+        excitation = excitation or run.excitation
+        period = period or run.period
+        realisations = run.realisations if run.period else realisations
     if not (excitation or pole_range or free):
         raise CaseError(
             "measure response: expected --excitation NAME, --poles LOW HIGH or both, or --free "
@@ -231,11 +248,21 @@ def response_command(
 
     data = _read(files, channels, units, rate, between=between, fill=fill)
     tables: list[Rows] = []
-    if excitation is not None:
+    if run is not None and run.claps:
+        text = "the run claps: its responses are not those of a linear structure"
+        notes = "\n".join(filter(None, (data.attrs.get("notes"), text)))
+        data = data.assign_attrs(is_linear=0, notes=notes)
+    if excitation is not None and period is not None:
+        data = with_distortions(data, excitation, period, realisations)
+    elif excitation is not None:
         data = with_responses(data, excitation, segment=segment, estimator=estimator)
     if free is not None:
         data = with_free_vibrations(data, *free, segment=segment)
-    if pole_range is not None:
+    is_linear = bool(data.attrs.get("is_linear", 1))
+    if pole_range is not None and not is_linear:
+        reason = "the record is not linear, as one that claps: a pole of it would be none"
+        tables.append(("poles", ("not printed",), [(reason,)]))
+    elif pole_range is not None:
         of_poles = ("frequency [Hz] (± 2 errors)", "damping [%] (± 2 errors)")
         data, rows_of_poles, rows_of_rest = _poles(data, *pole_range)
         tables.append(("poles", of_poles, rows_of_poles))

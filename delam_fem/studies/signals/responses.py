@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
-from scipy.signal import detrend, find_peaks, resample_poly
+from scipy.signal import detrend, find_peaks, resample_poly, welch
 
 from delam_fem.api import CaseError, FloatArray, require, style
 from delam_fem.studies.signals.channels import Values
@@ -56,6 +56,8 @@ chosen by twelve records of noise, not derived."""
 PARTS, SWEPT = 16, 3.0
 """Parts of a record in which the frequency of a sweep rises, and spectral lines by which the power
 of a part may be wider than what is swept in it."""
+AFTER_BURST = 1e-3
+"""Share of a burst that may be left of the excitation in the last fifth of its record."""
 MOST_PEAKS = 40
 """Peaks that are led back, the most prominent."""
 OF_PEAK = 12
@@ -244,6 +246,8 @@ def with_responses(
 ) -> xr.Dataset:
     """Return a measurement with the frequency responses of all channels to one of them.
 
+    The window follows from the excitation: none of blows, sweeps and bursts, Hann of all others.
+
     sdypy-FRF averages over segments that overlap by half, each with a Hann window; where the
     excitation is that of a hammer, over one segment for each blow (`pulses`), without a window.
 
@@ -258,7 +262,8 @@ def with_responses(
 
     Returns:
         The measurement with `response(frequency, output)`, complex, and `coherence`, NaN of a
-        single blow; what was done with blows is in the notes.
+        single blow; what was done with blows is in the notes. Where segments are averaged also
+        `psd(frequency, output)` and `psd_excitation(frequency)`, one-sided.
 
     Raises:
         CaseError: there is no such channel or estimator, the samples are not evenly spaced, the
@@ -270,9 +275,9 @@ def with_responses(
 
     if estimator not in ESTIMATORS:
         raise CaseError(f"estimator: expected one of {', '.join(ESTIMATORS)}, given {estimator!r}")
-    first, outputs = _chosen(data, excitation)
+    first, outputs = chosen(data, excitation)
     time: FloatArray = data["time"].to_numpy()
-    step = _step(time)
+    step = step_of(time)
     n = time.size
     force = history_of(data, first)
     motions = np.array([history_of(data, k) for k in outputs])
@@ -280,7 +285,8 @@ def with_responses(
         raise CaseError(f"excitation: expected a channel that moves, given {excitation!r} at rest")
     struck = pulses(force)
     sweep = None if struck else swept(force, step)
-    is_single = bool(sweep) and segment is None
+    is_burst = not struck and ends_early(force)
+    is_single = (bool(sweep) or is_burst) and segment is None
     longest, limit = (n, "the record") if struck else (n // 2, "half the record")
     length = n // (1 if struck else SEGMENTS) if segment is None else round(segment / step)
     if not 8 <= length <= longest:
@@ -303,6 +309,8 @@ def with_responses(
         resp = resp * window
     if sweep is not None:
         notes.append(_of_sweep(*sweep, is_single=is_single))
+    elif is_single:
+        notes.append("the excitation is a burst: one segment, without a window and a coherence")
     has_window = not struck and not is_single
     estimate = FRF(
         1, exc=exc, resp=resp, exc_type="f", resp_type="d", window="hann" if has_window else "none",
@@ -334,11 +342,36 @@ def with_responses(
         peaks = ", ".join(f"{f:.5g}" for f in led) or "none"
         notes.append(f"exponential window, its damping taken out at the peaks: {peaks} Hz")
     data = data.assign_attrs(notes="\n".join(filter(None, [data.attrs.get("notes"), *notes])))
-    data = _with(data, frequency, (responses, coherence), (first, outputs))
+    data = with_estimates(data, frequency, (responses, coherence), (first, outputs))
+    if has_window:
+        data = _with_densities(data, step, length, (first, outputs))
     if rate:
         about = {"units": data["response"].attrs["units"], "long_name": "damped response"}
         about |= {"decay": rate, "window": "Hann" if has_window else "exponential"}
         data["damped_response"] = (("frequency", "output"), damped.T, about)
+    return data
+
+
+def ends_early(force: FloatArray) -> bool:
+    """Return whether an excitation is a burst: over before the last fifth of its record."""
+    end = force.size // 5
+    return bool(end) and float(np.ptp(force[-end:])) < AFTER_BURST * float(np.ptp(force))
+
+
+def _with_densities(
+    data: xr.Dataset, step: float, length: int, channels: tuple[int, list[int]]
+) -> xr.Dataset:
+    """Return the measurement with one-sided power spectral densities of all channels."""
+    first, outputs = channels
+    units = [str(u) for u in data["channel_units"].to_numpy()]
+    histories = np.array([history_of(data, k) for k in (first, *outputs)])
+    _, densities = welch(histories, 1.0 / step, nperseg=length)
+    squared = [f"({units[k]})²/Hz" for k in (first, *outputs)]
+    same = squared[1] if len(set(squared[1:])) == 1 else "of each channel squared, per Hz"
+    words = "one-sided power spectral density"
+    data["psd"] = (("frequency", "output"), densities[1:].T, {"units": same, "long_name": words})
+    about = {"units": squared[0], "long_name": f"{words} of the excitation"}
+    data["psd_excitation"] = ("frequency", densities[0], about)
     return data
 
 
@@ -415,7 +448,7 @@ def _of_sweep(first: float, last: float, rate: float, *, is_single: bool) -> str
     )
 
 
-def _chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
+def chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
     """Return the numbers of the channels of the excitation and of the responses."""
     names = [str(name) for name in data["channel"].to_numpy()]
     variables = [str(name) for name in data["channel_variable"].to_numpy()]
@@ -432,7 +465,7 @@ def _chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
     return first, outputs
 
 
-def _with(
+def with_estimates(
     data: xr.Dataset,
     frequency: FloatArray,
     found: tuple[Values, FloatArray],
@@ -459,7 +492,7 @@ def _with(
     return data
 
 
-def _step(time: FloatArray) -> float:
+def step_of(time: FloatArray) -> float:
     """Return the time between samples [s].
 
     Raises:
@@ -554,6 +587,11 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> tuple[list[Pole], dic
         damped = np.nan_to_num(data["damped_response"].to_numpy().T) / size
         decay = float(data["damped_response"].attrs["decay"])
     lines, rows = _on_multiples(frequency, damped, step)
+    if len(lines) < ORDER + 2:
+        raise CaseError(
+            f"poles: expected responses of at least {ORDER + 2} lines, given {len(lines)}; take "
+            "longer segments, or a multisine with a smaller spacing"
+        )
     model = ema.Model(
         frf=rows, freq=lines, lower=lower, upper=upper, pol_order_high=ORDER,
         frf_form="receptance",
@@ -773,7 +811,7 @@ def with_free_vibrations(
     names = [str(name) for name in data["channel"].to_numpy()]
     require(channel in names, "free", f"one of {', '.join(names)}", channel)
     time: FloatArray = data["time"].to_numpy()
-    step = _step(time)
+    step = step_of(time)
     thinned = max(1, int(1.0 / (OVERSAMPLED * upper * step)))
     segment = CYCLES / max(lower, 1e-9) if segment is None else segment
     n = round(segment / (thinned * step))
@@ -853,7 +891,11 @@ def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    drawn = {"response": responses, "free_frequency": free_vibration}
+    from delam_fem.studies.signals.distortions import distortions
+
+    drawn = {
+        "response": responses, "free_frequency": free_vibration, "line_level": distortions,
+    }  # fmt: skip
     return [
         style.save_figure(partial(draw, data), directory / f"{draw.__name__}.png")
         for name, draw in drawn.items()
