@@ -20,6 +20,7 @@ from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.figures import channels
+from delam_fem.results.figures.responses import has_many_lines, responses
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
@@ -445,6 +446,12 @@ OF_CHANNELS: dict[str, Callable[..., Figure]] = {
 """The figures of channels by name; the first one is drawn of every run with sensors."""
 
 
+OF_MANY_LINES: dict[str, Callable[..., Figure]] = {"responses": responses}
+"""The figures of runs whose drive has many lines."""
+LEAST_LENGTH = 256
+"""Steps of a window from which responses to a drive that does not repeat are drawn."""
+
+
 class Plots:
     """The figures of one run as methods: `plots.tip_histories()`, `plots.channels("a1", "base")`.
 
@@ -458,30 +465,31 @@ class Plots:
 
     def __dir__(self) -> list[str]:
         """List the names of the figures."""
-        return list(figures_of(self._history))
+        return list(figures_of(self._history, self._case))
 
     def __getattr__(self, name: str) -> Callable[[], Figure]:
         """Return the function that draws the figure of this name."""
-        figures = {} if name.startswith("_") else figures_of(self._history)
+        figures = {} if name.startswith("_") else figures_of(self._history, self._case)
         figures = OF_CHANNELS | figures if name in OF_CHANNELS else figures
         if name not in figures:
             raise AttributeError(f"no figure {name!r}; there are {', '.join(figures)}")
         return styled()(partial(figures[name], self._history, self._case))
 
 
-def figures_of(history: xr.Dataset) -> dict[str, Callable[..., Figure]]:
+def figures_of(history: xr.Dataset, case: Case) -> dict[str, Callable[..., Figure]]:
     """Return the figures of a run by the names of their files."""
     if "tip_node" not in history:
         return OF_PROBES if history.sizes["lamina"] else {"energy_ledger": energy_ledger}
     figures = FIGURES | ({"channels": channels.histories} if sensors_of(history) else {})
     if history.sizes["lamina"] == 1 and "stop" not in history.sizes:
         del figures["contact_line"]
-    return figures
+    is_long = history.sizes["time"] >= (case.steps_per_period if case.is_periodic else LEAST_LENGTH)
+    return figures | OF_MANY_LINES if has_many_lines(case) and is_long else figures
 
 
 def remove_figures(directory: Path, keep: Collection[str] = ()) -> None:
     """Remove the figures of an earlier run, but not those that are drawn anew."""
-    drawn = {*FIGURES, *OF_PROBES, *OF_CHANNELS, "laminae", "solid"}
+    drawn = {*FIGURES, *OF_PROBES, *OF_CHANNELS, *OF_MANY_LINES, "laminae", "solid"}
     for name in drawn - set(keep):
         discard(directory / f"{name}.png")
 
@@ -508,7 +516,7 @@ def save_figures(
     """
     directory = Path(directory)
     has_period = history.sizes["time"] >= case.steps_per_period
-    figures = figures_of(history)
+    figures = figures_of(history, case)
     if names_of_channels:
         figures |= OF_CHANNELS
     names = [name for name in figures if has_period or name != "spectra"]

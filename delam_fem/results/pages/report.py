@@ -308,6 +308,10 @@ CAPTIONS = {
     "channel_spectra": "Amplitude spectra of channels, over whole periods of the window.",
     "channel_portraits": "Time derivatives of channels over the channels themselves.",
     "spectra": "Amplitude spectra of the displacements at the reference probes.",
+    "responses": (
+        "The drive, what it moves, and the frequency responses of all channels, beside the exact "
+        "ones without contact."
+    ),
     "contact_line": "Where and when neighbouring laminae touch, and the power that contact takes.",
     "energy_ledger": "What changed the energy in each period, and what was stored at its end.",
     "envelope": "Displacements at the reference probes within each period of the whole run.",

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -883,24 +881,6 @@ def _strongest(
     scatter = np.sqrt(((table - result) ** 2).sum(axis=0) / (len(table) - 1))
     result[[1, 3]] = np.hypot(result[[1, 3]], scatter[[0, 2]])
     return tuple(result.tolist())
-
-
-def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
-    """Write the figures of the responses and of the free vibration that a measurement has.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    from delam_fem.studies.signals.distortions import distortions
-
-    drawn = {
-        "response": responses, "free_frequency": free_vibration, "line_level": distortions,
-    }  # fmt: skip
-    return [
-        style.save_figure(partial(draw, data), directory / f"{draw.__name__}.png")
-        for name, draw in drawn.items()
-        if name in data
-    ]
 
 
 def responses(data: xr.Dataset) -> Figure:

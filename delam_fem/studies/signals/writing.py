@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from delam_fem.api import schema, write_dataset, write_text
+from delam_fem.api import schema, style, write_dataset, write_text
+from delam_fem.studies.signals.distortions import distortions
 from delam_fem.studies.signals.reading import COMPLEX
-from delam_fem.studies.signals.responses import save_pictures
+from delam_fem.studies.signals.responses import free_vibration, responses
 
 MEASURED = "measured.nc"
 """Name of the file of a measurement."""
@@ -29,6 +31,22 @@ def write_measured(data: xr.Dataset, path: Path) -> Path:
                 {f"{name}_{part}": v.assign_attrs(data[name].attrs) for part, v in parts.items()}
             )
     return write_dataset(plain, path)
+
+
+def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
+    """Write the figures of the responses and of the free vibration that a measurement has.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    drawn = {
+        "response": responses, "free_frequency": free_vibration, "line_level": distortions,
+    }  # fmt: skip
+    return [
+        style.save_figure(partial(draw, data), directory / f"{draw.__name__}.png")
+        for name, draw in drawn.items()
+        if name in data
+    ]
 
 
 def write_all(data: xr.Dataset, directory: Path) -> list[Path]:

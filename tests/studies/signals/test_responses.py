@@ -19,10 +19,10 @@ from delam_fem.studies.signals.responses import (
     on_axis,
     poles,
     pulses,
-    save_pictures,
     with_free_vibrations,
     with_responses,
 )
+from delam_fem.studies.signals.writing import save_pictures
 
 RATE = 200.0
 BLOW = 0.3 + np.sin(np.pi * (np.arange(7) + 0.5) / 7.0)

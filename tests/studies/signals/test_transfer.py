@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 from delam_fem.api import CaseError
 from delam_fem.cli.app import app
 from delam_fem.studies.signals.reading import read_measured
-from delam_fem.studies.signals.responses import poles, save_pictures, with_responses
+from delam_fem.studies.signals.responses import poles, with_responses
+from delam_fem.studies.signals.writing import save_pictures
 
 RATE, N, SEGMENT = 200.0, 40_000, 40.0
 MODES = ((3.2, 0.012, 1.0), (19.7, 0.008, -5.0))
