@@ -106,18 +106,18 @@ def estimates(history: xr.Dataset, case: Case) -> Estimates:
         spectra = np.fft.rfft(np.vstack([force[None], motions])) * step
         frequency = np.fft.rfftfreq(force.size, step)
         size = np.abs(spectra)
-        shown = (size[0] > LEAST * size[0].max()) & (frequency > 0.0)
-        H = spectra[1:, shown] / spectra[0, shown]
-        return Estimates(frequency[shown], size[0, shown], size[1:, shown], H, names)
+        in_band = (size[0] > LEAST * size[0].max()) & (frequency > 0.0)
+        H = spectra[1:, in_band] / spectra[0, in_band]
+        return Estimates(frequency[in_band], size[0, in_band], size[1:, in_band], H, names)
     length = force.size // SEGMENTS
     frequency, density = welch(force, 1.0 / step, nperseg=length)
     _, cross = csd(force[None], motions, 1.0 / step, nperseg=length)
     _, motion = welch(motions, 1.0 / step, nperseg=length)
     low = getattr(excitation, "low", frequency[1])
     high = getattr(excitation, "high", 0.25 / step)
-    shown = (frequency >= max(low, frequency[1])) & (frequency <= high) & (density > 0.0)
-    H = cross[:, shown] / density[shown]
-    return Estimates(frequency[shown], density[shown], motion[:, shown], H, names)
+    in_band = (frequency >= max(low, frequency[1])) & (frequency <= high) & (density > 0.0)
+    H = cross[:, in_band] / density[in_band]
+    return Estimates(frequency[in_band], density[in_band], motion[:, in_band], H, names)
 
 
 def exact(case: Case, frequency: FloatArray) -> dict[str, ComplexArray] | None:

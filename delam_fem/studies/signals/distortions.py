@@ -306,13 +306,13 @@ def distortions(data: xr.Dataset) -> Figure:
             data[f"line_{word}"].to_numpy()[:, k] for word in ("level", "noise", "scattered")
         )
         top = float(level.max())
-        shown = (
+        series = (
             *((lines[kind == number], level[kind == number], colour, word)
               for number, colour, word in marks),
             (lines, scattered, style.GREEN, "scatter of realisations"),
             (lines, noise, style.SKY, "noise"),
         )  # fmt: skip
-        for x, y, colour, word in shown:
+        for x, y, colour, word in series:
             decibels = 20.0 * np.log10(np.maximum(y, 1e-12 * top) / top)
             if np.isfinite(decibels).any():
                 lower.plot(x, decibels, ".", color=colour, markersize=3, label=word)
