@@ -447,7 +447,7 @@ _MEASURES = (
         "how much cycles differ that repeat, rms in half peak-to-peak amplitudes", True),
     Measure("settled", (), "",
         "whether the transient has died out; irregular: it has, no cycle repeats"),
-    Measure("judged_by", (), "", "channels whose cycles say so"),
+    Measure("judged_by", ("channel",), "", "channels whose cycles say so"),
     Measure("settling", (), "", "the numbers behind it"),
     Measure("transient", (), "1",
         "what is left of the transient, in half peak-to-peak amplitudes", True),

@@ -173,6 +173,8 @@ class Watch:
                 write_arrays(self._path, arrays)
         except OSError as error:
             _log.warning("%s: %s; the run goes on without it", error.filename, error.strerror)
+        except CaseError as error:  # something else stands in its place
+            _log.warning("%s; the run goes on without it", error)
 
 
 _PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse", "effort")

@@ -218,6 +218,8 @@ CHOSEN: dict[str, tuple[object, ...]] = {
     "impactor.spring_damping": (0.2,), "initial.lamina": ("lower",), "initial.position": (0.2,),
     "initial.displacement": (1e-5,), "sensor.name": ("other",), "sensor.lamina": ("thick",),
     "sensor.between": (["thin", "thick"],), "sensor.stop": (1,), "sensor.impactor": (1,),
+    "sensor.mass": (0.05,), "sensor.resonance": (40.0,), "sensor.resonance_damping": (0.3,),
+    "sensor.corner": (20.0,), "sensor.order": (3,), "sensor.range": (1e-4,), "sensor.bits": (8,),
     "sensor.noise": (1e-3,), "sensor.seed": (3,), "sensor.sampling_rate": (60.0,),
     "support.rotational_stiffness": (70.0,), "support.lamina": ("upper",),
     "support.stiffness": (70.0,), "support.damping": (0.3,), "support.position": (0.3,),

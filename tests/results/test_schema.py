@@ -58,7 +58,8 @@ def assigned(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr]]:
     """Yield targets and values of an assignment, those of tuples one by one."""
     (target, *_), value = node.targets, node.value
     if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-        yield from zip(target.elts, value.elts, strict=True)
+        if not any(isinstance(part, ast.Starred) for part in (*target.elts, *value.elts)):
+            yield from zip(target.elts, value.elts, strict=True)
     else:
         yield target, value
 

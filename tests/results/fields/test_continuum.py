@@ -16,6 +16,7 @@ import delam_fem as df
 from delam_fem.api import FloatArray, Result
 from delam_fem.results.fields.laminae import contact_force_of_laminae
 from delam_fem.results.fields.solids import Frames, write_solid
+from delam_fem.system.written import LIST
 
 KEYS = {
     "excitation.frequency": 3.25,
@@ -158,6 +159,7 @@ def test_a_run_of_beams_leaves_no_solid(tmp_path: Path) -> None:
     stale = tmp_path / "fields" / "solid.vtkhdf"
     stale.parent.mkdir()
     stale.write_bytes(b"of another run")
+    (tmp_path / LIST).write_text("fields/solid.vtkhdf\n")
     case = df.preset("paper", {"time.periods": 1, "output.window_periods": 1})
     result = df.run(case)
     assert result.solid is None

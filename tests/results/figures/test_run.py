@@ -338,16 +338,19 @@ def test_shades_of_gaps_become_finer_by_powers_of_ten(size: float) -> None:
 
 
 def test_figures_of_a_run_are_those_that_it_has() -> None:
-    history = synthetic_history(small_case())
-    assert list(figures.figures_of(history)) == list(figures.FIGURES)
+    case = small_case()
+    history = synthetic_history(case)
+    assert list(figures.figures_of(history, case)) == list(figures.FIGURES)
     single = history.isel(lamina=[0])
-    assert list(figures.figures_of(single)) == [k for k in figures.FIGURES if k != "contact_line"]
+    assert list(figures.figures_of(single, case)) == [
+        k for k in figures.FIGURES if k != "contact_line"
+    ]
     add(single, stop_number=[1])
-    assert list(figures.figures_of(single)) == list(figures.FIGURES)
+    assert list(figures.figures_of(single, case)) == list(figures.FIGURES)
     operators = history.drop_vars("tip_node")
-    assert list(figures.figures_of(operators)) == list(figures.OF_PROBES)
+    assert list(figures.figures_of(operators, case)) == list(figures.OF_PROBES)
     nothing = operators.isel(lamina=slice(0, 0))
-    assert list(figures.figures_of(nothing)) == ["energy_ledger"]
+    assert list(figures.figures_of(nothing, case)) == ["energy_ledger"]
     plots = figures.Plots(history, small_case())
     assert dir(plots) == sorted(figures.FIGURES)
     with pytest.raises(AttributeError) as error:

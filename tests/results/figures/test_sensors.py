@@ -19,13 +19,13 @@ from delam_fem.simulation.signals import Signal
 def test_each_sensor_has_a_panel_in_its_unit(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case)
-    assert "channels" not in figures.figures_of(history)
+    assert "channels" not in figures.figures_of(history, case)
     strain = Sensor(name="e", quantity="strain", lamina="thin", position=0.0)
     slow = Sensor(name="v", quantity="velocity", lamina="thin", position=0.1, sampling_rate=50.0)
     time = history["time"].to_numpy()
     history = with_sensor(history, Signal(strain, time, 1e-4 * np.sin(time)))
     history = with_sensor(history, Signal(slow, time[::7], np.cos(time[::7])))
-    figure = figures.figures_of(history)["channels"](history, case)
+    figure = figures.figures_of(history, case)["channels"](history, case)
     first, second = figure.axes[:2]
     assert first.get_ylabel() == "strain [µm/m]" and second.get_ylabel() == "velocity [m/s]"
     np.testing.assert_allclose(first.lines[0].get_ydata()[-1], 100.0 * np.sin(time[-1]))

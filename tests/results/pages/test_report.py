@@ -111,7 +111,8 @@ def test_files_beside_the_page_are_linked_if_they_are_there(case: Case, tmp_path
 def test_every_figure_has_a_caption() -> None:
     of_fields = {"laminae", "solid"}
     assert set(report.CAPTIONS) == {
-        *figures.FIGURES, *figures.OF_PROBES, *figures.OF_CHANNELS, *of_fields,
+        *figures.FIGURES, *figures.OF_PROBES, *figures.OF_CHANNELS, *figures.OF_MANY_LINES,
+        *of_fields,
     }  # fmt: skip
 
 
