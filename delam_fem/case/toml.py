@@ -237,7 +237,7 @@ def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[
     """Yield the levels of a key in the notation of overrides."""
     tables: object = data
     for part in place:
-        if part in _UNION_TAGS:
+        if part in _UNION_TAGS and part not in data:  # a sweep has a section `record`
             continue
         if isinstance(part, int):
             entry = tables[part] if isinstance(tables, list | tuple) else {}

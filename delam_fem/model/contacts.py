@@ -119,9 +119,12 @@ def with_pair_numbers(structure: Structure, case: Case) -> Structure:
             relaxation[pairs] = np.nan if is_same else ratio
     numbers = PairNumbers(elastic, restitution, relaxation, threshold, shares)
     has_numbers = elastic.any() or not np.isnan([restitution, relaxation, threshold]).all()
+    is_weighted = bool((weights != shares).any())
+    if not (has_numbers or is_weighted):
+        return structure
     operators = replace(
         o,
-        pair_weights=o.pair_weights if (weights == shares).all() else weights,
+        pair_weights=weights if is_weighted else o.pair_weights,
         pair_numbers=numbers if has_numbers else None,
     )
     return replace(structure, operators=operators)

@@ -134,5 +134,5 @@ def test_a_spring_that_is_rigid_is_refused_with_what_to_take(key: str, position:
     spring = {"position": position, "kind": "spring", "stiffness": 1e3, key: 1e30}
     data = bonded().model_dump(exclude_unset=True)
     case = df.Case.model_validate(data | {"support": [{"end": "pinned"}, spring]})
-    with pytest.raises(df.CaseError, match=rf"support\.inside\.1\.{key}: .*1e\+30.*kind = "):
+    with pytest.raises(df.CaseError, match=rf"support\.1\.{key}: .*1e\+30.*kind = "):
         df.run(case, "compiled")

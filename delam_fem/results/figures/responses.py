@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from scipy.signal import csd, welch
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import (
@@ -109,6 +108,8 @@ def estimates(history: xr.Dataset, case: Case) -> Estimates:
         in_band = (size[0] > LEAST * size[0].max()) & (frequency > 0.0)
         H = spectra[1:, in_band] / spectra[0, in_band]
         return Estimates(frequency[in_band], size[0, in_band], size[1:, in_band], H, names)
+    from scipy.signal import csd, welch  # imports statistics, which takes long
+
     length = force.size // SEGMENTS
     frequency, density = welch(force, 1.0 / step, nperseg=length)
     _, cross = csd(force[None], motions, 1.0 / step, nperseg=length)
