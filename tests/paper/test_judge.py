@@ -381,12 +381,12 @@ import sys
 
 sys.modules["matplotlib"] = None  # an import of it fails
 
-from delam_fem.paper.runs import Laboratory, Plan
+from delam_fem.paper.runs import Effort, Laboratory
 from delam_fem.paper.reproduce import FIGURES
 from delam_fem.system.files import json_ready
 from delam_fem.studies.executors import Serial
 
-lab = Laboratory(Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0)), Serial())
+lab = Laboratory(Effort(periods=45, thresholds=2, gap_exponents=(1.0, 2.0)), Serial())
 for name in sys.argv[1:]:
     piece = FIGURES[name]
     numbers = piece.measure(lab)

@@ -480,7 +480,7 @@ def test_velocities_that_are_no_numbers_are_told() -> None:
     motion[0, 0], motion[1, 0] = 1.0, np.inf  # node 1 of lamina 1 far beyond lamina 2
     resting = np.zeros(engine.operators.n_pairs, dtype=bool)
     engine.restore(State(motion, resting), np.zeros(3))
-    table = packed(engine._log(recorder, engine._block(recorder, 1)))
+    table = packed(engine._buffers(recorder, engine._block(recorder, 1)))
     ending = examine(engine.address, table.ctypes.data)
     assert ending == -complementarity.NOT_FINITE
     with pytest.raises(ArithmeticError, match="not finite"):
