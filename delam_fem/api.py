@@ -114,7 +114,6 @@ if TYPE_CHECKING:
         by_period as by_period,
         engine_of as engine_of,
         initialise_petsc_alone as initialise_petsc_alone,
-        law_of as law_of,
         modes_of as modes_of,
         motion_of as motion_of,
         scheme_of as scheme_of,
@@ -322,7 +321,7 @@ _HOMES = {
     "engines.massless": "Period PeriodDrive Periods",
     "engines.session": (
         "EngineName ImpactTable Prescribed Session Solution by_period engine_of "
-        "initialise_petsc_alone law_of modes_of motion_of scheme_of session session_of solve "
+        "initialise_petsc_alone modes_of motion_of scheme_of session session_of solve "
         "span_of start_of"
     ),
     "pipeline": "run",

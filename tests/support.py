@@ -7,17 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 import pytest
 from _pytest.mark import ParameterSet
 from covertable import make
 from typer.testing import CliRunner, Result
 
-from delam_fem.api import CaseError
+from delam_fem.api import Case, CaseError, EngineName, Recorder, session_of
 from delam_fem.cli.app import app
+from delam_fem.model.beams import closed_form
 from delam_fem.system.caches import _Outermost
 
 SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
 """Overrides that make a preset quick."""
+SAME_MOTION, CLOSED = 1e-7, 1e-8
+"""Largest difference of the engines over the motion, and residual of the ledger; round-off grows
+over the impacts of a few periods."""
 SWEEP = """base = "paper"
 [set]
 "mesh.elements" = 4
@@ -60,3 +65,19 @@ def covering(*axes: Sequence[Any]) -> list[ParameterSet]:
         )
         for cell in (*of_two, *further)
     ]
+
+
+def recorded(case: Case, engine: EngineName) -> Recorder:
+    """Return what an engine has recorded of a case of beams from closed forms."""
+    with session_of(case, closed_form.assemble(case).operators, engine=engine) as opened:
+        assert opened.run() == "completed"
+        return opened.recorder
+
+
+def require_equal_engines(case: Case) -> None:
+    """Assert that both engines give a case the same motion, with a closed ledger."""
+    petsc, compiled = recorded(case, "petsc"), recorded(case, "compiled")
+    size = max(np.abs(record.u).max() for record in petsc.window)
+    for a, b in zip(petsc.window, compiled.window, strict=True):
+        assert np.abs(b.u - a.u).max() < SAME_MOTION * size
+    assert max(petsc.energy_residual(), compiled.energy_residual()) < CLOSED

@@ -12,7 +12,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.api import LawContext, Structure, assemble, law_of, span_of
+from delam_fem.api import LawContext, Structure, assemble, span_of
 from delam_fem.contact.decisions import Supervisor
 
 SHORT = {
@@ -148,7 +148,7 @@ def test_a_structure_runs_as_its_case() -> None:
     drive = df.HarmonicMotion(case.excitation.top_frequency, case.excitation.amplitude)
     by_case = df.run(case, "compiled", structure=beams)
     alone = solve(
-        beams, engine="compiled", law=law_of(case), scheme=case.time.scheme, drive=drive,
+        beams, engine="compiled", law=case.contact_law, scheme=case.time.scheme, drive=drive,
         steps_per_period=200, periods=2, refinement=span_of(case).refinement,
     )  # fmt: skip
     assert alone.summary["probes"][:2] == ["thick tip", "thin tip"]

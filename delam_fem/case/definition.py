@@ -51,6 +51,7 @@ from delam_fem.case.sections import (
     Stop,
     Support,
     TimeStepping,
+    has_stiffness,
     require_fitting,
     require_neighbours,
 )
@@ -108,11 +109,6 @@ def _listed(data: Mapping[str, Any], key: str) -> Sequence[object]:
     """Return the tables of a section that may be repeated; none if it is something else."""
     tables = data.get(key)
     return tables if isinstance(tables, list | tuple) else ()
-
-
-def _has_stiffness(entry: InitialGap | Delamination | Stop | Impactor) -> bool:
-    """Return whether a contact has a stiffness of its own, or that of a ball."""
-    return entry.stiffness is not None or getattr(entry, "radius", None) is not None
 
 
 def _placed(table: object, end: object) -> object:
@@ -577,7 +573,7 @@ class Case(Section):
     @property
     def has_stiffnesses(self) -> bool:
         """Whether a contact has a stiffness of its own, or that of a ball."""
-        return any(map(_has_stiffness, (entry for _, entry in self.contacts)))
+        return any(map(has_stiffness, (entry for _, entry in self.contacts)))
 
     @property
     def contact_law(self) -> Law:
@@ -803,7 +799,7 @@ class Case(Section):
         """Whether all contacts that carry a spring have a stiffness of their own."""
         if self.contact.law == "newton":
             return self.is_elastic
-        return bool(self.contacts) and all(map(_has_stiffness, (e for _, e in self.contacts)))
+        return bool(self.contacts) and all(map(has_stiffness, (e for _, e in self.contacts)))
 
     @property
     def is_periodic(self) -> bool:
@@ -900,6 +896,10 @@ class Case(Section):
         return harmonics.coefficients(
             self.lamina[i].damping_ratio, first, second, self.damping.kind
         )
+
+    def position_of(self, entry: PointMass | Load | Stop | Impactor) -> float:
+        """Return where an entry acts on its lamina [m]: at the end if it does not say."""
+        return self.length if entry.position is None else entry.position
 
     def has_exact_modes(self, i: int) -> bool:
         """Return whether the modes of a lamina that is apart are those of `angular_frequencies`.

@@ -533,12 +533,20 @@ class OwnContact(Protocol):
         """Threshold velocity γ of its own [m/s]."""
 
 
-def _elastic_by(entry: OwnContact) -> str | None:
-    """Name of the key that makes the contact elastic; None: it follows the law of the case."""
-    if entry.restitution is not None:
-        return None
+def has_stiffness(entry: OwnContact) -> bool:
+    """Return whether a contact has a stiffness of its own, or that of a ball."""
+    return _stiffness_key(entry) is not None
+
+
+def _stiffness_key(entry: OwnContact) -> str | None:
+    """Return the name of the key that gives a contact its stiffness; None: it has none."""
     keys = ("stiffness", "radius")
     return next((key for key in keys if getattr(entry, key, None) is not None), None)
+
+
+def _elastic_by(entry: OwnContact) -> str | None:
+    """Name of the key that makes the contact elastic; None: it follows the law of the case."""
+    return _stiffness_key(entry) if entry.restitution is None else None
 
 
 def _require_own_numbers(entry: OwnContact) -> None:

@@ -378,7 +378,7 @@ def _place(case: Case, thing: PointMass | Stop | Impactor) -> str:
     end = getattr(thing, "end", None)
     if start is not None:
         return f"{thing.lamina} from {start:g} to {end:g} m"
-    return f"{thing.lamina} at {case.length if thing.position is None else thing.position:g} m"
+    return f"{thing.lamina} at {case.position_of(thing):g} m"
 
 
 def _time(case: Case) -> str:

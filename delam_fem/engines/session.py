@@ -148,11 +148,6 @@ def modes_of(case: Case) -> int | None:
     return case.n_modes if case.is_massless else None
 
 
-def law_of(case: Case) -> Law:
-    """Return the contact law of a case."""
-    return case.contact_law
-
-
 def scheme_of(case: Case) -> Scheme:
     """Return the time integration of a case."""
     return case.time.integration
@@ -537,7 +532,7 @@ def session_of(
     """
     with session(
         operators,
-        law_of(case) if law is None else law,
+        case.contact_law if law is None else law,
         scheme_of(case),
         motion_of(case),
         span_of(case),

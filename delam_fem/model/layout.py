@@ -487,6 +487,23 @@ def places_of(part: Part, x: FloatArray) -> FloatArray:
     return np.where(np.abs(places - np.round(places)) < _AT_POINT, np.round(places), places)
 
 
+def point_load(layout: Layout, part: Part, position: float, n_dofs: int) -> FloatArray:
+    """Return the loads of a unit force at a point of a part, shape (n_dofs,) [N/N].
+
+    They are the values of the cubic Hermite functions at the point, so that the work of the force
+    is the force times the displacement of the point.
+
+    Args:
+        layout: of the structure.
+        part: the part.
+        position: x of the point [m].
+        n_dofs: number of free dofs.
+    """
+    places = places_of(part, np.array([position]))
+    row = interpolation_rows(part, places, layout.n_numbered(n_dofs))
+    return np.asarray(layout.of_dofs(row).toarray()[0])
+
+
 def cells_at(part: Part, place: float) -> tuple[int, ...]:
     """Return the cells that contain a place, ends included: one, or two at an inner point."""
     first = max(int(np.ceil(place)) - 1, 0)

@@ -33,7 +33,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from scipy.special import roots_legendre
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Load, PointMass
+from delam_fem.case.sections import Load
 from delam_fem.contact import complementarity
 from delam_fem.model.factors import Factor, factored
 from delam_fem.model.layout import (
@@ -41,8 +41,8 @@ from delam_fem.model.layout import (
     Part,
     Structure,
     interpolation_rows,
-    place_of,
     places_of,
+    point_load,
 )
 from delam_fem.model.operators import Equilibrium, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray
@@ -82,9 +82,10 @@ def loaded(structure: Structure, case: Case) -> Structure:
     is_falling = falling_dofs(structure, case)
     if case.gravity is not None and case.gravity.gaps == "in place":
         o = replace(o, gap0=o.gap0 - o.gap_matrix @ _without_contact(o, is_falling))
+    springs = springs_of(o, case)
     equilibrium = state_of_rest(
         o,
-        springs=springs_of(o, case),
+        springs=springs,
         is_falling=is_falling,
         is_open=case.contact.law == "none",
     )
@@ -93,7 +94,6 @@ def loaded(structure: Structure, case: Case) -> Structure:
             "gravity: there is no state of rest, as something that nothing holds falls or is "
             'pushed away for ever; give it a stop or a support, or time.begin = "unloaded"'
         )
-    springs = springs_of(o, case)
     is_rigid = np.full(o.n_pairs, True) if springs is None else np.isinf(springs)
     if equilibrium is not None and equilibrium.force[is_rigid].any():
         require_lasting(case)
@@ -168,21 +168,16 @@ def _weight(structure: Structure, case: Case) -> FloatArray:
         return f
     for lamina, part in zip(case.lamina, layout.parts, strict=True):
         if lamina.mass is not None:
-            f += lamina.mass * a * _at(layout, part, part.x[-1], n)
+            f += lamina.mass * a * point_load(layout, part, part.x[-1], n)
             continue
         for cell, q in enumerate(part.mass_per_length):
             f += q * a * _over(layout, part, (part.x[cell], part.x[cell + 1]), n)
     for mass in case.masses:
         part = layout.parts[layout.names.index(mass.lamina)]
-        f += mass.mass * a * _at(layout, part, _place(case, mass), n)
+        f += mass.mass * a * point_load(layout, part, case.position_of(mass), n)
     for k, impactor in enumerate(case.impactor):
         f[n - layout.n_impactors + k] = impactor.mass * a
     return f
-
-
-def _place(case: Case, mass: PointMass) -> float:
-    """Return the place of a point mass [m]."""
-    return case.length if mass.position is None else mass.position
 
 
 def _of_load(structure: Structure, case: Case, load: Load) -> FloatArray:
@@ -198,18 +193,11 @@ def _of_load(structure: Structure, case: Case, load: Load) -> FloatArray:
     for name, sign in sides:
         part = layout.parts[layout.names.index(name or "")]
         if load.force is not None:
-            place = case.length if load.position is None else load.position
-            f += sign * load.force * _at(layout, part, place, n)
+            f += sign * load.force * point_load(layout, part, case.position_of(load), n)
         elif load.per_length is not None:
             reach = load.reach(case.length, case.delamination)
             f += sign * load.per_length * _over(layout, part, reach, n)
     return f
-
-
-def _at(layout: Layout, part: Part, x: float, n: int) -> FloatArray:
-    """Return the loads of a unit force at a place of a part, shape (n,)."""
-    row = interpolation_rows(part, np.array([place_of(part, x)]), layout.n_numbered(n))
-    return np.asarray(layout.of_dofs(row).toarray()[0])
 
 
 def _over(layout: Layout, part: Part, reach: tuple[float, float], n: int) -> FloatArray:
@@ -459,4 +447,4 @@ def _masses(case: Case, group: Sequence[int]) -> Iterator[tuple[float, float]]:
     names = [case.lamina[i].name for i in group]
     for mass in case.masses:
         if mass.lamina in names:
-            yield mass.mass, _place(case, mass)
+            yield mass.mass, case.position_of(mass)

@@ -301,7 +301,7 @@ def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float 
         return own.stiffness, np.zeros(1)
     lamina = case.lamina[which]
     of_all = case.model.poisson
-    x = np.array([case.length if own.position is None else own.position])
+    x = np.array([case.position_of(own)])
     modulus = float(lamina.along("young_modulus", x)[0])
     E = modulus / (1.0 - (lamina.poisson if of_all is None else of_all) ** 2)
     k = 4.0 / 3.0 * E * np.sqrt(own.radius)
@@ -327,7 +327,7 @@ def _places(
     part = layout.parts[which]
     shares = np.ones(1)
     if isinstance(own, Impactor) or own.start is None or own.end is None:
-        place = place_of(part, case.length if own.position is None else own.position)
+        place = place_of(part, case.position_of(own))
         if place != round(place) and case.has_lumped_impulses:
             raise CaseError(
                 f"{key}.position: expected a node of the mesh with contact.impulse = "

@@ -9,11 +9,11 @@ import pytest
 from covertable import make
 from scipy.linalg import eigh
 from scipy.optimize import brentq
+from support import recorded, require_equal_engines
 
 import delam_fem as df
 from delam_fem import CaseError
-from delam_fem.api import Case, lowest, session_of
-from delam_fem.engines.session import ENGINES
+from delam_fem.api import Case, lowest
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.reference import matrices
@@ -221,12 +221,6 @@ FACTORS: dict[str, list[Any]] = {
 }  # fmt: skip
 
 
-def recorded(case: Case, engine: Any) -> Any:
-    with session_of(case, closed_form.assemble(case).operators, engine=engine) as opened:
-        assert opened.run() == "completed"
-        return opened.recorder
-
-
 @pytest.mark.parametrize("cell", make(FACTORS), ids=str)
 def test_engines_agree_with_any_support(cell: dict[str, Any]) -> None:
     supports = cell["support"]
@@ -254,11 +248,7 @@ def test_engines_agree_with_any_support(cell: dict[str, Any]) -> None:
         time={"scheme": scheme or "newmark", "mass": cell["mass"], "steps_per_period": 400,
               "periods": 2},
     )  # fmt: skip
-    petsc, compiled = (recorded(case, engine) for engine in ENGINES)
-    size = max(np.abs(record.u).max() for record in petsc.window)
-    for a, b in zip(petsc.window, compiled.window, strict=True):
-        assert np.abs(b.u - a.u).max() < 1e-7 * size
-    assert max(petsc.energy_residual(), compiled.energy_residual()) < 1e-8
+    require_equal_engines(case)
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ import pytest
 from covertable import make
 from scipy.linalg import expm
 from scipy.optimize import brentq
+from support import require_equal_engines
 
 import delam_fem as df
 from delam_fem import CaseError
-from delam_fem.api import Case, lowest, session_of
-from delam_fem.engines.session import ENGINES
+from delam_fem.api import Case, lowest
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.reference import matrices
@@ -283,12 +283,6 @@ FACTORS: dict[str, list[Any]] = {
 }
 
 
-def recorded(case: Case, engine: Any) -> Any:
-    with session_of(case, closed_form.assemble(case).operators, engine=engine) as opened:
-        assert opened.run() == "completed"
-        return opened.recorder
-
-
 @pytest.mark.parametrize("cell", make(FACTORS), ids=str)
 def test_engines_agree_on_laminae_that_change(cell: dict[str, Any]) -> None:
     size = {"thickness": H, "width": B, "density": RHO, "young_modulus": E}[cell["key"]]
@@ -307,11 +301,7 @@ def test_engines_agree_on_laminae_that_change(cell: dict[str, Any]) -> None:
             "output": {"window_periods": 2},
         }),
     )  # fmt: skip
-    petsc, compiled = (recorded(case, engine) for engine in ENGINES)
-    largest = max(np.abs(record.u).max() for record in petsc.window)
-    for a, b in zip(petsc.window, compiled.window, strict=True):
-        assert np.abs(b.u - a.u).max() < 1e-7 * largest
-    assert max(petsc.energy_residual(), compiled.energy_residual()) < 1e-8
+    require_equal_engines(case)
 
 
 @pytest.mark.parametrize(

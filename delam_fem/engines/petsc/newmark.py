@@ -25,6 +25,7 @@ This file takes no contact decisions.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -240,22 +241,35 @@ class Newmark(Dynamics):
         softness = self._of_pairs(self._now.softness)
         if isinstance(softness, np.ndarray):
             return self._iterate_unequal_springs(drive, np.sqrt(softness))
-        forces = np.zeros(drive.size)
-        residual = drive.copy()
-        direction = drive.copy()
+        return self._conjugate_gradients(
+            drive, lambda direction: direction + softness * self._answer(direction)
+        )
+
+    def _conjugate_gradients(
+        self, load: FloatArray, product: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """Solve a symmetric system of the spring pairs by conjugate gradients.
+
+        Args:
+            load: right-hand side.
+            product: what its matrix makes of a vector.
+        """
+        solution = np.zeros(load.size)
+        residual = load.copy()
+        direction = load.copy()
         square = float(residual @ residual)
         goal = RELATIVE_RESIDUAL**2 * square
-        for _ in range(2 * drive.size):
+        for _ in range(2 * load.size):
             if square <= goal:
                 break
-            image = direction + softness * self._answer(direction)
+            image = product(direction)
             length = square / float(direction @ image)
-            forces += length * direction
+            solution += length * direction
             residual -= length * image
             previous = square
             square = float(residual @ residual)
             direction = residual + square / previous * direction
-        return forces
+        return solution
 
     def _answer(self, forces: FloatArray) -> FloatArray:
         """Return S_PP times forces on the spring pairs."""
@@ -277,20 +291,9 @@ class Newmark(Dynamics):
         residual = np.divide(drive, roots, out=np.zeros(drive.size), where=is_soft)
         if forces.any():
             residual -= roots * self._answer(forces)
-        solution = np.zeros(drive.size)
-        direction = residual.copy()
-        square = float(residual @ residual)
-        goal = RELATIVE_RESIDUAL**2 * square
-        for _ in range(2 * drive.size):
-            if square <= goal:
-                break
-            image = direction + roots * self._answer(roots * direction)
-            length = square / float(direction @ image)
-            solution += length * direction
-            residual -= length * image
-            previous = square
-            square = float(residual @ residual)
-            direction = residual + square / previous * direction
+        solution = self._conjugate_gradients(
+            residual, lambda direction: direction + roots * self._answer(roots * direction)
+        )
         return forces + roots * solution
 
     def rest(self, pairs: BoolArray) -> None:

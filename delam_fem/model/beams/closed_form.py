@@ -95,32 +95,30 @@ def _stack(case: Case, stack: Network) -> Structure:
     geometric = None
     forces = stack_forces(case, stack)
     for segment, group in stack.groups():
-        nodes = segment.nodes
+        x = stack.x[segment.nodes]
+        h = np.diff(x)
         how = {"at_middles": case.is_at_middles, "is_tied": stack.ties(segment, case)}
-        if not stack.is_uniform:
+        if stack.is_uniform:
+            EI, rhoA, EA = stack.section(group)
+            M, K, masses = beam(EI, rhoA, h, **how)
+            ends = stack.matrix(
+                [stack.axial_row(node, group) for node in (segment.first, segment.last)]
+            )
+            stretch = ends[1] - ends[0]
+            of_stretch = EA / h.sum() * stretch.T @ stretch
+        else:
             M, K, masses = varying_beam(
                 partial(stack.flexural_rigidity_at, group),
                 partial(stack.mass_per_length_at, group),
-                stack.x[nodes],
+                x,
                 **how,
             )
-            to = stack.matrix([stack.row(node, group[0], k) for node in nodes for k in (0, 1)])
             stretch, compliance = stack.stretch(segment, group)
-            mass = mass + to.T @ M @ to
-            stiffness = stiffness + to.T @ K @ to + stretch.T @ stretch / compliance
-            lumped += to.T @ masses
-            continue
-        h = np.diff(stack.x[nodes])
-        EI, rhoA, EA = stack.section(group)
-        M, K, masses = beam(EI, rhoA, h, **how)
-        # from the unknowns to (w, w') along the nodes, and to the elongation of the group
-        to = stack.matrix([stack.row(node, group[0], k) for node in nodes for k in (0, 1)])
-        ends = stack.matrix(
-            [stack.axial_row(node, group) for node in (segment.first, segment.last)]
-        )
-        stretch = ends[1] - ends[0]
+            of_stretch = stretch.T @ stretch / compliance
+        # from the unknowns to (w, w') along the nodes
+        to = stack.matrix([stack.row(node, group[0], k) for node in segment.nodes for k in (0, 1)])
         mass = mass + to.T @ M @ to
-        stiffness = stiffness + to.T @ K @ to + EA / h.sum() * stretch.T @ stretch
+        stiffness = stiffness + to.T @ K @ to + of_stretch
         lumped += to.T @ masses  # each column of `to` picks a single dof
         if forces is not None:
             N = forces[list(group), segment.first : segment.last].sum(axis=0)

@@ -72,9 +72,9 @@ from delam_fem.model.layout import (
     columns_of,
     gap_matrix,
     in_order,
-    interpolation_rows,
     opposite,
     place_of,
+    point_load,
     probe_rows,
     tributary_lengths,
 )
@@ -616,8 +616,10 @@ def driven(structure: Structure, case: Case) -> Structure:
     position = getattr(excitation, "position", None)
     if excitation.acts_on == "base" or name is None or position is None or operators.base.is_force:
         return structure
-    load = point_load(structure.layout, name, position, operators.n_dofs)
-    reading = structure.layout.reading
+    layout = structure.layout
+    part = layout.parts[layout.names.index(name)]
+    load = point_load(layout, part, position, operators.n_dofs)
+    reading = layout.reading
     comm = None if reading is None else reading.comm  # ranks may have the point, or none of it
     if not (load.any() if comm is None else any(comm.allgather(bool(load.any())))):
         raise CaseError(
@@ -625,24 +627,6 @@ def driven(structure: Structure, case: Case) -> Structure:
             f"lamina {name} is held"
         )
     return replace(structure, operators=replace(operators, base=BaseCoupling.force(load)))
-
-
-def point_load(layout: Layout, lamina: str, position: float, n_dofs: int) -> FloatArray:
-    """Return the loads of a unit force at a point of a lamina, shape (n_dofs,) [N/N].
-
-    They are the values of the cubic Hermite functions at the point, so that the work of the force
-    is the force times the displacement of the point.
-
-    Args:
-        layout: of the structure.
-        lamina: name of the part.
-        position: x of the point [m].
-        n_dofs: number of free dofs.
-    """
-    part = layout.parts[layout.names.index(lamina)]
-    place = np.interp([position], part.x, np.arange(part.x.size, dtype=np.float64))
-    row = interpolation_rows(part, place, layout.n_numbered(n_dofs))
-    return np.asarray(layout.of_dofs(row).toarray()[0])
 
 
 def added_mass(
@@ -664,7 +648,7 @@ def added_mass(
     lumped = np.zeros(n + 1)
     for point_mass in masses:
         part = layout.parts[layout.names.index(point_mass.lamina)]
-        place = place_of(part, case.length if point_mass.position is None else point_mass.position)
+        place = place_of(part, case.position_of(point_mass))
         row = columns_of(part, place, n)
         matrix = matrix + point_mass.mass * (row.T @ row)
         point = min(int(place), part.n_elements - 1)
@@ -717,8 +701,9 @@ def side_by_side(
         added.append(matrix)
         M = sp.csr_matrix(M + matrix)
         lumped = lumped + diagonal
-    springs = [_springs(case, layout, n, i) for i in range(len(parts))]
-    for stiffness, _ in springs if has_springs(case) else ():
+    # of each lamina; none where no support yields
+    springs = [_springs(case, layout, n, i) for i in range(len(parts)) if has_springs(case)]
+    for stiffness, _ in springs:
         K = sp.csr_matrix(K + stiffness)
     of_axial = None if geometric is None else to.T @ geometric @ to
     buckling = require_unbuckled(K, of_axial, n)
@@ -730,7 +715,7 @@ def side_by_side(
         alpha, beta = map(sp.diags, np.repeat(each, sizes, axis=0).T)
         C = to.T @ (alpha @ of_points[0] + beta @ of_points[1]) @ to
         C = C + sum(factor * matrix for (factor, _), matrix in zip(each, added, strict=True))
-        for (_, factor), (stiffness, _) in zip(each, springs, strict=True):
+        for (_, factor), (stiffness, _) in zip(each, springs, strict=False):
             C = C + factor * stiffness if stiffness.nnz else C
     else:
         C = to.T @ damping @ to

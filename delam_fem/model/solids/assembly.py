@@ -264,7 +264,7 @@ def _with_masses(
     for point_mass in case.masses:
         number = layout.names.index(point_mass.lamina)
         part = layout.parts[number]
-        place = place_of(part, case.length if point_mass.position is None else point_mass.position)
+        place = place_of(part, case.position_of(point_mass))
         row = layout.of_dofs(columns_of(part, place, layout.n_numbered(0)))
         mass = _with_product(mass, point_mass.mass, row, number, comm)
         load = np.abs(row[:, :-1].toarray().ravel())

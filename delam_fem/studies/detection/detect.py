@@ -35,7 +35,6 @@ from delam_fem.api import (
     drive,
     identity,
     keeping_closed,
-    law_of,
     modes_of,
     number,
     response,
@@ -183,8 +182,8 @@ def simulated(
     motion = np.sum([solution.motion for solution in closed], axis=0)
     start = replace(closed[0], motion=motion) if closed else None
     with session(
-        structure.operators, law_of(case), scheme_of(case), lambda _: table, span, initial=start,
-        modes=modes_of(case),
+        structure.operators, case.contact_law, scheme_of(case), lambda _: table, span,
+        initial=start, modes=modes_of(case),
     ) as opened:  # fmt: skip
         beside = None if pump is None else identity(pump)
         outcome = opened.run_with_checkpoints(kept, case, span=span, pump=beside)

@@ -54,7 +54,6 @@ from delam_fem.api import (
     belong,
     drive,
     engine_of,
-    law_of,
     lowest,
     motion_of,
     one_period,
@@ -448,7 +447,7 @@ class CaseFamily:
         structure = self.structure(case)
         return PeriodicProblem(
             structure.operators,
-            law_of(case),
+            case.contact_law,
             scheme_of(case),
             drive(case.excitation),
             span_of(case),

@@ -12,7 +12,7 @@ import math
 import re
 import tempfile
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -262,24 +262,43 @@ def read_matlab(path: Path) -> list[Sheet]:
     Raises:
         CaseError: the file is no MATLAB file, or nothing in it goes with an axis.
     """
-    try:
+
+    def tree() -> Tree:
         with path.open("rb") as file:
             is_hdf5 = HDF5 in file.read(516)
         with footprint.bounded(path):
-            tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
+            return _of_hdf5(path) if is_hdf5 else _of_scipy(path)
+
+    return _sheets_of(
+        path, tree, "MATLAB", "vectors beside a vector t or time, or a number fs or dt; found"
+    )
+
+
+def _sheets_of(path: Path, read: Callable[[], Tree], kind: str, expected: str) -> list[Sheet]:
+    """Return the sheets of a file whose content is a tree.
+
+    Args:
+        path: the file.
+        read: returns its tree; the libraries that it calls raise whatever they please.
+        kind: what the file is, in words.
+        expected: what its tree should have, in words, up to what it has.
+
+    Raises:
+        CaseError: the file is of another kind, or nothing in it goes with an axis.
+    """
+    try:
+        tree = read()
     except CaseError:
         raise
-    except Exception as error:  # both libraries raise whatever they please
+    except Exception as error:
         reason = reason_of(error, path)
         raise CaseError(
-            f"{path}: damaged, or no MATLAB file ({reason}); store it anew, or as CSV"
+            f"{path}: damaged, or no {kind} file ({reason}); store it anew, or as CSV"
         ) from None
     sheets = list(_sheets(tree, str(path), {}))
     if not sheets:
-        raise CaseError(
-            f"{path}: expected vectors beside a vector t or time, or a number fs or dt; found "
-            f"{', '.join(sorted(tree))[:200] or 'nothing'}"
-        )
+        names = ", ".join(sorted(tree))[:200] or "nothing"
+        raise CaseError(f"{path}: expected {expected} {names}")
     return sheets
 
 
@@ -463,23 +482,17 @@ def read_hdf5(path: Path) -> list[Sheet]:
     Raises:
         CaseError: the file is no HDF5 file, or nothing in it goes with an axis.
     """
-    try:
+
+    def tree() -> Tree:
         with footprint.bounded(path), hdf5.opened(path) as file:
-            tree = _logged(file, iter(range(hdf5.MOST_NODES)))
-    except CaseError:
-        raise
-    except Exception as error:  # h5py raises whatever it pleases
-        reason = reason_of(error, path)
-        raise CaseError(
-            f"{path}: damaged, or no HDF5 file ({reason}); store it anew, or as CSV"
-        ) from None
-    sheets = list(_sheets(tree, str(path), {}))
-    if not sheets:
-        raise CaseError(
-            f"{path}: expected datasets beside a dataset t or time, or a number fs or dt, also as "
-            f"an attribute; found {', '.join(sorted(tree))[:200] or 'nothing'}"
-        )
-    return sheets
+            return _logged(file, iter(range(hdf5.MOST_NODES)))
+
+    return _sheets_of(
+        path,
+        tree,
+        "HDF5",
+        "datasets beside a dataset t or time, or a number fs or dt, also as an attribute; found",
+    )
 
 
 def _logged(group: Any, budget: Iterator[int]) -> Tree:

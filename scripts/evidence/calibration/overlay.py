@@ -38,7 +38,6 @@ from delam_fem.api import (
     FloatArray,
     Result,
     base_motion,
-    law_of,
     modes_of,
     scheme_of,
     session,
@@ -201,7 +200,7 @@ def shaken(case: Case, shaker: float, phase: float) -> FloatArray:
     second = [np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)]
     table = once + A * np.stack(second, axis=-1)
     with session(
-        structure.operators, law_of(case), scheme_of(case), lambda period: table, span,
+        structure.operators, case.contact_law, scheme_of(case), lambda period: table, span,
         modes=modes_of(case),
     ) as opened:  # fmt: skip
         opened.run()

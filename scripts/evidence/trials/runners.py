@@ -19,7 +19,6 @@ from delam_fem.api import (
     FloatArray,
     Operators,
     Session,
-    law_of,
     motion_of,
     scheme_of,
     session,
@@ -57,7 +56,7 @@ def _session(
     """Open a session of a case with another method."""
     other = case.with_overrides({"contact.law": method})
     scheme = replace(scheme_of(other), theta=theta)
-    return session(operators, law_of(other), scheme, motion_of(case), span_of(case))
+    return session(operators, other.contact_law, scheme, motion_of(case), span_of(case))
 
 
 def by_modes(method: str, modes: int, case: Case, operators: Operators) -> FloatArray:

@@ -21,7 +21,6 @@ from delam_fem.api import (
     Span,
     State,
     engine_of,
-    law_of,
     motion_of,
     preset,
     scheme_of,
@@ -343,7 +342,7 @@ def start(case: Case) -> tuple[Compiled, Recorder]:
     operators = closed_form.assemble(case).operators
     span = span_of(case)
     engine = compiled_engine(
-        operators, law_of(case), scheme_of(case), case.time_step, span.refinement
+        operators, case.contact_law, scheme_of(case), case.time_step, span.refinement
     )
     recorder = Recorder(operators.base, span, operators.n_probes)
     set_initial(engine, None, motion_of(case)(0)[0])
@@ -493,5 +492,5 @@ def test_unstable_central_difference_is_refused() -> None:
     case = paper(**{"time.scheme": "central-difference"})
     with pytest.raises(CaseError, match="the scheme needs a time step"):
         engine_of(
-            closed_form.assemble(case).operators, law_of(case), scheme_of(case), case.time_step
+            closed_form.assemble(case).operators, case.contact_law, scheme_of(case), case.time_step
         )

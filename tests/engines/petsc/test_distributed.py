@@ -8,7 +8,7 @@ from mpi_pool import Crew
 SCRIPT = """
 import numpy as np
 from delam_fem.case.files import preset
-from delam_fem.engines.session import law_of, scheme_of
+from delam_fem.engines.session import scheme_of
 from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import DistributedOperators, matrix
@@ -38,7 +38,7 @@ def compare(way, law, impulse, refine):
         )
     options = dict(steps_per_period=STEPS, periods=2, time_step=case.time_step, frames_per_period=4,
                    refinement=Refinement(int(refine)))
-    args = law_of(case), scheme_of(case), drive(case.excitation)
+    args = case.contact_law, scheme_of(case), drive(case.excitation)
     one = solve(o, *args, **options)
     both = solve(given, *args, **options, comm=comm)
     assert one.recorder.window[0].jumps.columns().ticks.size > 0
