@@ -52,6 +52,7 @@ class Estimates(NamedTuple):
         motion: sizes of the channels, shape (channels, n).
         response: H of each channel, shape (channels, n).
         names: of the channels.
+        units: of the drive and of each channel.
     """
 
     frequency: FloatArray
@@ -59,6 +60,7 @@ class Estimates(NamedTuple):
     motion: FloatArray
     response: ComplexArray
     names: tuple[str, ...]
+    units: tuple[str, ...]
 
 
 def has_many_lines(case: Case) -> bool:
@@ -87,6 +89,7 @@ def estimates(history: xr.Dataset, case: Case) -> Estimates:
         and channel.attrs["quantity"] not in of_contact
         and name != driving
     )[:MOST_CHANNELS]
+    units = tuple(str(record[name].attrs["units"]) for name in (driving, *names))
     force = finite(record[driving])
     motions = np.array([finite(record[name]) for name in names])
     excitation = case.excitation
@@ -100,14 +103,14 @@ def estimates(history: xr.Dataset, case: Case) -> Estimates:
         spectra = 2.0 * np.fft.rfft(last, axis=2)[..., numbers] / n
         H = (spectra[:, 1:] / spectra[:, :1]).mean(axis=0)
         size = np.sqrt((np.abs(spectra) ** 2).mean(axis=0))
-        return Estimates(numbers * excitation.spacing, size[0], size[1:], H, names)
+        return Estimates(numbers * excitation.spacing, size[0], size[1:], H, names, units)
     if isinstance(excitation, BurstExcitation):
         spectra = np.fft.rfft(np.vstack([force[None], motions])) * step
         frequency = np.fft.rfftfreq(force.size, step)
         size = np.abs(spectra)
         in_band = (size[0] > LEAST * size[0].max()) & (frequency > 0.0)
         H = spectra[1:, in_band] / spectra[0, in_band]
-        return Estimates(frequency[in_band], size[0, in_band], size[1:, in_band], H, names)
+        return Estimates(frequency[in_band], size[0, in_band], size[1:, in_band], H, names, units)
     from scipy.signal import csd, welch  # imports statistics, which takes long
 
     length = force.size // SEGMENTS
@@ -118,7 +121,7 @@ def estimates(history: xr.Dataset, case: Case) -> Estimates:
     high = getattr(excitation, "high", 0.25 / step)
     in_band = (frequency >= max(low, frequency[1])) & (frequency <= high) & (density > 0.0)
     H = cross[:, in_band] / density[in_band]
-    return Estimates(frequency[in_band], density[in_band], motion[:, in_band], H, names)
+    return Estimates(frequency[in_band], density[in_band], motion[:, in_band], H, names, units)
 
 
 def exact(case: Case, frequency: FloatArray) -> dict[str, ComplexArray] | None:
@@ -154,14 +157,17 @@ def responses(history: xr.Dataset, case: Case) -> Figure:
     panels[2].set_ylabel("|H|")
     grid = np.linspace(values.frequency[0], values.frequency[-1], LINES)
     known = exact(case, grid) or {}
-    for k, (name, colour) in enumerate(zip(values.names, colours, strict=True)):
+    drive_unit, *units = values.units
+    for k, (name, unit, colour) in enumerate(zip(values.names, units, colours, strict=True)):
         panels[1].semilogy(values.frequency, values.motion[k], color=colour, linewidth=0.8)
-        size = np.abs(values.response[k])
-        panels[2].semilogy(values.frequency, size, ".", color=colour, markersize=3, label=name)
+        panels[2].semilogy(
+            values.frequency, np.abs(values.response[k]), ".", color=colour, markersize=3,
+            label=f"{name} [{unit}]",
+        )  # fmt: skip
         if name in known:
             panels[2].semilogy(grid, np.abs(known[name]), color=colour, linewidth=0.7)
-    panels[2].set_title("dots: estimated; lines: exact, without contact", loc="left", fontsize=9)
     legend_above(panels[2])
     label_x(panels, "frequency [Hz]")
-    figure.suptitle(case.title)
+    lines = ", lines: exact, without contact" if known else ""
+    figure.suptitle(f"{case.title}\ndrive in {drive_unit}; dots: estimated{lines}")
     return figure
