@@ -12,7 +12,7 @@ import delam_fem as df
 from delam_fem.api import run, solve
 from delam_fem.case.excitation import HalfSine
 from delam_fem.model.beams import closed_form
-from delam_fem.model.beams.network import point_load
+from delam_fem.model.layout import point_load
 from delam_fem.studies.sweeps.grid import sweep_of
 
 ENGINES = ("petsc", "compiled")
@@ -44,7 +44,7 @@ def test_steady_response_is_that_of_the_frequency_domain(engine: str) -> None:
     )  # fmt: skip
     structure = closed_form.assemble(case)
     o, w = structure.operators, 2.0 * np.pi * 60.0
-    load = point_load(structure.layout, "upper", 0.173, o.n_dofs)
+    load = point_load(structure.layout, structure.layout.parts[1], 0.173, o.n_dofs)
     U = spsolve((o.stiffness + 1j * w * o.damping - w**2 * o.mass).tocsc(), 0.01 * load)
     history = run(case, engine, structure=structure).history
     t = history.time.to_numpy()
@@ -111,7 +111,7 @@ def test_short_blow_changes_the_velocity_like_an_impulse() -> None:
         o, df.Law("none"), df.SCHEMES["moreau-jean"], blow, steps_per_period=200, periods=1,
         time_step=duration / 200,
     ).state  # fmt: skip
-    load = point_load(structure.layout, "upper", 0.173, o.n_dofs)
+    load = point_load(structure.layout, structure.layout.parts[1], 0.173, o.n_dofs)
     velocity = spsolve(o.mass.tocsc(), 2.0 / np.pi * 10.0 * duration * load)
     size = np.abs(velocity).max()
     assert np.abs(end.motion[1] - velocity).max() < 2e-3 * size

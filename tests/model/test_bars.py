@@ -14,7 +14,7 @@ from delam_fem import CaseError, load_case, run
 from delam_fem.api import Case
 from delam_fem.engines.session import ENGINES
 from delam_fem.model.beams import closed_form
-from delam_fem.model.beams.network import point_load
+from delam_fem.model.layout import point_load
 
 E, RHO, L, AREA = 2e11, 7800.0, 1.0, 1e-4
 BAR = {
@@ -66,7 +66,8 @@ def test_a_force_between_nodes_stretches_what_is_before_it() -> None:
     """u(x) = F x/EA at and beyond the force: straight between nodes, so exact at nodes."""
     structure = closed_form.assemble(case_of())
     o, x = structure.operators, 0.7 * L
-    u = scipy.linalg.solve(o.stiffness.toarray(), point_load(structure.layout, "one", x, o.n_dofs))
+    load = point_load(structure.layout, structure.layout.parts[0], x, o.n_dofs)
+    u = scipy.linalg.solve(o.stiffness.toarray(), load)
     assert u[-1] == pytest.approx(x / (E * AREA), rel=1e-12)
     assert u[3] == pytest.approx(0.5 * L / (E * AREA), rel=1e-12)
 
