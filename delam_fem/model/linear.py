@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh, null_space
 from scipy.sparse.csgraph import connected_components
 
-from delam_fem.model.factors import Factor, factored, largest, regular
+from delam_fem.model.factors import DENSE_DOFS, Factor, factored, largest, regular
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.beams import ComplexArray
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 DECAYING = 12
 """Number of lowest modes among which the slowest decay is looked for."""
-DENSE_DOFS = 400
-"""Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
 MOST_RIGID = 6
 """Largest number of rigid motions of a body."""
 NEAR_ZERO = 1e-9
@@ -381,11 +379,7 @@ def largest_stable_time_step(
     M = sp.csc_matrix(o.mass)
     if not K.count_nonzero():
         return math.inf
-    if o.n_dofs <= DENSE_DOFS:
-        square = eigh(K.toarray(), M.toarray(), eigvals_only=True)[-1]
-    else:
-        square = largest(K, M)
-    return courant / math.sqrt(float(square))
+    return courant / math.sqrt(largest(K, M))
 
 
 def require_stable(

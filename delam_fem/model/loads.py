@@ -28,14 +28,12 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh
-from scipy.sparse.linalg import LinearOperator, eigsh
 from scipy.special import roots_legendre
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Load
 from delam_fem.contact import complementarity
-from delam_fem.model.factors import Factor, factored
+from delam_fem.model.factors import Factor, factored, largest
 from delam_fem.model.layout import (
     Layout,
     Part,
@@ -56,8 +54,6 @@ STAYS = 1e-12
 """Change of u, relative to a step of a falling body, that is round-off."""
 SOFT = 1e-6
 """Shift of a floating structure, in parts of the mean of its diagonal K over that of M."""
-DENSE_DOFS = 400
-"""Up to here a dense eigenvalue problem is solved."""
 LIES = 1e-9
 """Gap of a free impactor, relative to the length, up to which it lies on its lamina."""
 
@@ -320,17 +316,9 @@ def buckling_factor(K: sp.spmatrix, geometric: sp.spmatrix) -> float | None:
         factor = factored(K)
     except ValueError:
         return None
-    if n <= DENSE_DOFS:
-        share = float(
-            eigh(-geometric.toarray(), K.toarray(), eigvals_only=True, subset_by_index=(n - 1,) * 2)
-        )
-    else:
-        inverse = LinearOperator((n, n), matvec=factor.solve, dtype=float)
-        (share,) = eigsh(
-            -geometric, 1, K, Minv=inverse, which="LA", return_eigenvectors=False, v0=np.ones(n)
-        ).tolist()
-    largest = float(abs(geometric).max() / abs(K).max())
-    return 1.0 / share if share > 1e-12 * largest else None
+    share = largest(-geometric, K, factor)
+    round_off = 1e-12 * float(abs(geometric).max() / abs(K).max())
+    return 1.0 / share if share > round_off else None
 
 
 def require_unbuckled(K: sp.spmatrix, geometric: sp.spmatrix | None, n: int) -> float | None:
