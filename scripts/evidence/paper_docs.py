@@ -32,8 +32,8 @@ ROOT = Path(__file__).parents[2]
 ABOUT = (
     "The paper's text is available, its figures are not: each figure here shows what the "
     "computation gives. A verdict is on a number, or on a statement that a number can decide. "
-    "It is undecided where the range that the numbers' own uncertainty allows (in brackets) "
-    "contains the bound. Bounds on words such as significantly are ours. Unless a row says "
+    "It is undecided where the range that the numbers' own uncertainty allows contains "
+    "the bound. Bounds on words such as significantly are ours. Unless a row says "
     "otherwise, all computations are with the preset paper."
 )
 TABLE = Path("evidence", "tables", "paper.csv")
@@ -78,7 +78,7 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         "`scripts/evidence/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
         "", f"{tally(claims)} [All of them]({TABLE}) have what came out and its margin.",
         "", "These do not hold, or are undecided:",
-        "", markdown_table(claims), "These hold:", "", *holding(claims), "",
+        "", markdown_table(claims),
     ]  # fmt: skip
     paths = [write_table(root / "docs" / TABLE, claims)]
     figures_folder = root / "docs" / "figures"
@@ -116,15 +116,16 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
 
 
 def markdown_table(claims: Iterable[Claim]) -> str:
-    """Return the claims that do not hold as a Markdown table."""
+    """Return the claims that do not hold as a Markdown table, without their margins."""
     rows = [HEADING, *(claim.row for claim in claims if claim.verdict != "holds")]
-    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + "---|" * len(HEADING), *lines[1:]]) + "\n"
-
-
-def holding(claims: Iterable[Claim]) -> list[str]:
-    """Return the claims that hold, one a line, by figure."""
-    return [f"- {claim.figure}: {claim.text}" for claim in claims if claim.verdict == "holds"]
+    margin = HEADING.index("margin")
+    lines = [
+        "| "
+        + " | ".join(cell.replace("|", "\\|") for cell in row[:margin] + row[margin + 1 :])
+        + " |"
+        for row in rows
+    ]
+    return "\n".join([lines[0], "|" + "---|" * (len(HEADING) - 1), *lines[1:]]) + "\n"
 
 
 def write_table(path: Path, claims: Iterable[Claim]) -> Path:

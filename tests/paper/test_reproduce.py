@@ -301,7 +301,6 @@ def test_readme_counts_the_claims_of_the_page() -> None:
     assert all(claim.margin for claim in claims)
     assert tally(claims) in page and tally(claims) in readme
     assert paper_docs.markdown_table(claims) in page
-    assert "\n".join(paper_docs.holding(claims)) in page
 
 
 def test_script_of_the_documentation_wants_all_figures(

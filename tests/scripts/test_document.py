@@ -88,7 +88,7 @@ def test_the_document_is_filled(tables: dict[str, Table], tmp_path: Path) -> Non
 def test_the_document_asks_for_what_there_is(tables: dict[str, Table]) -> None:
     text = (ROOT / "docs" / "evidence" / "convergence.md").read_text("utf-8")
     asked = re.findall(r"<!-- table ([\w. -]+?)(?: in (\S+))? -->", text)
-    assert {name for name, _ in asked} == {*tables, "trials"}
+    assert {name for name, _ in asked} == {*tables}
     for name, file in asked:
         if file:
             assert f"]({file})" in text

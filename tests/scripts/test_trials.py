@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from project import script
+from refinements.document import write_csv
 from trials import compare as trials
 from trials.runners import runners
 
@@ -43,21 +44,18 @@ def test_no_two_methods_of_a_panel_share_a_colour() -> None:
         assert len(panel.lines) == 20 and panel.get_xlabel()
 
 
-def test_the_figure_is_redrawn_from_the_table() -> None:
+def test_the_figure_is_redrawn_from_the_table(tmp_path: Path) -> None:
     limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
     methods = {"way": trials.Found({1000: 1.1 * limit, 4000: 1.05 * limit})}
-    body = trials.table(methods, limit).markdown()
-    text = f"before\n<!-- table trials -->\n{body}\n<!-- end -->\n| after | 1 |"
-    assert trials.errors_in(text) == {"way": {1000: 20.0, 4000: 10.0}}
-    with pytest.raises(ValueError, match="no table of trials"):
-        trials.errors_in("nothing")
+    write_csv(tmp_path / "trials.csv", trials.table(methods, limit))
+    assert trials.errors_in(tmp_path / "trials.csv") == {"way": {1000: 20.0, 4000: 10.0}}
 
 
 def test_the_script_writes_table_and_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     contact_trials = script("contact_trials")
-    page, picture = tmp_path / "page.md", tmp_path / "trials.png"
+    table, picture = tmp_path / "trials.csv", tmp_path / "trials.png"
     limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
 
     def measure(
@@ -67,11 +65,10 @@ def test_the_script_writes_table_and_figure(
         return {"way": trials.Found({n: 1.1 * limit for n in steps})}, limit
 
     monkeypatch.setattr(contact_trials, "measure", measure)
-    monkeypatch.setattr(contact_trials, "DOCUMENT", page)
+    monkeypatch.setattr(contact_trials, "TABLE", table)
     monkeypatch.setattr(contact_trials, "FIGURE", picture)
-    page.write_text("before\n<!-- table trials -->\nold\n<!-- end -->\nafter\n")
     assert contact_trials.main(["--periods", "8", "--workers", "1"]) == 0
     row = "| way | -22.00 | -22.00 | -22.00 | 20.0 | 20.0 | 20.0 |"
     assert row in capsys.readouterr().out
-    assert page.read_text("utf-8").endswith(f"{row}\n<!-- end -->\nafter\n")
+    assert table.read_text("utf-8").endswith("\nway,-22.00,-22.00,-22.00,20.0,20.0,20.0\n")
     assert picture.stat().st_size > 10_000

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -87,23 +89,12 @@ def errors_of(found: dict[str, Found], limit: FloatArray) -> Errors:
     }
 
 
-def errors_in(text: str) -> Errors:
-    """Return the errors [%] in the table of the trials of a document, as `table` writes them.
-
-    Raises:
-        ValueError: the text has no such table.
-    """
-    rows = [
-        [cell.strip() for cell in line.strip("| ").split("|")]
-        for line in text.partition("<!-- table trials -->")[2]
-        .partition("<!-- end -->")[0]
-        .split("\n")
-        if line.startswith("|")
-    ]
-    if len(rows) < 3:
-        raise ValueError("no table of trials between <!-- table trials --> and <!-- end -->")
-    steps = {k: int(cell.split()[1]) for k, cell in enumerate(rows[0]) if cell.startswith("error,")}
-    return {row[0]: {n: float(row[k]) for k, n in steps.items()} for row in rows[2:]}
+def errors_in(path: Path) -> Errors:
+    """Return the errors [%] in the file of the trials, which has the columns of `table`."""
+    with path.open(encoding="utf-8", newline="") as file:
+        heading, *rows = csv.reader(file)
+    steps = {k: int(cell.split()[1]) for k, cell in enumerate(heading) if cell.startswith("error,")}
+    return {row[0]: {n: float(row[k]) for k, n in steps.items()} for row in rows}
 
 
 def figure(errors: Errors) -> Figure:
