@@ -204,7 +204,9 @@ if TYPE_CHECKING:
     )
     from delam_fem.results.pages import html as html
     from delam_fem.results.quality import (
+        BLOW_STEPS as BLOW_STEPS,
         OPEN as OPEN,
+        blow_steps as blow_steps,
         decay_of as decay_of,
         is_lost as is_lost,
         settling_summary as settling_summary,
@@ -333,7 +335,9 @@ _HOMES = {
     # Results
     "results.folder": "Result",
     "results.netcdf": "open_dataset write_dataset",
-    "results.quality": "OPEN decay_of is_lost settling_summary stop_when_settled verdict_of",
+    "results.quality": (
+        "BLOW_STEPS OPEN blow_steps decay_of is_lost settling_summary stop_when_settled verdict_of"
+    ),
     "results.reading": "load_numbers",
     "results.channels": "History histories_of offered",
     "results.schema": (

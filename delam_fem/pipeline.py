@@ -535,6 +535,7 @@ def _result(
     summary |= {
         "intervals": quality.confidence_intervals(history, case, summary),
         "periods": recorder.n_closed,
+        "blow_steps": quality.blow_steps(case, structure),
         "energy_residual": residual,
         "impact_energy_gain": diagnostics.gain_of(recorder),
         "unread_keys": list(case.unread),

@@ -229,9 +229,11 @@ def sweep_command(
             )  # fmt: skip
             return
         data = merge_shards(sweep, directory, inputs, is_partial=partial)
-    from delam_fem.studies.diagrams import is_unsettled, write_page
+    from delam_fem.studies.diagrams import blow_warning, is_unsettled, write_page
     from delam_fem.system.written import listed
 
+    if text := blow_warning(data):
+        tell(f"warning: {text}")
     if moving := int(is_unsettled(data).sum()):
         tell(
             f"warning: {moving} of {data.attrs['n_completed']} completed points have not "

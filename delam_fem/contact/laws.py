@@ -80,9 +80,17 @@ class Scheme:
         return {"beta": self.beta, "gamma": self.gamma} if self.name == "newmark" else {}
 
     @property
-    def takes_energy(self) -> bool:
-        """Whether steps take energy by themselves: θ or γ above 1/2 (numerical damping)."""
-        return (self.theta if self.has_impulses_within else self.gamma) > 0.5
+    def changes_energy(self) -> bool:
+        """Whether stable steps change the energy by themselves.
+
+        θ or γ above 1/2 take energy (numerical damping). With γ = 1/2 and β above 1/4 it comes
+        back: what stays constant without damping is the energy with (β - 1/4) Δt² aᵀ M a / 2.
+
+        Source: T. J. R. Hughes, The Finite Element Method (1987), section 9.2.
+        """
+        if self.has_impulses_within:
+            return self.theta > 0.5
+        return self.gamma > 0.5 or self.beta > 0.5 * self.gamma
 
     @property
     def has_impulses_within(self) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -316,12 +316,13 @@ def quality_warnings(case: Case, structure: Structure, residual: float) -> list[
     if not np.isfinite(residual):
         return [*reasons, open_balance(residual)]
     scheme = case.time.integration
-    if scheme.takes_energy:
+    if scheme.changes_energy:
         numbers = ", ".join(f"time.{key} = {value:g}" for key, value in scheme.numbers.items())
         return [
             *reasons,
-            f"the steps with {numbers} take energy by themselves: the residual of the ledger has "
-            f"it, up to {residual:.2g} of what is exchanged in a period; smaller steps take less",
+            f"the steps with {numbers} change the energy by themselves: the residual of the "
+            f"ledger has it, up to {residual:.2g} of what is exchanged in a period; smaller steps "
+            "change less",
         ]
     return [f"{open_balance(residual)}: {'; '.join(reasons or [_known(case, structure)])}"]
 
@@ -363,10 +364,10 @@ def open_balance(residual: float) -> str:
 def is_lost(residual: float, scheme: Scheme | None = None) -> bool:
     """Return whether a residual is so large that the run counts as diverged; NaN is.
 
-    What a scheme with numerical damping takes by itself is in the residual, and is asked for.
+    What the steps of a scheme change by themselves is in the residual, and is asked for.
     """
-    takes_energy = scheme is not None and scheme.takes_energy
-    return not (np.isfinite(residual) if takes_energy else residual < LOST)
+    changes_energy = scheme is not None and scheme.changes_energy
+    return not (np.isfinite(residual) if changes_energy else residual < LOST)
 
 
 def _known(case: Case, structure: Structure) -> str:
@@ -387,13 +388,31 @@ def _known(case: Case, structure: Structure) -> str:
     )
 
 
-def unresolved_blows(case: Case, structure: Structure) -> list[str]:
-    """Return a text for each kind of contact springs whose blows have too few steps; [] if none.
+class Blow(NamedTuple):
+    """The shortest blow on contact springs of one kind.
+
+    Attributes:
+        key: the key that gives their stiffness, with its value.
+        duration: half a period of the spring and what meets it [s].
+        step: the smallest time step of the case [s].
+    """
+
+    key: str
+    duration: float
+    step: float
+
+    @property
+    def n_steps(self) -> float:
+        """Number of steps in the blow."""
+        return self.duration / self.step
+
+
+def spring_blows(case: Case, structure: Structure) -> list[Blow]:
+    """Return the shortest blow on each kind of contact springs; [] without springs.
 
     A mass m that meets a spring k leaves it after π √(m/k). m is what the pair meets at its place,
     1/W of the diagonal of M: a node, an impactor, a point. Springs at one place add up, as those of
-    Hertz's contact do. With n steps in a blow the spring begins up to v Δt too deep, where it has
-    (π/n)² of the energy m v²/2 already.
+    Hertz's contact do.
     """
     o = structure.operators
     if isinstance(o, DistributedOperators) or not o.n_pairs:
@@ -409,20 +428,37 @@ def unresolved_blows(case: Case, structure: Structure) -> list[str]:
         places = np.unique(stop.places, return_inverse=True)[1]
         stiffness[stop.pairs] = np.bincount(places, stiffness[stop.pairs])[places]
     with np.errstate(divide="ignore", invalid="ignore"):  # a mass-less or a rigid side, no spring
-        blows = np.where(stiffness > 0.0, np.pi / np.sqrt(stiffness * mobility), np.inf)
+        durations = np.where(stiffness > 0.0, np.pi / np.sqrt(stiffness * mobility), np.inf)
     step = case.time_step / case.time.refine
+    blows = (
+        Blow(key, float(durations[pairs].min(initial=np.inf)), step)
+        for key, pairs in _spring_keys(case, structure).items()
+    )
+    return [blow for blow in blows if blow.duration < np.inf]
+
+
+def blow_steps(case: Case, structure: Structure) -> float:
+    """Return the fewest steps in a blow on a contact spring; NaN without springs."""
+    return min((blow.n_steps for blow in spring_blows(case, structure)), default=np.nan)
+
+
+def unresolved_blows(case: Case, structure: Structure) -> list[str]:
+    """Return a text for each kind of contact springs whose blows have too few steps; [] if none.
+
+    With n steps in a blow the spring begins up to v Δt too deep, where it has (π/n)² of the energy
+    m v²/2 already.
+    """
     texts = []
-    for key, pairs in _spring_keys(case, structure).items():
-        blow = float(blows[pairs].min(initial=np.inf))
-        if blow >= BLOW_STEPS * step:
+    for blow in spring_blows(case, structure):
+        if blow.n_steps >= BLOW_STEPS:
             continue
-        error = (np.pi * step / blow) ** 2
+        error = (np.pi / blow.n_steps) ** 2
         energy = f"may be wrong by {error:.0%}" if error < 1.0 else "is arbitrary"
         texts.append(
-            f"{key}: a blow on this spring lasts {blow:.2g} s at the shortest, {blow / step:.2g} "
-            f"steps of {step:.3g} s, so that its energy {energy}; "
-            f"try steps of {blow / BLOW_STEPS:.2g} s, {step * BLOW_STEPS / blow:.3g} times as "
-            "many, or a softer spring"
+            f"{blow.key}: a blow on this spring lasts {blow.duration:.2g} s at the shortest, "
+            f"{blow.n_steps:.2g} steps of {blow.step:.3g} s, so that its energy {energy}; "
+            f"try steps of {blow.duration / BLOW_STEPS:.2g} s, {BLOW_STEPS / blow.n_steps:.3g} "
+            "times as many, or a softer spring"
         )
     return texts
 

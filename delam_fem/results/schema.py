@@ -430,6 +430,8 @@ _MEASURES = (
     Measure("microseconds_per_step", (), "µs", "duration per time step"),
     Measure("unforeseen_contacts", (), "1",
         "share of contacts that coarse steps did not see; 0 is good, above 0.05 the run warns"),
+    Measure("blow_steps", (), "1",
+        "fewest steps in a blow on a contact spring; below 10 the run warns; – without springs"),
     Measure("tip_min", _LAMINA, "m",
         "smallest displacement of each tip over the last periods, base motion included"),
     Measure("tip_max", _LAMINA, "m", "largest displacement of each tip over the last periods"),

@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from delam_fem.api import (
+    BLOW_STEPS,
     Case,
     CaseError,
     FloatArray,
@@ -103,6 +104,12 @@ def is_unsettled(data: xr.Dataset) -> xr.DataArray:
     """Return which points were completed, but have not settled."""
     is_completed = data["outcome"] == "completed"
     return is_completed & ((data["settled"] == 0.0) if "settled" in data else False)
+
+
+def is_unresolved(data: xr.Dataset) -> xr.DataArray:
+    """Return at which completed points a blow on a contact spring has too few steps."""
+    is_completed = data["outcome"] == "completed"
+    return is_completed & ((data["blow_steps"] < BLOW_STEPS) if "blow_steps" in data else False)
 
 
 def heading(data: xr.Dataset) -> str:
@@ -604,7 +611,7 @@ FILES = {
     "sweep.toml": "the sweep",
     "case.toml": "the case that it varies",
 }
-SHOWN = ("periodicity", "tip_contacts_per_period")
+SHOWN = ("periodicity", "tip_contacts_per_period", "blow_steps")
 """Numbers of a point in the table."""
 ALONE = (
     "The run of a point starts from its own initial state. In a sweep with an order (up, down) the "
@@ -651,7 +658,13 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
     directory = Path(directory)
     about = data.attrs
     sections = [
-        html.PageSection("", [html.Paragraph(sentence(data), "verdict")]),
+        html.PageSection(
+            "",
+            [
+                html.Paragraph(sentence(data), "verdict"),
+                *(html.Paragraph(text, "warning") for text in [blow_warning(data)] if text),
+            ],
+        ),
         html.PageSection("Diagrams", [*_diagrams(data, directory)]),
         html.PageSection("Points", [*_points(data, directory)]),
         html.PageSection("Files", [html.files(directory, FILES)]),
@@ -682,14 +695,29 @@ def sentence(data: xr.Dataset) -> str:
     return f"{text}."
 
 
+def blow_warning(data: xr.Dataset) -> str | None:
+    """Return a warning if blows on contact springs have too few steps somewhere; else None."""
+    count = int(is_unresolved(data).sum())
+    if not count:
+        return None
+    fewest = float(data["blow_steps"].where(is_unresolved(data)).min())
+    return (
+        f"at {count} of {data.attrs['n_completed']} completed points a blow on a contact spring "
+        f"has fewer than {BLOW_STEPS} steps, {fewest:.2g} at the fewest (blow_steps), so that its "
+        f"energy is wrong; try up to {BLOW_STEPS / fewest:.3g} times as many steps, or softer "
+        "springs"
+    )
+
+
 def points(data: xr.Dataset, directory: Path) -> Iterator[DiagramPoint]:
     """Yield the points of a sweep in the order of its grid."""
     grid = data["outcome"]
     axes = [str(name) for name in data.coords if "key" in data[name].attrs]
     names = ["direction"] * ("direction" in grid.dims) + axes
+    columns = [name for name in SHOWN if name in data and data[name].notnull().any()]
     coordinates, numbers = (
         {name: data[name].broadcast_like(grid).to_numpy().ravel() for name in group}
-        for group in (names, [name for name in SHOWN if name in data])
+        for group in (names, columns)
     )
     is_moving = is_unsettled(data).to_numpy().ravel()
     for index, outcome in enumerate(grid.to_numpy().ravel()):

@@ -60,8 +60,8 @@ def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -
     """Return the state at t = 0 of the steady motion without clapping, which is linear.
 
     A motion with contact that starts from this state, with closed delaminations, settles far sooner
-    than from rest. None if the excitation is not harmonic, or if there is nothing to keep closed,
-    because the laminae are apart.
+    than from rest. It goes on about the state of rest under constant loads, if there are any. None
+    if the excitation is not harmonic, or if there is nothing to keep closed, as laminae are apart.
 
     Args:
         case: the case.
@@ -75,7 +75,10 @@ def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -
     o = structure.operators
     f = excitation.top_frequency
     U = _size(excitation, f) * response(o, f, keeping_closed(structure) if is_closed else None)
-    return State(at_start(U, f), np.zeros(o.n_pairs, dtype=np.bool_))
+    motion = at_start(U, f)
+    if o.equilibrium is not None:
+        motion[0] += o.equilibrium.displacement
+    return State(motion, np.zeros(o.n_pairs, dtype=np.bool_))
 
 
 def _is_exact(case: Case) -> bool:

@@ -10,7 +10,7 @@ import pytest
 
 import delam_fem as df
 from delam_fem.api import Case, assemble
-from delam_fem.results.quality import BLOW_STEPS, unresolved_blows
+from delam_fem.results.quality import BLOW_STEPS, blow_steps, unresolved_blows
 
 M, K, V, GAP, HEAVY = 0.007, 1e7, 1.0, 1e-3, 1e6
 BLOW = float(np.pi * np.sqrt(M / K))
@@ -64,6 +64,20 @@ def test_a_blow_has_its_energy_or_a_warning(key: str, steps: float) -> None:
         assert energy == pytest.approx(1.0, abs=(np.pi / steps) ** 2)
     is_told = any("changed the energy" in text for text in warnings)
     assert is_told is (abs(energy - 1.0) > 0.02 * max(energy, 1.0))
+
+
+@pytest.mark.parametrize("key", CONTACTS)
+@pytest.mark.parametrize("steps", [0.5, 30.0])
+def test_a_run_says_how_many_steps_its_blows_have(key: str, steps: float) -> None:
+    case = striking(key, steps, refine=2)
+    fewest = 2.0 * steps  # HEAVY changes the mass by 1e-8
+    assert blow_steps(case, assemble(case, needs_dolfinx=False)) == pytest.approx(fewest, rel=1e-6)
+    assert df.run(case).summary["blow_steps"] == pytest.approx(fewest, rel=1e-6)
+
+
+def test_no_springs_no_blows() -> None:
+    case = df.preset("paper", {"contact.law": "newton", "mesh.elements": 3})
+    assert np.isnan(blow_steps(case, assemble(case, needs_dolfinx=False)))
 
 
 @pytest.mark.parametrize("key", CONTACTS)

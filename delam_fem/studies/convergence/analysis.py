@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from delam_fem.api import (
+    BLOW_STEPS,
     Case,
     CaseError,
     Finding,
@@ -163,6 +164,7 @@ class Convergence(Finding):
             tables=list(overview(self)),
             sentences=[verdict(self), there],
             remarks=[
+                *(text for text in [blow_warning(self)] if text),
                 *([] if self.refinement.has_limit else [NO_LIMIT]),
                 *([NOT_CALIBRATED] if self.refinement.of else []),
             ],
@@ -311,9 +313,27 @@ NOT_CALIBRATED = (
 NO_LIMIT = "The study has no rigid limit: errors against it are left out."
 
 
+def blow_warning(found: Convergence) -> str | None:
+    """Return a warning if blows on contact springs have too few steps at a level; else None."""
+    levels = {level.key: level for level in found.refinement.levels()}
+    counts = {key: found.value(level, "blow_steps") for key, level in levels.items()}
+    few = {key: count for key, count in counts.items() if count < BLOW_STEPS}
+    if not few:
+        return None
+    worst = min(few, key=few.__getitem__)
+    level = levels[worst]
+    return (
+        f"At {len(few)} of {len(found.results)} levels a blow on a contact spring has fewer than "
+        f"{BLOW_STEPS} steps, {few[worst]:.2g} at the fewest ({level.method}, {level.mesh_text}, "
+        f"{level.steps} steps per period), so that its energy is wrong there."
+    )
+
+
 def page(found: Convergence, verdict: str) -> str:
     """Return a verdict and all tables of a study as a page of Markdown."""
     parts = [f"# Convergence of case {found.refinement.case.name}\n", f"{verdict}\n"]
+    if warning := blow_warning(found):
+        parts.append(f"{warning}\n")
     if not found.refinement.has_limit:
         parts.append(f"{NO_LIMIT}\n")
     return "\n".join([*parts, *(table.markdown() for table in tables(found))])
@@ -402,7 +422,10 @@ def contact_table(
     """Return the table of statistics, errors (if the study has a limit) and costs of levels."""
     has_limit = found.refinement.has_limit
     error = ["error [%]"] if has_limit else []
-    heading = (direction, *(q.heading for q in quantities), "P", *error, "µs/step", "ms/period")
+    has_springs = any(math.isfinite(found.value(level, "blow_steps")) for level in levels)
+    blow = ["steps in a blow"] if has_springs else []
+    ends = ("P", *blow, *error, "µs/step", "ms/period")
+    heading = (direction, *(q.heading for q in quantities), *ends)
     rows = []
     for level in levels:
         result = found.results.get(level.key)
@@ -416,6 +439,7 @@ def contact_table(
                 str(getattr(level, direction)),
                 *(mean_and_scatter(found, level, q) for q in quantities),
                 f"{period:.0f}" if period else NOTHING,
+                *(number(found.value(level, "blow_steps"), ".3g") for _ in blow),
                 *([number(100.0 * found.error(level), ".1f")] if has_limit else []),
                 cost(found, level),
                 number(1e3 * found.cost(level), ".2f"),

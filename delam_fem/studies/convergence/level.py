@@ -37,6 +37,7 @@ from delam_fem.api import (
     State,
     Structure,
     assemble,
+    blow_steps,
     diagnostics,
     first_shapes,
     harmonics,
@@ -356,7 +357,10 @@ def _clapping(level: Level, engine: EngineName) -> LevelResult:
     if is_lost(residual, case.time.integration):
         return LevelResult(level.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
     strobe = run.recorder.strobe[-level.periods :, 0, : len(case.lamina)]
-    numbers = statistics(run.rows, strobe.T) | {"energy_residual": (residual, 0.0)}
+    numbers = statistics(run.rows, strobe.T) | {
+        "energy_residual": (residual, 0.0),
+        "blow_steps": (blow_steps(case, structure), 0.0),
+    }
     if level.of:
         numbers |= _of_channels(run, structure, level, int(numbers["periodicity"][0]) or 1)
     return LevelResult(level.key, run.outcome, "", numbers, run.cost, periods)
@@ -381,9 +385,21 @@ def _settled_start(case: Case, engine: EngineName) -> State:
 
 @lru_cache(maxsize=KEPT_STATES)
 def _moving(case_text: str, engine: EngineName) -> State:
-    """Run a case (as TOML) from rest, once per worker, and return its final state."""
+    """Run a case (as TOML) from rest, once per worker, and return its final state.
+
+    Raises:
+        ArithmeticError: the motion diverged.
+    """
     case = Case.from_toml(case_text)
-    return _run(case, assemble(case, needs_dolfinx=False), engine, None, 0).state
+    run = _run(case, assemble(case, needs_dolfinx=False), engine, None, 0)
+    _require_completed(run, "the run to the start of the levels")
+    return run.state
+
+
+def _require_completed(run: _Run, name: str) -> None:
+    """Raise an ArithmeticError that names a run and its period unless the run was completed."""
+    if run.outcome != "completed":
+        raise ArithmeticError(f"{name} {run.outcome} in period {run.recorder.n_closed}")
 
 
 def _free(level: Level, engine: EngineName) -> LevelResult:
@@ -391,6 +407,11 @@ def _free(level: Level, engine: EngineName) -> LevelResult:
     structure = assemble(level.case, needs_dolfinx=False)
     case = level.case.with_overrides({"time.periods": _settling_periods(level.case) + 1})
     run = _run(case, structure, engine, steady_motion(case, structure, is_closed=False), 1)
+    periods = run.recorder.n_closed
+    if run.outcome != "completed":
+        return LevelResult(
+            level.key, run.outcome, f"{run.outcome} in period {periods}", {}, run.cost, periods
+        )
     columns = {
         "amplitude": np.abs(run.rows[-1]["harmonics"][:, 0]).tolist(),
         "frequency": _frequencies(level.case, engine),
@@ -400,7 +421,7 @@ def _free(level: Level, engine: EngineName) -> LevelResult:
         for name, values in columns.items()
         for i, value in enumerate(values)
     }
-    return LevelResult(level.key, run.outcome, "", numbers, run.cost, run.recorder.n_closed)
+    return LevelResult(level.key, run.outcome, "", numbers, run.cost, periods)
 
 
 def _settling_periods(case: Case) -> int:
@@ -409,7 +430,11 @@ def _settling_periods(case: Case) -> int:
 
 
 def _frequencies(case: Case, engine: EngineName) -> list[float]:
-    """Run free undamped vibrations; return the frequency of each lamina's first mode [Hz]."""
+    """Run free undamped vibrations; return the frequency of each lamina's first mode [Hz].
+
+    Raises:
+        ArithmeticError: the motion diverged.
+    """
     undamped = {f"lamina.{lamina.name}.damping_ratio": 0.0 for lamina in case.lamina}
     ring = case.with_overrides(
         {
@@ -424,9 +449,12 @@ def _frequencies(case: Case, engine: EngineName) -> list[float]:
     motion = np.zeros((3, o.n_dofs))
     # the limit of a case of points goes with its loads: a metre would be beyond it
     amplitude = min(1.0, RING_SHARE * span_of(ring).limit)
-    motion[0] = amplitude * first_shapes(case, structure)
+    static = np.zeros(o.n_dofs) if o.equilibrium is None else o.equilibrium.displacement
+    motion[0] = static + amplitude * first_shapes(case, structure)
     run = _run(ring, structure, engine, State(motion, np.zeros(o.n_pairs, dtype=np.bool_)), 0)
+    _require_completed(run, "free vibrations")
     u = np.concatenate([record.u[1:, N_BASE:] for record in run.recorder.window])
+    u[:, : o.n_probes] -= o.probes @ static
     t = (1 + np.arange(len(u))) * ring.time_step
     exact = first_frequencies(case)
     return [fitted_frequency(t, u[:, i], omega) / (2.0 * math.pi) for i, omega in enumerate(exact)]

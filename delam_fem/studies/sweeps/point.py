@@ -62,6 +62,7 @@ from delam_fem.api import (
     Structure,
     Variable,
     assemble,
+    blow_steps,
     decay_of,
     diagnostics,
     first_mode,
@@ -115,6 +116,7 @@ RECORDED: Mapping[str, tuple[Variable, ...]] = {
                 "thd",
                 "minimum_tip_gap",
                 "energy_residual",
+                "blow_steps",
             )
         ),
     ),
@@ -364,6 +366,7 @@ def row_of(
         word = values.pop("periodicity_class")
         values["is_decided"] = math.nan if word is None else float(word != "undecided")
         values["energy_residual"] = recorder.energy_residual()
+        values["blow_steps"] = blow_steps(case, structure)
     strobe = recorder.strobe[: recorder.n_closed, :, :n_laminae]
     values["strobe_displacement"], values["strobe_velocity"] = strobe.transpose(1, 2, 0)
     values["periods_computed"] = recorder.n_closed

@@ -9,7 +9,8 @@ import pytest
 
 from delam_fem.api import Case, CaseError, load_case, preset
 from delam_fem.numerics.statistics import orders_of_errors
-from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence import level as level_module
+from delam_fem.studies.convergence.analysis import Convergence, page
 from delam_fem.studies.convergence.level import compute, fitted_frequency
 from delam_fem.studies.convergence.refinement import (
     FREE,
@@ -231,6 +232,52 @@ def test_a_level_that_diverges_says_when() -> None:
     assert result.outcome == "diverged"
     assert result.error == f"diverged in period {result.periods}"
     assert 50 < result.periods < 300
+
+
+def test_a_free_level_that_diverges_has_no_numbers() -> None:
+    """A base that moves by a metre moves the tips beyond ten lengths."""
+    case = CASE.with_overrides({"excitation.amplitude": 1.0})
+    result = compute(refinement(case, steps=(100,)).level(FREE, 10, 100), "compiled")
+    assert (result.outcome, result.statistics) == ("diverged", {})
+    assert result.error == f"diverged in period {result.periods}"
+
+
+def test_free_vibrations_that_diverge_give_no_frequency(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion that begins beyond the limit of a run is none."""
+    lengths = {f"lamina.{name}.length": 0.05 for name in ("thick", "thin")}
+    case = CASE.with_overrides({**lengths, "excitation.frequency": 300.0})
+    on = refinement(case, steps=(100,))
+    monkeypatch.setattr(level_module, "RING_SHARE", 10.0)
+    result = compute(on.level(FREE, 10, 100), "compiled")
+    assert (result.outcome, result.statistics) == ("failed", {})
+    assert "free vibrations diverged in period 1" in result.error
+
+
+def test_weight_changes_neither_frequencies_nor_amplitudes_of_level_beams() -> None:
+    """Linear beams vibrate about the shape that their weight gives them."""
+    of_case = {}
+    for name, keys in {"without": {}, "with": {"gravity.acceleration": 9.81}}.items():
+        case = DECAYING.with_overrides(keys)
+        of_case[name] = compute(refinement(case, steps=(200,)).level(FREE, 10, 200), "compiled")
+        assert of_case[name].error == ""
+    for name, value in of_case["without"].statistics.items():
+        assert of_case["with"].statistics[name] == pytest.approx(value, rel=1e-6), name
+
+
+def test_levels_say_how_many_steps_their_blows_have() -> None:
+    """A blow on a spring lasts π √(m/k), whatever the steps are."""
+    case = preset("paper", {"contact.penalty_stiffness": 1e4})
+    on = refinement(case, laws="penalty@newmark,newton@moreau-jean", steps=(200, 400), meshes=(4,))
+    found = computed([level for level in on.levels() if level.method != FREE.name], on)
+    elastic, rigid = (on.along_steps(law, 4) for law in on.methods)
+    counts = [found.value(level, "blow_steps") for level in elastic]
+    assert counts[1] == pytest.approx(2.0 * counts[0], rel=1e-12)
+    assert counts[0] < 10.0 and all(np.isnan(found.value(level, "blow_steps")) for level in rigid)
+    (warning,) = [text for text in found.report.remarks if "blow" in text]
+    assert f"At {sum(count < 10.0 for count in counts)} of 4 levels" in warning
+    assert "penalty@newmark, 4 elements, 200 steps per period" in warning
+    text = page(found, "")
+    assert warning in text and text.count("steps in a blow") == 2
 
 
 @pytest.mark.parametrize("name", ["rod", "sdnd102"])
