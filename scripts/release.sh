@@ -24,6 +24,8 @@ grep -qx "version: $version" CITATION.cff || die "CITATION.cff: expected version
 grep -qF "version: \"$version\"" conda.recipe/recipe.yaml ||
     die "conda.recipe/recipe.yaml: expected version: \"$version\""
 grep -q "^## \[$version\]" CHANGELOG.md || die "CHANGELOG.md: expected a heading '## [$version]'"
+! sed -n '/^## \[Unreleased\]/,/^## \[[0-9]/p' CHANGELOG.md | grep -q '^- ' ||
+    die "CHANGELOG.md: expected no line below [Unreleased]; move them below [$version]"
 
 [[ ${2:-} == --without-tests ]] || scripts/test.sh
 scripts/setup.sh test
@@ -42,5 +44,6 @@ for file in dist/*.whl dist/*.tar.gz; do
 done
 say "dist/ holds what is released:"
 ls -l dist
-say "then: git tag -a v$version -m 'delam_fem $version' && git push origin v$version"
+say "then: write the date into the heading of $version in CHANGELOG.md, and commit it"
+say "and:  git tag -a v$version -m 'delam_fem $version' && git push origin v$version"
 say "and:  .venv/bin/python -m pip install twine && .venv/bin/python -m twine upload dist/*"
