@@ -80,6 +80,8 @@ BUILT_IN: dict[str, dict[str, Callable[..., None]]] = {
 """Commands that are no studies, by their words, in the groups of the help."""
 USES: dict[str, Use] = {
     "run": "steps",
+    "reduce": "factors",
+    "show operators": "factors",
     "sweep": "cases",
     "paper": "cases",
 }
@@ -105,6 +107,8 @@ def commands() -> dict[str, dict[str, Callable[..., None]]]:
 def use_of(words: str) -> Use:
     """Return what several processes of MPI share of the work of a command."""
     study = studies().get(words)
+    if study is not None and study.shares_factors:
+        return "factors"
     if study is not None and "workers" in study.options.common:
         return "cases"
     return USES.get(words, "nothing")

@@ -1,7 +1,7 @@
 """Say what a command does where mpirun or srun has started several processes of it.
 
-`run` shares its steps. The others refuse, because each process would do the same, into the same
-folder.
+`run` shares its steps. Commands that solve one solid share their factors: the first process does
+all other work. The others refuse, because each process would do the same, into the same folder.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from delam_fem.system.errors import CaseError
 if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
 
-Use = Literal["steps", "cases", "nothing"]
-"""What processes share: the steps of a run, nothing because the work is
+Use = Literal["steps", "factors", "cases", "nothing"]
+"""What processes share: the steps of a run, the factors of a solid, nothing because the work is
 many cases, or nothing at all."""
 
 
@@ -52,6 +52,10 @@ def on_ranks(
     """
     if comm is None or use == "steps":
         reporting(work)
+    elif use == "factors":
+        from delam_fem.model.sharing import shared
+
+        shared(comm, lambda: reporting(work))
     elif comm.rank == 0:
         reporting(lambda: _refuse(words, use, comm.size))
 
@@ -64,7 +68,10 @@ def _refuse(words: str, use: Use, size: int) -> NoReturn:
     """
     from delam_fem.studies.executors import MPI_COMMAND
 
-    reason = "it computes in one; several share the work of run, and of df.reduced_case in a script"
+    reason = (
+        "it computes in one; several share the work of run, reduce, modes, compare, detect tap and "
+        "show operators"
+    )
     if use == "cases":
         reason = (
             "its work is many cases, which -j N shares on one machine; on several machines a sweep "

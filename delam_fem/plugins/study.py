@@ -85,6 +85,8 @@ class Study(Generic[Chosen, Found]):
         needs: section that a case must have, such as "delamination"; empty: none.
         takes_impactors: whether a case may have impactors.
         has_checkpoints: whether runs of the study keep checkpoints in `RunContext.kept`.
+        shares_factors: whether its command takes processes of MPI, which share the factors of a
+            solid.
     """
 
     options: type[Chosen]
@@ -98,6 +100,7 @@ class Study(Generic[Chosen, Found]):
     needs: str = ""
     takes_impactors: bool = False
     has_checkpoints: bool = False
+    shares_factors: bool = False
 
     @property
     def __doc__(self) -> str:  # type: ignore[override]

@@ -37,5 +37,5 @@ class Compare(Options):
 
 
 COMPARE: Study[Compare, Comparison | ModelComparison] = Study(
-    Compare, "delam_fem.reference.compare:compute", "Judge", "compare"
+    Compare, "delam_fem.reference.compare:compute", "Judge", "compare", shares_factors=True
 )

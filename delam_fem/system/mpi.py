@@ -74,14 +74,18 @@ _held: list[tuple[MPI.Intracomm, Any]] = []
 def start_petsc(comm: MPI.Intracomm | None = None) -> None:
     """Start PETSc, unless it runs already; the options in PETSC_OPTIONS count.
 
+    Each call of `petsc4py.init` adds a clean-up to the end of the process, also if PETSc runs
+    already. All ranks take part in it. If one of them had one more, it would wait forever.
+
     Args:
         comm: communicator of PETSc; None: all ranks.
     """
     import petsc4py.lib
 
     with elsewhere():  # it may look for petsc.cfg, which says where PETSc is
-        arch = petsc4py.lib.ImportPETSc().__arch__
-    petsc4py.init(PETSC_ARGUMENTS, arch, comm)
+        PETSc = petsc4py.lib.ImportPETSc()
+    if not PETSc.Sys.isInitialized():
+        petsc4py.init(PETSC_ARGUMENTS, PETSc.__arch__, comm)
     for option, value in RETURNING.items():  # only glibc has such options
         getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)(option, value)
 

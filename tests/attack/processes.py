@@ -61,6 +61,9 @@ count = {count}
 """
 
 
+MPIRUN = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2")
+
+
 def command(*arguments: object, keys: dict[str, object] | None = None) -> list[str]:
     """Return the command line of `delam-fem` with overrides."""
     sets = [f"--set={key}={value}" for key, value in (keys or {}).items()]

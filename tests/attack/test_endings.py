@@ -16,6 +16,7 @@ from _pytest.mark import ParameterSet
 from attack.processes import (
     CASE,
     LIMIT,
+    MPIRUN,
     command,
     ended,
     environment,
@@ -42,7 +43,6 @@ fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 os.execv(sys.argv[1], sys.argv[1:])
 """
 """Program that makes its stdin the controlling terminal of a command."""
-MPIRUN = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2")
 LONG = CASE | {"time.periods": 5000}
 FEW = {"time.periods": 3, "time.steps_per_period": 20, "output.window_periods": 1}
 FIELDLESS = {"output.fields_per_period": 0}

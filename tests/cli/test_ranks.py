@@ -1,8 +1,9 @@
-"""Commands of several processes of MPI: those that do not share their work say why."""
+"""Commands of several processes of MPI: they share the factors of one solid, or say why not."""
 
 from pathlib import Path
 
 import pytest
+from attack.processes import MPIRUN, command, ended
 from mpi_pool import Crew
 
 START = """
@@ -22,6 +23,27 @@ def call(*words):
 
 folder, = arguments
 """
+REDUCE = """
+alone = Path(folder, "alone")
+case = ["--set", "model.kind=plane-stress", "--set", "mesh.elements=16", "-q"]
+if comm.rank == 0:
+    console.launched = lambda: None
+    assert call("reduce", "embedded", *case, "--modes", 5, "-o", alone) == 0
+    console.launched = lambda: comm
+comm.Barrier()
+together = Path(folder, f"together{comm.size}")
+assert call("reduce", "embedded", *case, "--modes", 5, "-o", together) == 0
+assert call("modes", "embedded", *case, "-o", together / "modes") == 0
+comm.Barrier()
+if comm.rank == 0:
+    one, many = (dict(np.load(path / "reduced.npz")) for path in (alone, together))
+    assert np.allclose(many["squares"], one["squares"], rtol=1e-7), "squares"
+    for name in ("H", "probes", "readings"):  # modes have any sign
+        a, b = (content[name] for content in (one, many))
+        flexible = [(x / content["squares"]) @ x.T for x, content in ((a, one), (b, many))]
+        assert np.allclose(*flexible, rtol=0.0, atol=1e-9 * np.abs(flexible[0]).max()), name
+    assert (together / "modes" / "modes.json").exists()
+"""
 REFUSED = """
 import io, sys
 heard = sys.stderr = io.StringIO()
@@ -35,6 +57,20 @@ else:
     assert (status, text) == (0, "")
 assert not Path(folder, "none").exists()
 """
+WRONG = """
+import io, sys
+heard = sys.stderr = io.StringIO()
+status = call("reduce", "paper", "-o", Path(folder, "none"))
+text = heard.getvalue()
+sys.stderr = sys.__stderr__
+assert (status, text.count("contact.impulse")) == ((2, 1) if comm.rank == 0 else (0, 0)), text
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.nightly)])
+def test_a_reduction_is_the_same_on_ranks(ranks: int, crew: Crew, tmp_path: Path) -> None:
+    crew.run(ranks, START + REDUCE, tmp_path)
 
 
 @pytest.mark.mpi
@@ -44,11 +80,25 @@ assert not Path(folder, "none").exists()
         (["sweep", "none.toml"], True),
         (["converge", "default"], True),
         (["orbit", "find", "default"], False),
-        (["reduce", "default"], False),
-        (["modes", "default"], False),
     ],
 )
 def test_other_commands_refuse_ranks(
     words: list[str], is_cases: bool, crew: Crew, tmp_path: Path
 ) -> None:
     crew.run(2, START + REFUSED.format(words=words, is_cases=is_cases), tmp_path)
+
+
+@pytest.mark.mpi
+def test_an_error_is_told_once(crew: Crew, tmp_path: Path) -> None:
+    crew.run(2, START + WRONG, tmp_path)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("preset", "status"), [("embedded", 0), ("paper", 2)])
+def test_processes_of_a_reduction_end(preset: str, status: int, tmp_path: Path) -> None:
+    """The first process alone imports dolfinx, which must not add to what all do at their end."""
+    keys = {"model.kind": "plane-stress", "mesh.elements": 16}
+    line = command("reduce", preset, "-o", tmp_path / "out", "--modes", 5, keys=keys)
+    found, errors = ended([*MPIRUN, *line])
+    assert (found, errors.count("contact.impulse: expected")) == (status, int(preset == "paper"))
+    assert "MPI_ABORT" not in errors

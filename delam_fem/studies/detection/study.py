@@ -231,4 +231,5 @@ TAP: Study[Tap, Taps] = Study(
     takes=NOT_REDUCED,
     needs="delamination",
     takes_impactors=True,
+    shares_factors=True,
 )

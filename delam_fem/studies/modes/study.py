@@ -31,4 +31,5 @@ MODES: Study[Modes, NaturalModes | StructureModes] = Study(
     "Compute",
     "modes",
     takes_impactors=True,
+    shares_factors=True,
 )
