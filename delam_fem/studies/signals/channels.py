@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from delam_fem.api import CaseError, FloatArray, shown
-from delam_fem.studies.signals.units import MeasuredUnit, of_quantity, unit_of
+from delam_fem.studies.signals.units import MeasuredUnit, ambient, of_quantity, unit_of
 
 Values = npt.NDArray[Any]
 """Real or complex values, shape (n,)."""
@@ -195,8 +195,8 @@ def channels_of(
         notes: what was put right is added here.
 
     Raises:
-        CaseError: an assignment names no column or several; a unit is missing or unknown; or an
-            axis is missing or does not increase.
+        CaseError: an assignment names no column or several; a unit is missing or unknown; an axis
+            is missing or does not increase; or all columns are temperatures or humidities.
     """
     named = [_renamed(sheet, assignments, len(sheets)) for sheet in sheets]
     left = set(assignments) - {name for _, used in named for name in used}
@@ -208,7 +208,15 @@ def channels_of(
             f"{', '.join(names)[:300]}"
         )
     _require_single(named)
-    return [channel for sheet, _ in named for channel in _of_sheet(sheet, units, times, notes)]
+    channels = [
+        channel for sheet, used in named for channel in _of_sheet(sheet, units, times, notes, used)
+    ]
+    if not channels:
+        labels = ", ".join(sheet.label for sheet in sheets)
+        raise CaseError(
+            f"{labels[:300]}: expected a channel, found temperatures or humidities alone"
+        )
+    return channels
 
 
 def _require_single(named: Sequence[tuple[Sheet, list[str]]]) -> None:
@@ -283,8 +291,13 @@ class Times:
     between: tuple[float, float] | None = None
 
 
-def _of_sheet(sheet: Sheet, units: str | None, times: Times, notes: list[str]) -> list[Channel]:
-    """Return the columns of a sheet beside its axis as channels."""
+def _of_sheet(
+    sheet: Sheet, units: str | None, times: Times, notes: list[str], used: Sequence[str] = ()
+) -> list[Channel]:
+    """Return the columns of a sheet beside its axis as channels.
+
+    Temperatures and humidities, which no channel is, are left out, unless the user names them.
+    """
     k, kind = _axis(sheet)
     rate = sheet.rate if times.rate is None else times.rate
     others = [column for i, column in enumerate(sheet.columns) if i != k]
@@ -306,6 +319,18 @@ def _of_sheet(sheet: Sheet, units: str | None, times: Times, notes: list[str]) -
     for column in counters:
         notes.append(f"{sheet.label}: the column {shown(column.name)} counts the rows; left out")
     others = [column for column in others if column not in counters]
+    signals = []
+    for column in others:
+        what = ambient(column.unit or "")
+        if not what or column.name in used:
+            signals.append(column)
+            continue
+        notes.append(
+            f"{sheet.label}: the column {shown(column.name)} is {what} [{column.unit}]; left out"
+        )
+    if others and not signals:
+        return []
+    others = signals
     if not others:
         raise CaseError(f"{sheet.label}: expected a column beside the {kind}, given none")
     if kind == "time" and times.between is not None:

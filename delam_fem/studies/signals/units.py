@@ -153,10 +153,14 @@ PLAIN = ("1", "-", "–", "none", "unitless", "dimensionless")
 AS_PEAK = ("0-pk", "0-peak", "0-p", "peak", "pk")
 NOT_PEAK = ("rms", "pk-pk", "peak-to-peak", "peak-peak", "pkpk", "p-p", "pp", "p2p")
 """What instruments write behind a unit: of amplitudes, and of what is none."""
+AMBIENT = {
+    **dict.fromkeys(("°C", "℃", "degC", "deg C", "Celsius"), "a temperature"),
+    **dict.fromkeys(("°F", "℉", "degF", "deg F", "K", "Kelvin"), "a temperature"),
+    **dict.fromkeys(("%RH", "% RH", "%rH", "% rH", "%rh", "% rh"), "a humidity"),
+}
+"""Units of what loggers record beside the motion, and what that is."""
 REASONS = {
-    "°C": "a temperature, whose zero is not that of the SI unit",
-    "degC": "a temperature, whose zero is not that of the SI unit",
-    "°F": "a temperature, whose zero is not that of the SI unit",
+    **{unit: f"{what}, which no channel is" for unit, what in AMBIENT.items()},
     "dB": "a level; take 10 to the level over 20, times its reference",
     "EU": "engineering units, which the instrument's set-up defines",
     "a.u.": "arbitrary units",
@@ -222,6 +226,11 @@ def unit_of(text: str, label: str, *, is_response: bool = False) -> MeasuredUnit
             f"{label}: expected a unit such as mm, m/s, m/s2, g, N or um/m, given {shown(text)}: "
             f"{error}; --channel NAME=SOURCE:UNIT gives another"
         ) from None
+
+
+def ambient(text: str) -> str:
+    """Return what has a unit that is one of the surroundings; empty: it is none."""
+    return AMBIENT.get(text.strip().removeprefix("[").removesuffix("]").strip(), "")
 
 
 def _evaluated(text: str, is_response: bool) -> MeasuredUnit:

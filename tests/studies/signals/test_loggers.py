@@ -47,6 +47,32 @@ def test_a_tdms_file_may_have_a_channel_of_times(tmp_path: Path) -> None:
     np.testing.assert_allclose(data["sensor_acc"], 9.80665 * THICK, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.parametrize("unit", ["°C", "degC", "[°C]", "deg C", "°F", "K", "℃", "%RH"])
+def test_temperature_and_humidity_are_left_out_with_a_note(unit: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    rows = "".join(f"{t},{a},{20.0 + t}\n" for t, a in zip(TIME, THICK, strict=True))
+    file.write_text(f"time,acc,room\ns,g,{unit}\n{rows}", encoding="utf-8")
+    data = df.read_measured(file)
+    np.testing.assert_allclose(data["sensor_acc"], 9.80665 * THICK, rtol=1e-12, atol=1e-14)
+    assert "sensor_room" not in data
+    (note,) = [text for text in data.attrs["notes"].splitlines() if "room" in text]
+    what = "a humidity" if unit == "%RH" else "a temperature"
+    assert what in note and str(file) in note
+    with pytest.raises(CaseError, match=f"column 'room'.*{what}"):
+        df.read_measured(file, channels={"room": "room"})
+    given = df.read_measured(file, channels={"room": "room:V"})  # a thermometer that says volts
+    np.testing.assert_allclose(given["sensor_room"], 20.0 + TIME, rtol=1e-12)
+
+
+def test_temperatures_alone_are_refused(tmp_path: Path) -> None:
+    file, other = tmp_path / "room.csv", tmp_path / "acc.csv"
+    file.write_text("time [s],room [°C]\n0,20\n1,21\n2,22\n", encoding="utf-8")
+    with pytest.raises(CaseError, match="room.csv: expected a channel, found temperatures"):
+        df.read_measured(file)
+    other.write_text("time [s],acc [g]\n0,1\n1,2\n2,3\n", encoding="utf-8")
+    assert "sensor_acc" in df.read_measured(file, other)
+
+
 @pytest.mark.parametrize("form", ["attribute", "dataset", "fields"])
 def test_an_hdf5_file_of_a_logger_is_read(tmp_path: Path, form: str) -> None:
     file = tmp_path / "log.h5"
