@@ -67,7 +67,7 @@ def test_temperature_and_humidity_are_left_out_with_a_note(unit: str, tmp_path: 
 def test_temperatures_alone_are_refused(tmp_path: Path) -> None:
     file, other = tmp_path / "room.csv", tmp_path / "acc.csv"
     file.write_text("time [s],room [°C]\n0,20\n1,21\n2,22\n", encoding="utf-8")
-    with pytest.raises(CaseError, match="room.csv: expected a channel, found temperatures"):
+    with pytest.raises(CaseError, match=r"room\.csv: expected a channel, found temperatures"):
         df.read_measured(file)
     other.write_text("time [s],acc [g]\n0,1\n1,2\n2,3\n", encoding="utf-8")
     assert "sensor_acc" in df.read_measured(file, other)
