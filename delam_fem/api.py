@@ -193,7 +193,9 @@ if TYPE_CHECKING:
     )
     from delam_fem.results.channels import (
         History as History,
+        chosen as chosen,
         histories_of as histories_of,
+        of_references as of_references,
         offered as offered,
     )
     from delam_fem.results.figures import style as style
@@ -339,7 +341,7 @@ _HOMES = {
         "BLOW_STEPS OPEN blow_steps decay_of is_lost settling_summary stop_when_settled verdict_of"
     ),
     "results.reading": "load_numbers",
-    "results.channels": "History histories_of offered",
+    "results.channels": "History chosen histories_of of_references offered",
     "results.schema": (
         "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
         "versions"

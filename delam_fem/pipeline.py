@@ -416,7 +416,7 @@ def _run_operators(
         }
         decay = quality.decay_of_operators(operators) * period if case.is_periodic else 0.0
         summary |= quality.settling_summary(recorder, n, case, decay)
-        summary["judged_by"] = channels.judged(names) if case.is_periodic else None
+        summary["judged_by"] = channels.of_references(names) if case.is_periodic else None
     summary["energy_residual"] = residual
     summary["impact_energy_gain"] = diagnostics.gain_of(recorder)
     texts = [
@@ -527,7 +527,7 @@ def _result(
     summary |= diagnostics.summary(history, case)
     names = structure.layout.names
     summary |= quality.settling_summary(recorder, len(names), case, decay)
-    summary["judged_by"] = channels.judged(names) if case.is_periodic else None
+    summary["judged_by"] = channels.of_references(names) if case.is_periodic else None
     if case.is_loaded:
         summary["rest"] = rest_state.summary_of(structure, case)
     summary["contacts"] = contacts.of_run(recorder, structure, case, history)

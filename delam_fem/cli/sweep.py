@@ -277,6 +277,14 @@ def diagram_command(
     output: Folder = None,
     overrides: Overrides = None,
     *,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Channel of record.channels that response and bifurcation show; repeatable "
+            "(default: the displacements of all laminae).",
+        ),
+    ] = None,
     resume: Resume = False,
     overwrite: Overwrite = False,
     workers: Workers = None,
@@ -292,7 +300,7 @@ def diagram_command(
         data, directory = _computed(
             source, output, overrides, resume=resume, overwrite=overwrite, workers=workers,
             executor=executor, yes=yes, quiet=quiet, again=False,
-            check=functools.partial(require_drawable, kind),
+            check=functools.partial(require_drawable, kind, channels=channel or ()),
         )  # fmt: skip
     else:
         data, directory = _read(source, output)
@@ -303,7 +311,7 @@ def diagram_command(
                 f"{n_points} points; {_go_on(directory)} computes the others"
             )
     with listed(directory):
-        paths = [save_diagram(kind, data, directory / f"{kind}.png")]
+        paths = [save_diagram(kind, data, directory / f"{kind}.png", channel or ())]
         if (directory / "sweep.nc").is_file():
             paths.append(write_page(data, directory))
     lost = _lost(data) if source.suffix == ".toml" else None

@@ -18,10 +18,17 @@ from delam_fem.results import contacts
 from delam_fem.results.schema import SENSOR
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.simulation.signals import signals, steps_of
+from delam_fem.system.errors import CaseError
 
 
-def offered(layout: Layout, case: Case) -> dict[str, str]:
-    """Return the units of the channels that the record of a case has, by their names."""
+def offered(layout: Layout, case: Case, *, only_stepped: bool = False) -> dict[str, str]:
+    """Return the units of the channels that the record of a case has, by their names.
+
+    Args:
+        layout: layout of the case.
+        case: the case.
+        only_stepped: leave out sensors with a sampling rate: their samples do not fill periods.
+    """
     units: dict[str, str] = {}
     for name in layout.names:
         units |= {f"tip_{name}": "m", f"tip_{name}_velocity": "m/s"}
@@ -32,21 +39,46 @@ def offered(layout: Layout, case: Case) -> dict[str, str]:
         is_recorded = layout.gap_row is not None and first_pair >= layout.first_gap
         if unit := contacts.force_unit(case, name, is_recorded=is_recorded):
             units[f"contact_{name}"] = unit
+    sampled = {sensor.name for sensor in case.sensor if sensor.sampling_rate is not None}
     for sensor in layout.sensors:
+        if only_stepped and sensor.name in sampled:
+            continue
         name = f"{SENSOR}{sensor.name}" if sensor.name in units else sensor.name
         units[name] = sensor.unit
     return units
 
 
-def judged(names: Sequence[str]) -> list[str]:
-    """Return the channels by which a motion is judged settled or periodic: those of the tips.
+def of_references(names: Sequence[str]) -> list[str]:
+    """Return the channels that stand for a motion: displacements of its reference probes.
 
-    A motion whose reference probes repeat has no channel that does not.
+    By them it is judged settled or periodic, as a motion whose reference probes repeat has no
+    channel that does not. Studies take them unless other channels are asked for.
 
     Args:
         names: names of the laminae, or of the probes of operators.
     """
     return [f"tip_{name}" for name in names]
+
+
+def chosen(names: Sequence[str], layout: Layout, case: Case) -> dict[str, str]:
+    """Return the units of channels that have a value at each step, by their names.
+
+    Args:
+        names: names of the channels; none: those of `of_references`.
+        layout: layout of the case.
+        case: the case.
+
+    Raises:
+        CaseError: there is no such channel, or it is a sensor with a sampling rate.
+    """
+    units = offered(layout, case, only_stepped=True)
+    names = names or of_references(layout.names)
+    if unknown := [name for name in names if name not in units]:
+        raise CaseError(
+            f"channel: expected some of {', '.join(units)}, which have a value at each step, given "
+            f"{', '.join(unknown)}"
+        )
+    return {name: units[name] for name in names}
 
 
 class History(NamedTuple):

@@ -163,15 +163,18 @@ def _with_sensor(record: xr.Dataset, name: str, sensor: xr.DataArray) -> xr.Data
 
 def measures(record: xr.Dataset) -> dict[str, dict[str, Any]]:
     """Return the entry `channels` of summary.json: measures of each channel, with its unit."""
-    entries: dict[str, dict[str, Any]] = {}
-    for name, channel in record.data_vars.items():
-        values = channel.to_numpy()
-        entry = {
-            key: float(CHANNEL_MEASURES[key].of(values)) if values.size else None
-            for key in IN_SUMMARY
-        }
-        entries[str(name)] = {**entry, "units": channel.attrs["units"]}
-    return entries
+    return {
+        str(name): measures_of(channel.to_numpy(), channel.attrs["units"])
+        for name, channel in record.data_vars.items()
+    }
+
+
+def measures_of(values: FloatArray, units: str) -> dict[str, Any]:
+    """Return the measures of the values of a channel, shape (k,), with their unit."""
+    measured = {
+        key: float(CHANNEL_MEASURES[key].of(values)) if values.size else None for key in IN_SUMMARY
+    }
+    return {**measured, "units": units}
 
 
 def write_record(record: xr.Dataset, path: str | Path) -> Path:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import shlex
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -146,40 +147,94 @@ BARS = 2.0
 LINEAR_POINTS = 2000
 
 
-def response(data: xr.Dataset, axis: DiagramAxis) -> Figure:
-    """Draw the tip amplitudes over one axis for each direction, and those without contact."""
+@dataclass(frozen=True)
+class DrawnChannel:
+    """A channel of a sweep in a panel of its own.
 
-    def draw(panel: Axes, i: int) -> None:
-        for label, part, (colour, marker, line) in _directions(data):
-            amplitude = 1e3 * part["tip_amplitude"].isel(lamina=i).to_numpy()
+    Attributes:
+        name: name of the channel, or of the lamina of a reference probe.
+        symbol: symbol of its displacement; empty: a channel that was asked for.
+        unit: unit in which it is shown.
+        values: what is drawn, in this unit, over the grid of the sweep.
+        number: number of the lamina of a reference probe; None: a channel that was asked for.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    values: xr.DataArray
+    number: int | None = None
+
+
+def drawn_channels(
+    data: xr.Dataset, variable: str, measure: str, channels: Sequence[str]
+) -> list[DrawnChannel]:
+    """Return what a diagram over one axis draws: channels, or the displacements of all laminae.
+
+    Args:
+        data: dataset of a sweep.
+        variable: variable of the displacements of all laminae.
+        measure: what it is of a channel.
+        channels: names of the channels; none: the displacements.
+
+    Raises:
+        CaseError: the sweep has not recorded a channel.
+    """
+    if not channels:
+        return [
+            DrawnChannel(
+                str(name), f"$q_{{{i + 1}}}$ ", "mm", 1e3 * data[variable].isel(lamina=i), i
+            )
+            for i, name in enumerate(data["lamina"].to_numpy())
+        ]
+    drawn = []
+    for name in channels:
+        if f"{name}_{measure}" not in data:
+            known = [str(key) for key in data.data_vars if str(key).endswith(f"_{measure}")]
+            names = [key.removesuffix(f"_{measure}") for key in known if key != variable]
+            raise CaseError(
+                f"channel: expected some of those that the sweep keeps ({', '.join(names)}), given "
+                f"{name}; a sweep file with record.channels = [{name!r}] keeps it"
+            )
+        values = data[f"{name}_{measure}"]
+        unit, factor = style.shown_unit(str(values.attrs["units"]))
+        drawn.append(DrawnChannel(name, "", unit, factor * values))
+    return drawn
+
+
+def response(data: xr.Dataset, axis: DiagramAxis, channels: Sequence[str] = ()) -> Figure:
+    """Draw amplitudes over one axis for each direction; of displacements those without contact."""
+
+    def draw(panel: Axes, channel: DrawnChannel) -> None:
+        for label, amplitude, _, (colour, marker, line) in _directions(data, channel.values):
             panel.plot(
-                axis.shown, amplitude, line, color=colour, marker=marker, markersize=3.0,
+                axis.shown, amplitude.to_numpy(), line, color=colour, marker=marker, markersize=3.0,
                 linewidth=1.0, label=label,
             )  # fmt: skip
-        computed = 1e3 * data["tip_amplitude"].isel(lamina=i).to_numpy()
+        computed = channel.values.to_numpy()
         if np.isfinite(computed).any():  # what is linear may leave the panel
             panel.set_ylim(0.0, HEADROOM * float(np.nanmax(computed)) or None)
-        if axis.key == "excitation.frequency":
+        if axis.key == "excitation.frequency" and channel.number is not None:
             case = Case.from_toml(data.attrs["case"])
             f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
             if not case.is_apart:
                 f = np.linspace(f[0], f[-1], STACK_POINTS)
-            alone = 1e3 * linear_amplitudes(case, f)[i]
+            alone = 1e3 * linear_amplitudes(case, f)[channel.number]
             panel.plot(
                 f, alone, ":", color=style.BASE_COLOUR, linewidth=1.3, label="linear, no contact"
             )
 
-    return _of_laminae(data, axis, draw, 3.0, "half peak-to-peak  $q_{{{}}}$ [mm]")
+    drawn = drawn_channels(data, "tip_amplitude", "amplitude", channels)
+    return _of_channels(data, axis, drawn, draw, 3.0, "half peak-to-peak  {}[{}]")
 
 
-def bifurcation(data: xr.Dataset, axis: DiagramAxis) -> Figure:
-    """Draw the tip displacements at the end of the last periods of each point over one axis."""
+def bifurcation(data: xr.Dataset, axis: DiagramAxis, channels: Sequence[str] = ()) -> Figure:
+    """Draw channels at the end of the last periods of each point over one axis."""
 
-    def draw(panel: Axes, i: int) -> None:
-        for label, part, _ in _directions(data):
+    def draw(panel: Axes, channel: DrawnChannel) -> None:
+        for label, strobes, part, _ in _directions(data, channel.values):
             colour, size = POINT_STYLE.get(label, (style.BLUE, 1.6))
-            strobes = part["strobe_displacement"].isel(lamina=i)
-            q = 1e3 * strobes.transpose(axis.name, "strobe").to_numpy()
+            q = strobes.transpose(axis.name, "strobe").to_numpy()
             is_grey = is_unsettled(part).to_numpy()
             for mask, shade in ((~is_grey, colour), (is_grey, UNSETTLED_COLOUR)):
                 panel.plot(
@@ -188,14 +243,15 @@ def bifurcation(data: xr.Dataset, axis: DiagramAxis) -> Figure:
                 )  # fmt: skip
             panel.plot([], [], "o", color=colour, markersize=2.0 * size, label=label)
 
-    return _of_laminae(data, axis, draw, 3.75, "tip displacement  $q_{{{}}}$ at t = nT [mm]")
+    drawn = drawn_channels(data, "strobe_displacement", "strobe", channels)
+    return _of_channels(data, axis, drawn, draw, 3.75, "{}at t = nT [{}]")
 
 
 def lyapunov(data: xr.Dataset, axis: DiagramAxis) -> Figure:
     """Draw the largest Lyapunov exponent over one axis."""
     figure, (panel,) = style.stacked(1, 4.2)
     panel.axhline(0.0, color=style.BLACK, linewidth=0.8)
-    for label, part, (colour, marker, line) in _directions(data):
+    for label, _, part, (colour, marker, line) in _directions(data, data["lyapunov_exponent"]):
         errors = BARS * part["lyapunov_error"].to_numpy() if "lyapunov_error" in part else None
         panel.errorbar(
             axis.shown, part["lyapunov_exponent"].to_numpy(), yerr=errors, fmt=line, color=colour,
@@ -208,45 +264,48 @@ def lyapunov(data: xr.Dataset, axis: DiagramAxis) -> Figure:
     return figure
 
 
-def _of_laminae(
+def _of_channels(
     data: xr.Dataset,
     axis: DiagramAxis,
-    draw: Callable[[Axes, int], None],
+    drawn: Sequence[DrawnChannel],
+    draw: Callable[[Axes, DrawnChannel], None],
     height: float,
     label: str,
 ) -> Figure:
-    """Return a figure with one panel of a height [in] for each lamina over one axis.
+    """Return a figure with one panel of a height [in] for each channel over one axis.
 
     Args:
         data: dataset of the sweep.
         axis: the axis.
-        draw: draws into the panel of a lamina, by its number.
+        drawn: the channels.
+        draw: draws a channel into its panel.
         height: height of a panel [in].
-        label: label of the y axes, a format of the number of the lamina from 1.
+        label: label of the y axes, a format of the symbol and the unit.
     """
-    names = data["lamina"].to_numpy()
-    figure, panels = style.stacked(names.size, height * names.size, sharex=True)
-    for i, (panel, name) in enumerate(zip(panels, names, strict=True)):
+    height = max(height * len(drawn), 4.2)
+    figure, panels = style.stacked(len(drawn), height, sharex=True)
+    for panel, channel in zip(panels, drawn, strict=True):
         _shade_two_motions(panel, data, axis)
-        draw(panel, i)
+        draw(panel, channel)
         _mark_points(panel, data, axis)
-        panel.set_title(str(name), loc="left")
-        panel.set(ylabel=label.format(i + 1))
+        panel.set_title(channel.name, loc="left")
+        panel.set(ylabel=label.format(channel.symbol, channel.unit))
     style.legend_above(panels[0])
     _finish(figure, panels, data, axis)
     return figure
 
 
 def _directions(
-    data: xr.Dataset,
-) -> list[tuple[str, xr.Dataset, tuple[str, str, str]]]:
-    """Return label, points and style of each direction."""
+    data: xr.Dataset, values: xr.DataArray
+) -> list[tuple[str, xr.DataArray, xr.Dataset, tuple[str, str, str]]]:
+    """Return label, values, points and style of each direction."""
     if "direction" not in data.dims:
         order = tomllib.loads(data.attrs.get("sweep", "")).get("order", "independent")
         label = "each point from the start" if order == "independent" else f"going {order}"
-        return [(label, data, (style.BLUE, "o", "-"))]
+        return [(label, values, data, (style.BLUE, "o", "-"))]
     return [
-        (name, data.sel(direction=name), line_style) for name, line_style in DIRECTION_STYLE.items()
+        (name, values.sel(direction=name), data.sel(direction=name), line_style)
+        for name, line_style in DIRECTION_STYLE.items()
     ]
 
 
@@ -472,6 +531,8 @@ def _legend(panel: Axes, colours: list[str], labels: list[str]) -> None:
 
 
 DiagramName = Literal["response", "bifurcation", "plane", "lyapunov", "basins"]
+OF_CHANNELS: tuple[DiagramName, ...] = ("response", "bifurcation")
+"""Diagrams that show channels."""
 
 
 _NEEDS: Mapping[DiagramName, tuple[tuple[int, ...], Mapping[str, int], Mapping[str, str]]] = (
@@ -527,12 +588,32 @@ def _axes(kind: DiagramName, dims: Iterable[str], fewer: str, one: str) -> list[
     return axes
 
 
-def require_drawable(kind: DiagramName, sweep: Sweep) -> None:
+def _require_channels(kind: DiagramName, channels: Sequence[str]) -> None:
+    """Check that a diagram is one of channels, if any are asked for.
+
+    Raises:
+        CaseError: it is one of the whole motion.
+    """
+    if channels and kind not in OF_CHANNELS:
+        raise CaseError(
+            f"diagram {kind}: expected no channel, as it shows kinds of the whole motion, given "
+            f"{', '.join(channels)}; {' and '.join(OF_CHANNELS)} show channels"
+        )
+
+
+def require_drawable(kind: DiagramName, sweep: Sweep, channels: Sequence[str] = ()) -> None:
     """Check that a diagram can be drawn of a sweep before the sweep is computed.
 
     Raises:
         CaseError: the sweep has another number of axes, or does not record what is drawn.
     """
+    _require_channels(kind, channels)
+    kept = sweep.file.record.channels
+    if missing := [name for name in channels if name not in kept]:
+        raise CaseError(
+            f"diagram {kind}: expected {', '.join(map(repr, missing))} among record.channels of "
+            f"the sweep file, given {', '.join(map(repr, kept)) or 'none'}; nothing was computed"
+        )
     nothing = "nothing was computed"
     order = sweep.file.order
     one = f'expected order = "independent", "up" or "down", given "{order}"; {nothing}'
@@ -558,7 +639,7 @@ def is_drawable(kind: DiagramName, data: xr.Dataset) -> bool:
     return has_all and data.sizes.get("strobe", 0) >= least.get("strobes", 0)
 
 
-def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
+def diagram(kind: DiagramName, data: xr.Dataset, channels: Sequence[str] = ()) -> Figure:
     """Draw a diagram of a sweep.
 
     Args:
@@ -566,19 +647,22 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
         data: dataset from `run_sweep`, or a part of it with the number of axes that the diagram
             needs: one for response and bifurcation, two for plane and basins, one or two for
             lyapunov.
+        channels: channels that response and bifurcation show; none: the displacements of all
+            laminae.
 
     Raises:
-        CaseError: the sweep has another number of axes, or has not recorded a required variable.
+        CaseError: the sweep has another number of axes, or has not recorded what is drawn.
     """
+    _require_channels(kind, channels)
     fewer = "select one value of the others: data.isel(name=0)"
     one = 'select it: data.sel(direction="up"), or compute with order = "independent"'
     axes = _axes(kind, map(str, data["outcome"].dims), fewer, one)
-    for name, remedy in _NEEDS[kind][2].items():
+    for name, remedy in _NEEDS[kind][2].items() if not channels else ():
         if name not in data:
             raise CaseError(f"diagram: the sweep has no {name}; compute it with record.{remedy}")
     draw: dict[DiagramName, Callable[..., Figure]] = {
-        "response": response,
-        "bifurcation": bifurcation,
+        "response": partial(response, channels=channels),
+        "bifurcation": partial(bifurcation, channels=channels),
         "plane": plane,
         "lyapunov": lyapunov_map if len(axes) == 2 else lyapunov,
         "basins": basins,
@@ -588,17 +672,19 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
         return draw[kind](ordered, *(_axis(data, name) for name in axes))
 
 
-def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
-    """Draw a diagram and write it to a PNG file.
+def save_diagram(
+    kind: DiagramName, data: xr.Dataset, path: str | Path, channels: Sequence[str] = ()
+) -> Path:
+    """Draw a diagram and write it to a PNG file; see `diagram`.
 
     Returns:
         The path of the file.
 
     Raises:
-        CaseError: the sweep has another number of axes, or has not recorded a required variable.
+        CaseError: the sweep has another number of axes, or has not recorded what is drawn.
         OSError: the file cannot be written.
     """
-    return style.save_figure(lambda: diagram(kind, data), Path(path))
+    return style.save_figure(lambda: diagram(kind, data, channels), Path(path))
 
 
 MOST_POINTS = 2500

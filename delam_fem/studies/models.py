@@ -31,6 +31,7 @@ from delam_fem.api import (
     diagnostics,
     factored,
     find_case,
+    of_references,
     require,
     require_held,
     style,
@@ -460,7 +461,8 @@ def compare_models(
             f"harmonic force, given kind {case.excitation.kind!r}"
         )
     require_held(case, "compare")
-    names_of_channels = tuple(channels) or tuple(f"tip_{lamina.name}" for lamina in case.lamina)
+    laminae = [lamina.name for lamina in case.lamina]
+    names_of_channels = tuple(channels) or tuple(of_references(laminae))
     at = tuple(frequencies) or (case.excitation.top_frequency,)
     measured_models = []
     for model in variants(case, names, modes):

@@ -21,6 +21,9 @@ from scipy.io import loadmat
 
 import delam_fem as df
 from delam_fem.results.figures.run import Plots
+from delam_fem.studies.diagrams import DiagramName, diagram
+from delam_fem.studies.orbits.newton import Perturbations
+from delam_fem.studies.orbits.run import PeriodicOrbit
 
 M, K, D, A, GAP, STOP, FREQUENCY = 0.5, 800.0, 0.1, 2e-3, 1.5e-3, 3000.0, 7.0
 """Mass [kg], springs [N/m], damping ratio, base and gap [m], frequency of the drive [Hz]."""
@@ -173,6 +176,37 @@ class TestOscillator:
         amplitude = float(swept[f"{name}_harmonic_amplitude"][0, 0])
         assert amplitude == pytest.approx(first, rel=CLOSE)
         assert swept[f"{name}_rms"].attrs["units"] == UNITS[what]
+        ends = swept[f"{name}_strobe"][0, -4:]
+        size = float(np.abs(values).max())
+        np.testing.assert_allclose(ends, values[STEPS - 1 :: STEPS], atol=CLOSE * size)
+
+    @pytest.mark.slow
+    def test_diagrams(self, what: str, swept: xr.Dataset) -> None:
+        """Points of the first amplitude are the exact ones, in the unit of the axis."""
+        name = CHANNELS[what]
+        factor = 1e3 if UNITS[what] == "m" else 1.0
+        values = factor * of_window(what)
+        drawn = {"response": np.ptp(values) / 2.0, "bifurcation": values[-1]}
+        kinds: tuple[DiagramName, ...] = ("response", "bifurcation")
+        for kind in kinds:
+            (panel,) = diagram(kind, swept, [name]).axes
+            assert panel.get_title("left") == name
+            points = panel.lines[0].get_ydata()
+            size = float(np.abs(values).max())
+            assert float(
+                points[0 if kind == "response" else swept.sizes["strobe"] - 1]
+            ) == pytest.approx(drawn[kind], abs=CLOSE * size)
+
+    @pytest.mark.slow
+    def test_orbit(self, what: str, found: PeriodicOrbit) -> None:
+        """The orbit is the settled motion, from another instant on."""
+        values = of_window(what, 1)
+        entry = found.numbers["channels"][CHANNELS[what]]
+        size = float(np.abs(values).max())
+        for key, value in {"min": values.min(), "max": values.max(), "rms": rms(values)}.items():
+            assert entry[key] == pytest.approx(value, abs=CLOSE * size), key
+        assert entry["units"] == UNITS[what]
+        np.testing.assert_allclose(found.histories[CHANNELS[what]], values, atol=2.0 * CLOSE * size)
 
     @pytest.mark.slow
     def test_overlay(self, what: str, tmp_path: Path) -> None:
@@ -224,6 +258,12 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
         f"values = [{A}, {2 * A}]\n[record]\nharmonics = 2\nchannels = [{names}]\n"
     )
     return df.run_sweep(df.load_sweep(folder / "sweep.toml"), folder / "out", workers=1)
+
+
+@pytest.fixture(scope="module")
+def found() -> PeriodicOrbit:
+    few = Perturbations(copies=4)
+    return df.orbit(CASE, settle=60, perturbations=few, channels=[*CHANNELS.values()])
 
 
 def test_a_verdict_is_that_of_the_tips() -> None:

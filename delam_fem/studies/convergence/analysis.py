@@ -23,7 +23,9 @@ from delam_fem.api import (
     FloatArray,
     Report,
     Table,
+    assemble,
     number,
+    offered,
     statistics,
     style,
 )
@@ -32,7 +34,6 @@ from delam_fem.studies.convergence.level import (
     LevelResult,
     Statistic,
     amplitudes,
-    channel_units,
     converging,
     extrema,
     general,
@@ -103,7 +104,11 @@ class Convergence(Finding):
             refinement.level(method, refinement.meshes[0], refinement.steps[0])
             for method in methods
         ]
-        return {level.method: channel_units(level.case) for level in levels}
+        layouts = [assemble(level.case, needs_dolfinx=False).layout for level in levels]
+        return {
+            level.method: offered(layout, level.case, only_stepped=True)
+            for level, layout in zip(levels, layouts, strict=True)
+        }
 
     @cached_property
     def channels(self) -> tuple[Statistic, ...]:

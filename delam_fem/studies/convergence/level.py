@@ -43,7 +43,6 @@ from delam_fem.api import (
     harmonics,
     histories_of,
     is_lost,
-    offered,
     openings,
     session_of,
     span_of,
@@ -152,16 +151,6 @@ def of_channel(name: str, measure: str, units: str) -> Statistic:
     return Statistic(
         f"{name}:{measure}", f"{name} {measure}", unit, factor, scale=scale, form=".4g"
     )
-
-
-def channel_units(case: Case) -> dict[str, str]:
-    """Return the units of all channels of a case that may be judged, by their names.
-
-    A sensor with a sampling rate is left out: its samples do not fill periods.
-    """
-    units = offered(assemble(case, needs_dolfinx=False).layout, case)
-    sampled = {sensor.name for sensor in case.sensor if sensor.sampling_rate is not None}
-    return {name: unit for name, unit in units.items() if name not in sampled}
 
 
 def _of_channels(run: _Run, structure: Structure, level: Level, size: int) -> Statistics:

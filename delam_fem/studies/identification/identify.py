@@ -34,6 +34,7 @@ from delam_fem.api import (
     Table,
     beams,
     network,
+    of_references,
     require,
     statistics,
     style,
@@ -231,11 +232,6 @@ def label_of(unknown: Unknown, case: Case) -> str:
     return f"{words}\n[{'–' if unit == '1' else unit}]"
 
 
-def channels_of(case: Case, names: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names of channels, or those of the tips of all laminae if there are none."""
-    return tuple(names) or tuple(f"tip_{lamina.name}" for lamina in case.lamina)
-
-
 def measured_histories(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return times, shape (n,) [s], and channels, shape (n_channels, n), of a file.
 
@@ -396,7 +392,8 @@ class Experiment:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the channels that are measured."""
-        return channels_of(self.case, self.channels)
+        laminae = [lamina.name for lamina in self.case.lamina]
+        return self.channels or tuple(of_references(laminae))
 
     @property
     def bounds(self) -> FloatArray:

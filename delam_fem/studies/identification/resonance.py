@@ -43,11 +43,12 @@ from delam_fem.api import (
     beams,
     first_mode,
     harmonics,
+    of_references,
     session_of,
     style,
     swept_motion,
 )
-from delam_fem.studies.identification.identify import channels_of, measured_histories
+from delam_fem.studies.identification.identify import measured_histories
 from delam_fem.studies.identification.study import Resonance as Options
 from delam_fem.studies.linear import first_frequencies
 from delam_fem.studies.sweeps.point import probe_motion
@@ -507,7 +508,9 @@ def identified(case: Case, options: Options, context: RunContext | None = None) 
     if options.measured is None:
         time, tips, ratios = _simulated(case, None if context is None else context.kept)
     else:
-        time, tips = measured_histories(options.measured, channels_of(case))
+        time, tips = measured_histories(
+            options.measured, of_references([lamina.name for lamina in case.lamina])
+        )
     tips = tips + options.noise * np.random.default_rng(options.seed).standard_normal(tips.shape)
     motion = swept_motion(excitation, excitation.amplitude)
     resonances = (

@@ -12,7 +12,7 @@ bootstrap sample; the zeros of the lines give λ with its interval. The interval
 points between, and the zeros of parabolas through a further point, because the test function is
 curved. A point beside which a motion alternates for good lies behind a doubling, although kicks,
 which the steps hold, may say that it does not: the interval then begins at the last point beside
-which no motion does. A fold is where λ turns. Grazing, where the tips begin to touch, is an event
+which no motion does. A fold is where λ turns. Grazing, where the pair begins to touch, is an event
 of its own: the map has no derivative there, and nothing is interpolated across it.
 """
 
@@ -239,7 +239,7 @@ def _fold(points: Sequence[BranchPoint], place: FloatArray, extreme: int) -> Bra
 
 
 def grazings(points: Sequence[BranchPoint]) -> list[BranchEvent]:
-    """Return the grazings of a branch: where tips begin or cease to touch in one of the periods."""
+    """Return the grazings of a branch: where the probed pair begins or ceases to touch."""
     events = []
     for period in range(points[0].gaps.size):
         for i, (left, right) in enumerate(pairwise(points)):
@@ -267,10 +267,9 @@ class BranchPoint:
         tangent: of the branch in (slow / scale, λ / span), of length 1, shape (m + 1,).
         step: length of the step that led here, for the next one.
         iterations: evaluations of the mean map.
-        strobes: displacement of the observed points once in each period, shape
-            (P, n_seen) [m].
-        low, high: smallest and largest displacement of these points, shape (n_seen,) [m].
-        gaps: smallest gap between the tips in each period, shape (P,) [m].
+        strobes: what `Trajectory.strobes` has, shape (P, n_seen).
+        low, high: smallest and largest value of each, shape (n_seen,).
+        gaps: smallest gap at the probed pair in each period, shape (P,) [m].
         doubled: distance of states P periods apart of the motion that runs on from the point, if
             it repeats after a multiple of P only, relative to the state; 0 otherwise.
         alternation: share of that motion that alternates, see `alternating`; 0 where `doubled` is
@@ -539,10 +538,10 @@ def _across(
 def _opening_side(
     ensemble: Ensemble, near: BranchPoint, parameter: float, direction: FloatArray
 ) -> float:
-    """Return the sign of a direction with which the tips are farther apart at the beginning.
+    """Return the sign of a direction with which the pair is farther apart at the beginning.
 
-    The orbit of twice the period may begin with either of its periods. The farther apart the tips
-    are, the less harmful are kicks.
+    The orbit of twice the period may begin with either of its periods. The farther apart the pair
+    is, the less harmful are kicks.
     """
     move = ensemble.map.slow.lifted(ONSETS[0] * near.scale * direction / np.linalg.norm(direction))
     openings = [

@@ -70,6 +70,7 @@ from delam_fem.studies.orbits.search import (
     kicks,
     map_of,
     mean_of_motion,
+    seen_channels,
     settled_map,
     start_of,
 )
@@ -108,7 +109,7 @@ VARIABLES: Mapping[str, Variable] = {
         ),
         Variable(
             "smallest_gap", _CYCLE, "m",
-            "smallest gap between the tips in each period of the drive",
+            "smallest gap at the probed pair in each period of the drive",
         ),
         Variable("low", _PROBE, "m", "smallest displacement of the probes"),
         Variable("high", _PROBE, "m", "largest displacement of the probes"),
@@ -143,7 +144,11 @@ class Branch:
 
 
 def of(
-    branches: Sequence[Branch], case: Case, span: float, attributes: Mapping[str, Any]
+    branches: Sequence[Branch],
+    case: Case,
+    span: float,
+    channels: Mapping[str, str],
+    attributes: Mapping[str, Any],
 ) -> xr.Dataset:
     """Return the dataset of branches.
 
@@ -151,6 +156,7 @@ def of(
         branches: at least one, each with points.
         case: the case at the start.
         span: range of λ.
+        channels: units of the channels that are seen beside the probes, by their names.
         attributes: of the dataset beside case, versions and outcome.
     """
     key = str(attributes["key"])
@@ -167,6 +173,10 @@ def of(
             row[: len(array)] = array
         return result
 
+    strobes = padded([p.strobes for p in points])
+    low = np.array([p.low for p in points])
+    high = np.array([p.high for p in points])
+    probes = slice(0, low.shape[1] - len(channels))
     values = np.array([m.values for m in multipliers])
     solved = [is_zero(p.residual, p.residual_error) for p in points]
     largest = np.array([m.largest for m in multipliers])
@@ -186,10 +196,10 @@ def of(
         "multiplier_real": values.real,
         "multiplier_imaginary": values.imag,
         "multiplier_error": np.array([m.errors for m in multipliers]),
-        "strobe_displacement": padded([p.strobes for p in points]),
+        "strobe_displacement": strobes[..., probes],
         "smallest_gap": padded([p.gaps for p in points]),
-        "low": np.array([p.low for p in points]),
-        "high": np.array([p.high for p in points]),
+        "low": low[:, probes],
+        "high": high[:, probes],
         "iterations": [p.iterations for p in points],
         "state": np.array([p.state for p in points]),
         "event_kind": np.array([e.kind for _, e in events], dtype=object),
@@ -217,6 +227,11 @@ def of(
         labels = of_key if name in _OF_KEY else {"units": row.units} if row.units else {}
         data[name] = (row.dims, np.asarray(content), {"long_name": row.long_name} | labels)
     data["parameter"].attrs["long_name"] = key
+    for number, (name, units) in enumerate(channels.items(), start=probes.stop):
+        about = {"units": units}
+        data[f"{name}_{STROBE}"] = (_CYCLE, strobes[..., number], about)
+        data[f"{name}_min"] = (_POINT, low[:, number], about)
+        data[f"{name}_max"] = (_POINT, high[:, number], about)
     return data
 
 
@@ -228,6 +243,8 @@ EVENT_COLOURS = {
     "Neimark-Sacker": style.PURPLE,
     "grazing": style.BLACK,
 }
+STROBE = "strobe"
+"""End of the name of a channel's variable with its values at the beginning of periods."""
 SHOWN_MULTIPLIER = 3.0
 """Largest modulus in the panel of multipliers."""
 
@@ -242,15 +259,18 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     Raises:
         CaseError: the sweep is not one over this key with stroboscopic points.
     """
-    names = [lamina.name for lamina in Case.from_toml(data.attrs["case"]).lamina]
-    count = min(len(names), data.sizes["probe"])
+    drawn = _drawn(data)
+    count = len(drawn)
     figure, (*panels, lowest) = style.stacked(count + 1, 3.1 * count + 2.6, sharex=True)
-    for i, panel in enumerate(panels):
+    for panel, (title, values, of_sweep) in zip(panels, drawn, strict=True):
+        unit, factor = style.shown_unit(str(values.attrs["units"]))
         if swept is not None:
-            _swept(panel, swept, i, str(data.attrs["key"]))
-        _strobes(panel, data, i)
-        panel.set_title(names[i], loc="left")
-        panel.set(ylabel=f"tip displacement  $q_{{{i + 1}}}$ at t = nT [mm]")
+            _swept(panel, swept, of_sweep, factor, str(data.attrs["key"]))
+        _strobes(panel, data, factor * values.to_numpy())
+        if values.name != "strobe_displacement":
+            _extremes(panel, data, title, factor)
+        panel.set_title(title, loc="left")
+        panel.set(ylabel=f"at t = nT  [{unit}]")
     _moduli(lowest, data)
     _legend(panels[0], data, swept)
     key = str(data.attrs["key"])
@@ -265,11 +285,27 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     return figure
 
 
-def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
-    """Draw the points of all branches in a panel, and the events on them."""
+def _drawn(data: xr.Dataset) -> list[tuple[str, xr.DataArray, tuple[str, int | None]]]:
+    """Return titles and strobes, shape (n_points, P), of what is drawn: channels, or laminae.
+
+    The third entry is the variable of a sweep that has the same, and the number of the lamina.
+    """
+    end = f"_{STROBE}"
+    names = [str(name) for name in data.data_vars if str(name).endswith(end)]
+    if names:
+        return [(name.removesuffix(end), data[name], (name, None)) for name in names]
+    laminae = [lamina.name for lamina in Case.from_toml(data.attrs["case"]).lamina]
+    strobes = data["strobe_displacement"]
+    return [
+        (f"{name}, displacement", strobes.isel(probe=i), (str(strobes.name), i))
+        for i, name in enumerate(laminae[: data.sizes["probe"]])
+    ]
+
+
+def _strobes(panel: Axes, data: xr.Dataset, q: FloatArray) -> None:
+    """Draw the points q of all branches in a panel, shape (n_points, P), and the events on them."""
     parameter = data["parameter"].to_numpy()
     branch = data["branch"].to_numpy()
-    q = 1e3 * data["strobe_displacement"].isel(probe=i).to_numpy()
     stability = data["stability"].to_numpy()
     for number in np.unique(branch):
         is_drawn = branch == number
@@ -297,12 +333,31 @@ def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:
             )  # fmt: skip
 
 
-def _swept(panel: Axes, swept: xr.Dataset, i: int, key: str) -> None:
+def _extremes(panel: Axes, data: xr.Dataset, channel: str, factor: float) -> None:
+    """Draw smallest and largest value of a channel on each branch."""
+    parameter = data["parameter"].to_numpy()
+    branch = data["branch"].to_numpy()
+    for number in np.unique(branch):
+        is_drawn = branch == number
+        for end in ("min", "max"):
+            values = factor * data[f"{channel}_{end}"].to_numpy()
+            label = None if number or end == "max" else "min, max"
+            panel.plot(
+                parameter[is_drawn], values[is_drawn], ":", color=style.BLACK, linewidth=1.2,
+                label=label,
+            )  # fmt: skip
+
+
+def _swept(
+    panel: Axes, swept: xr.Dataset, shown: tuple[str, int | None], factor: float, key: str
+) -> None:
     """Draw the stroboscopic points of a sweep over the same key."""
+    variable, lamina = shown
     names = [str(n) for n in swept.coords if swept[n].attrs.get("key") == key]
-    if not names or "strobe_displacement" not in swept:
-        raise CaseError(f"over: expected a sweep over {key} with stroboscopic points")
-    q = 1e3 * swept["strobe_displacement"].isel(lamina=i).transpose(names[0], ...).to_numpy()
+    if not names or variable not in swept:
+        raise CaseError(f"over: expected a sweep over {key} with stroboscopic points ({variable})")
+    strobes = swept[variable] if lamina is None else swept[variable].isel(lamina=lamina)
+    q = factor * strobes.transpose(names[0], ...).to_numpy()
     x = swept[names[0]].to_numpy()
     q = q.reshape(len(x), -1)
     panel.plot(np.repeat(x, q.shape[1]), q.ravel(), ".", color="#bbbbbb", markersize=3.0, zorder=1)
@@ -485,6 +540,7 @@ def follow(
     settle: int = SETTLE,
     perturbations: Perturbations | None = None,
     step: float = BranchPath.step,
+    channels: Sequence[str] = (),
     resume: bool = False,
     report: Progress = lambda branch, count, parameter: None,
 ) -> xr.Dataset:
@@ -502,6 +558,7 @@ def follow(
         perturbations: what the mean is taken over, and the size of kicks; None: what suits the
             case.
         step: length of the first steps, relative to the state and the range.
+        channels: names of the channels that are shown; none: those of the reference probes.
         resume: whether to go on with the points in the folder.
         report: called after each point.
 
@@ -509,8 +566,8 @@ def follow(
         The dataset; `attrs["outcome"]` is "completed" or "interrupted".
 
     Raises:
-        CaseError: the drive is not periodic, the key or its range is not valid, or the folder has
-            points of another continuation.
+        CaseError: the drive is not periodic, the key or its range is not valid, there is no such
+            channel, or the folder has points of another continuation.
         ArithmeticError: there is no orbit at the start.
         OSError: the folder cannot be written.
     """
@@ -521,10 +578,11 @@ def follow(
     plan = Plan(key, BranchPath(start, stop, step), periods, doublings, settle, perturbations)
     for value in (stop, start):
         case = case.with_overrides({key: value})
-    family = map_of(case, key)
+    units = seen_channels(case, channels) if channels else {}
+    family = map_of(case, key, channels)
     directory = Path(directory)
     begin = time.process_time()
-    about = {"plan": asdict(plan), "model": family.info.name}
+    about = {"plan": asdict(plan), "model": family.info.name, "channels": list(units)}
     journal = PointJournal(directory, about, case, resume=resume)
     map_, state = settled_map(family, start, settle, start_of(case))
     with stop_signals() as is_stopped:
@@ -534,7 +592,7 @@ def follow(
         "key": key, "model": family.info.name, "processor_seconds": time.process_time() - begin,
         "seed": perturbations.seed,
     }  # fmt: skip
-    data = of(branches, case, plan.way.span, attributes)
+    data = of(branches, case, plan.way.span, units, attributes)
     with rewritten(directory):
         save_case(case, directory)
         write_dataset(data, directory / RESULT)
@@ -681,7 +739,7 @@ def compute(case: Case, options: Follow, context: RunContext) -> Branches:
             case, options.key, _number(unit, "--from", options.start),
             _number(unit, "--to", options.stop), context.folder, periods=options.period,
             doublings=options.doublings, perturbations=kicks(options, case), step=options.step,
-            resume=context.resume, report=tell,
+            channels=options.channel, resume=context.resume, report=tell,
         )  # fmt: skip
     except ArithmeticError as error:
         raise CaseError(f"case {case.name}: {error}") from None

@@ -22,7 +22,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
@@ -54,6 +54,7 @@ from delam_fem.api import (
     belong,
     drive,
     engine_of,
+    histories_of,
     lowest,
     motion_of,
     one_period,
@@ -129,15 +130,14 @@ class Trajectory:
 
     Attributes:
         states: state at the end of each period, shape (k, 2 n).
-        strobes: displacement of the observed points once in each period, where the drive begins
-            anew, shape (k, n_seen) [m].
-        low, high: smallest and largest displacement of these points, shape (n_seen,) [m].
-        smallest_gap: smallest gap between the tips [m]; it reaches 0 where they touch.
+        strobes: displacements of the probes [m], then the channels that are asked for, once in each
+            period, where the drive begins anew, shape (k, n_seen).
+        low, high: smallest and largest value of each, shape (n_seen,).
+        smallest_gap: smallest gap at the probed pair [m]; it reaches 0 where it touches.
         gaps: the same in each period, shape (k,) [m]; empty: not known.
-        openings: gap between the tips at the end of each period, shape (k,) [m]; empty: not known.
-            Kicks are the less harmful the larger it is.
-        history: displacement of the observed points at each step, shape (n_steps, n_seen) [m];
-            empty: not kept.
+        openings: gap there at the end of each period, shape (k,) [m]; empty: not known. Kicks are
+            the less harmful the larger it is.
+        history: the same at each step, shape (n_steps, n_seen); empty: not kept.
     """
 
     states: FloatArray
@@ -182,9 +182,9 @@ class PeriodMap(Protocol):
     def started_at_widest_gap(
         self, state: FloatArray, parameter: float
     ) -> tuple[PeriodMap, FloatArray]:
-        """Return the map whose periods begin where the tips are farthest apart, and a state there.
+        """Return the map whose periods begin where the gap is widest, and a state there.
 
-        A kick there violates no gap. A map without tips is returned as it is.
+        A kick there violates no gap. A map without a probed pair is returned as it is.
 
         Args:
             state: at the beginning of a period.
@@ -204,13 +204,52 @@ class PeriodSamples:
 
     Attributes:
         end: state at its end, shape (n,); NaN if the motion diverges.
-        u: displacements of the observed points after each step, shape (N, n_seen) [m].
-        lowest: smallest gap between the tips, where it is known more finely than at steps [m].
+        u: displacements of the probes after each step, shape (N, n_probes) [m].
+        record: record of the period; None: no channels are asked for.
+        lowest: smallest gap at the probed pair, where it is known more finely than at steps [m].
     """
 
     end: FloatArray
     u: FloatArray
+    record: PeriodRecord | None
     lowest: float = np.nan
+
+
+@dataclass(frozen=True)
+class Observer:
+    """What a map shows beside the probes: channels of a run, over some of its periods.
+
+    Attributes:
+        channels: their names.
+        structure: structure that moves.
+        case: its case.
+    """
+
+    channels: tuple[str, ...]
+    structure: Structure
+    case: Case
+
+    def recorder(self, n: int) -> Recorder:
+        """Return a recorder of n periods without frames."""
+        o = self.structure.operators
+        span = replace(span_of(self.case), periods=n, window_periods=n, frames_per_period=0)
+        return Recorder(o.base, span, o.n_probes, o.n_sensors)
+
+    def values(self, records: list[PeriodRecord]) -> FloatArray:
+        """Return the channels at each step of successive periods, shape (n_steps, n_channels).
+
+        The motion counts as one that repeats: what a channel takes from before or after a step, as
+        the filter of a sensor does, goes on at both ends.
+        """
+        n = len(records)
+        recorder = self.recorder(3 * n)
+        recorder.window.extend(3 * records)
+        recorder.n_closed = 3 * n
+        N = recorder.steps_per_period
+        has_contacts = any(name.startswith("contact_") for name in self.channels)
+        histories = histories_of(recorder, self.structure, self.case, has_contacts=has_contacts)
+        middle = slice(n * N, 2 * n * N)
+        return np.column_stack([histories[name].values[middle] for name in self.channels])
 
 
 class ProblemMap:
@@ -260,18 +299,24 @@ class ProblemMap:
     def trajectory(self, state: FloatArray, parameter: float, periods: int) -> Trajectory:
         """Return what is seen in some periods from a state."""
         problem = self.at(parameter)
-        tip = problem.tip
+        pair = problem.pair
         samples: list[PeriodSamples] = []
         for _ in range(periods):
             samples.append(problem.period_samples(state))
             state = samples[-1].end
         self.evaluations += periods
         u = np.concatenate([sample.u for sample in samples])
-        gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
+        gap = np.full(len(u), np.inf)
+        if pair is not None:
+            lower, upper, at_rest = pair
+            gap = at_rest + u[:, upper] - u[:, lower]
         gaps = gap.reshape(periods, -1)
         n = gaps.shape[1]
         fine = np.array([sample.lowest for sample in samples])
         lowest = np.where(np.isnan(fine), gaps.min(axis=1), fine)
+        if problem.observer is not None:
+            records = [sample.record for sample in samples if sample.record is not None]
+            u = np.hstack([u, problem.observer.values(records)])
         # row k of u is after step k + 1 of the map; the drive begins anew after step n - first
         strobes = u[n - 1 - problem.first :: n]
         ends = np.array([sample.end for sample in samples])
@@ -282,11 +327,11 @@ class ProblemMap:
     def started_at_widest_gap(
         self, state: FloatArray, parameter: float
     ) -> tuple[ProblemMap, FloatArray]:
-        """Return the map that begins with the tips apart; see `PeriodMap.started_at_widest_gap`."""
+        """Return the map that begins with the pair apart; see `PeriodMap`."""
         problem = self.at(parameter)
-        if problem.tip is None or (beginnings := problem.beginnings(state)) is None:
+        if problem.pair is None or (beginnings := problem.beginnings(state)) is None:
             return self, state
-        (u, states), (lower, upper, _) = beginnings, problem.tip
+        (u, states), (lower, upper, _) = beginnings, problem.pair
         best = int(np.argmax(u[:, upper] - u[:, lower]))
         phase = ((best + 1) / len(u) + self.phase) % 1.0
         return ProblemMap(self._problem_of, self.slow, self.info, phase), states[best]
@@ -302,7 +347,8 @@ class PeriodicProblem:
         scheme: the time integration.
         motion: the drive.
         span: time step, steps per period, refinement and bound.
-        tip: two probes and the gap between them at rest [m], for the smallest gap; None: not seen.
+        pair: two probes and the gap between them at rest [m], for the smallest gap; None: not seen.
+        observer: what is seen beside the probes; None: nothing.
         phase: where in a period of the drive a period of the map begins, 0 to 1.
     """
 
@@ -311,7 +357,8 @@ class PeriodicProblem:
     scheme: Scheme
     motion: Prescribed
     span: Span
-    tip: tuple[int, int, float] | None = None
+    pair: tuple[int, int, float] | None = None
+    observer: Observer | None = None
     phase: float = 0.0
 
     @property
@@ -372,10 +419,11 @@ class PeriodicProblem:
     def period_samples(self, state: FloatArray) -> PeriodSamples:
         """Return a period from a state, with every step."""
         end, record = self.period(state, 0.0)
-        return PeriodSamples(end, record.u[1:, N_BASE:])
+        probes = slice(N_BASE, N_BASE + self.operators.n_probes)
+        return PeriodSamples(end, record.u[1:, probes], record)
 
     def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return what is seen at `BEGINNINGS` instants: displacements (k, n_seen), states (k, 2 n).
+        """Return displacements (k, n_seen) and states (k, 2 n) at `BEGINNINGS` instants.
 
         None: the steps do not fall on these instants.
         """
@@ -419,9 +467,10 @@ class CaseFamily:
     Attributes:
         case: the case.
         key: the key, with dots.
+        channels: channels that are seen beside the probes.
     """
 
-    def __init__(self, case: Case, key: str) -> None:
+    def __init__(self, case: Case, key: str, channels: Sequence[str] = ()) -> None:
         """Check the key and assemble the case.
 
         Raises:
@@ -435,6 +484,7 @@ class CaseFamily:
         require_held(case, "orbit")
         self.case = case
         self.key = key
+        self.channels = tuple(channels)
         self._structures: dict[str, Structure] = {}
 
     def at(self, value: float) -> Case:
@@ -451,8 +501,13 @@ class CaseFamily:
             scheme_of(case),
             drive(case.excitation),
             span_of(case),
-            tip_of(structure),
+            probed_pair(structure),
+            self.observer(case),
         )
+
+    def observer(self, case: Case) -> Observer | None:
+        """Return what is seen of a case beside the probes; None: nothing."""
+        return Observer(self.channels, self.structure(case), case) if self.channels else None
 
     def structure(self, case: Case) -> Structure:
         """Return the discretised case; it is assembled again only if the key changes it."""
@@ -468,15 +523,22 @@ class CaseFamily:
         periods = Periods(reduced, case.time_step, case.time.refine)
         table = motion_of(case)(0)
         first = round(phase * case.steps_per_period)
-        drive = periods.drive(np.concatenate([table[first:-1], table[: first + 1]]))
-        return ModalProblem(periods, drive, first, tip_of(structure))
+        shifted = np.concatenate([table[first:-1], table[: first + 1]])
+        return ModalProblem(
+            periods,
+            periods.drive(shifted),
+            first,
+            probed_pair(structure),
+            shifted,
+            self.observer(case),
+        )
 
     def map(self) -> StrobeMap:
         """Return the map of the family, with the modes of the case as its slow coordinates."""
         return StrobeMap(self.problem, slow_modes(self.structure(self.case).operators))
 
 
-def tip_of(structure: Structure) -> tuple[int, int, float] | None:
+def probed_pair(structure: Structure) -> tuple[int, int, float] | None:
     """Return the probes at the first pair with one on both sides, and its gap at rest [m]."""
     layout = structure.layout
     gap0 = structure.operators.gap0
@@ -582,13 +644,17 @@ class ModalProblem:
         periods: what computes periods.
         drive: drive in a period of the map.
         first: number of the step of the drive at which a period of the map begins.
-        tip: two probes and the gap between them at rest [m]; None: not seen.
+        pair: two probes and the gap between them at rest [m]; None: not seen.
+        table: (q, q', q'') of the drive at the steps of a period of the map, shape (N + 1, 3).
+        observer: what is seen beside the probes; None: nothing.
     """
 
     periods: Periods
     drive: PeriodDrive
     first: int
-    tip: tuple[int, int, float] | None
+    pair: tuple[int, int, float] | None
+    table: FloatArray
+    observer: Observer | None = None
 
     def end(self, state: FloatArray, shift: float) -> FloatArray:
         """Return the state one period later; contact is seen at any time, shifts have no effect."""
@@ -597,8 +663,27 @@ class ModalProblem:
     def period_samples(self, state: FloatArray) -> PeriodSamples:
         """Return a period from a state, with every step."""
         period = self.periods.record(state, self.drive)
-        lowest = np.nan if self.tip is None else float(period.lowest[-1])
-        return PeriodSamples(period.end, self.displacements(period), lowest)
+        lowest = np.nan if self.pair is None else float(period.lowest[-1])
+        record = None if self.observer is None else self.recorded(state, self.observer)
+        return PeriodSamples(period.end, self.displacements(period), record, lowest)
+
+    def recorded(self, state: FloatArray, observer: Observer) -> PeriodRecord:
+        """Return the record of a period from a state, by the engine of runs."""
+        case = observer.case
+        operators = observer.structure.operators
+        law, scheme = case.contact_law, scheme_of(case)
+        refinement = span_of(case).refinement
+        engine = engine_of(
+            operators, law, scheme, case.time_step, refinement=refinement, modes=case.n_modes
+        )
+        q, v, s = (part[None] for part in self.periods.split(state))
+        reduced = self.periods.reduced
+        base, rate, _ = self.table[0]
+        u = reduced.displacement(q, s, np.array([base]))
+        motion = np.concatenate([u, reduced.velocity(v, np.array([rate])), np.zeros_like(u)])
+        resting = np.zeros(operators.n_pairs, dtype=np.bool_)
+        engine.restore(State(motion, resting, internal=state), self.table[0])
+        return one_period(engine, observer.recorder(1), self.table)
 
     def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what is seen after each step: displacements (N, n_seen), states (N, n)."""
@@ -620,18 +705,19 @@ class ModalMap(ProblemMap):
     Its slow coordinates are ω q and q' of the lowest modes [J^½].
     """
 
-    def __init__(self, case: Case, key: str = FREQUENCY) -> None:
+    def __init__(self, case: Case, key: str = FREQUENCY, channels: Sequence[str] = ()) -> None:
         """Check the key and compute the modes of the case.
 
         Args:
             case: the case; its contact points have no mass.
             key: the parameter.
+            channels: channels that are seen beside the probes.
 
         Raises:
             CaseError: the drive does not repeat, there is no contact, or the case has no such
                 modes.
         """
-        family = CaseFamily(case, key)
+        family = CaseFamily(case, key, channels)
         if case.contact.law == "none":
             raise CaseError("contact.law: expected a law with contact, given 'none'")
         first = family.modal_problem(case, 0.0).periods.reduced

@@ -10,6 +10,7 @@ In Python:
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from delam_fem.api import (
     Table,
     find_case,
     identity,
+    record,
     require,
     style,
     versions,
@@ -42,11 +44,13 @@ from delam_fem.studies.orbits.search import (
     Exact,
     Stability,
     coarse_orbit,
+    columns_of,
     default_perturbations,
     exact_orbit,
     kicks,
     map_of,
     mean_of_motion,
+    seen_channels,
     settled,
     settled_map,
     stability_of,
@@ -61,17 +65,24 @@ SHOWN = 60
 
 
 def orbit_figure(found: PeriodicOrbit) -> Figure:
-    """Return a figure with the tips over the orbit's periods, and the multipliers."""
-    figure = Figure(figsize=(style.WIDTH, 4.3), layout="constrained")
-    motion, plane = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    u = found.trajectory.history
-    names = [lamina.name for lamina in found.case.lamina]
-    t = found.periods * np.arange(1, len(u) + 1) / len(u)
-    for i, (name, colour) in enumerate(zip(names, style.lamina_colours(len(names)), strict=True)):
-        motion.plot(t, 1e3 * u[:, i], color=colour, label=name)
-        motion.plot(t[-1], 1e3 * u[-1, i], "o", color=colour, markersize=4.0)
-    motion.set(xlabel="time / period of the drive  t/T  [–]", ylabel="tip displacement  q  [mm]")
-    motion.legend(loc="best")
+    """Return a figure with channels over the orbit's periods, and the multipliers."""
+    units = list(dict.fromkeys(found.channels.values()))
+    figure = Figure(figsize=(style.WIDTH, max(4.3, 1.4 + 2.4 * len(units))), layout="constrained")
+    grid = figure.add_gridspec(len(units), 2, width_ratios=(1.25, 1.0))
+    motions = [figure.add_subplot(grid[row, 0]) for row in range(len(units))]
+    plane = figure.add_subplot(grid[:, 1])
+    colours = style.lamina_colours(len(found.channels))
+    for (name, values), colour in zip(found.histories.items(), colours, strict=True):
+        motion = motions[units.index(found.channels[name])]
+        unit, factor = style.shown_unit(found.channels[name])
+        t = found.periods * np.arange(1, values.size + 1) / values.size
+        motion.plot(t, factor * values, color=colour, label=name)
+        motion.plot(t[-1], factor * values[-1], "o", color=colour, markersize=4.0)
+        motion.set_ylabel(f"[{unit}]")
+        motion.legend(loc="best")
+    for motion in motions[:-1]:
+        motion.tick_params(labelbottom=False)
+    motions[-1].set_xlabel("time / period of the drive  t/T  [–]")
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     plane.fill(np.cos(angle), np.sin(angle), color=style.GAP_COLOUR, zorder=0)
     plane.plot(np.cos(angle), np.sin(angle), color=style.BASE_COLOUR, linewidth=1.0)
@@ -125,6 +136,7 @@ class PeriodicOrbit(Finding):
         scatter: rms distance of the settled motion from its mean state, relative to it.
         info: what the map is of.
         trajectory: the motion from the state of the orbit through its periods.
+        channels: units of the channels that are shown, by their names.
         seconds: processor time of the search [s].
         evaluations: periods that were computed.
     """
@@ -137,8 +149,15 @@ class PeriodicOrbit(Finding):
     scatter: float
     info: MapInfo
     trajectory: Trajectory
+    channels: Mapping[str, str]
     seconds: float
     evaluations: int
+
+    @property
+    def histories(self) -> dict[str, FloatArray]:
+        """Channels that are shown at each step of the orbit, each of shape (n_steps,)."""
+        columns = columns_of(self.trajectory.history, self.channels, self.case)
+        return dict(zip(self.channels, columns.T, strict=True))
 
     @property
     def kind(self) -> str:
@@ -213,6 +232,10 @@ class PeriodicOrbit(Finding):
             "tip_strobe": self.trajectory.strobes.tolist(),
             "tip_min": self.trajectory.low.tolist(),
             "tip_max": self.trajectory.high.tolist(),
+            "channels": {
+                name: record.measures_of(values, self.channels[name])
+                for name, values in self.histories.items()
+            },
             "says": self.words,
             "evaluations": self.evaluations,
             "processor_seconds": self.seconds,
@@ -280,6 +303,7 @@ class PeriodicOrbit(Finding):
         rows = [
             (name.replace("_", " "), f"{_shown(numbers[name])} {unit}".strip())
             for name, unit in units.items()
+            if numbers[name] != np.inf  # no gap is seen
         ]
         return Report(
             name="orbit",
@@ -299,6 +323,7 @@ class PeriodicOrbit(Finding):
         written = super().save(directory)
         path = Path(directory) / "orbit.npz"
         arrays = {"tip_displacement": self.trajectory.history, **self.info.split(self.state)}
+        arrays |= self.histories
         return [*written, write_arrays(path, arrays)]
 
 
@@ -322,6 +347,7 @@ def orbit(
     map_: PeriodMap | None = None,
     start: FloatArray | None = None,
     kept: Path | None = None,
+    channels: Sequence[str] = (),
 ) -> PeriodicOrbit:
     """Find the orbit near where the motion of a case settles, and judge its stability.
 
@@ -339,17 +365,21 @@ def orbit(
         start: state to start from, see `maps.MapInfo`; None: that of the case.
         kept: folder for results of the map, with which the same search goes on; None: none are
             kept.
+        channels: names of the channels that are shown; none: those of the reference probes.
 
     Raises:
-        CaseError: the drive is not periodic, the motion diverges, or P is out of range.
+        CaseError: the drive is not periodic, the motion diverges, P is out of range, or there is no
+            such channel.
     """
     case = find_case(case)
+    require(map_ is None or not channels, "channels", "none with a map of one's own", channels)
+    units = seen_channels(case, channels)
     require(1 <= periods <= MOST_PERIODS, "period", f"1 to {MOST_PERIODS} periods", periods)
     began = time.process_time()
     parameter = 1.0 / case.period
     try:
         if map_ is None:
-            period_map = map_of(case, FREQUENCY)
+            period_map = map_of(case, FREQUENCY, channels)
             if kept is not None:
                 period_map = KeptMap(period_map, kept / "map", identity(case))
             map_, start = settled_map(
@@ -373,6 +403,7 @@ def orbit(
         scatter,
         map_.info,
         map_.trajectory(state, parameter, periods),
+        units,
         time.process_time() - began,
         getattr(map_, "evaluations", 0),
     )
@@ -386,4 +417,5 @@ def compute(case: Case, options: Options, context: RunContext) -> PeriodicOrbit:
         settle=options.settle,
         perturbations=kicks(options, case),
         kept=context.kept,
+        channels=options.channel,
     )

@@ -17,7 +17,7 @@ gives -0.98 where kicks grow by 1.3 % in each period.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -28,7 +28,9 @@ from delam_fem.api import (
     Case,
     FloatArray,
     assemble,
+    chosen,
     drive,
+    of_references,
     settling,
     start_of as start_of_motion,
 )
@@ -199,17 +201,46 @@ SMOOTH = Perturbations(copies=16, size=1e-3, kick=0.03)
 """Perturbations for massless contact points, whose map has no jumps: few and small ones."""
 
 
-def map_of(case: Case, key: str) -> PeriodMap:
+def map_of(case: Case, key: str, channels: Sequence[str] = ()) -> PeriodMap:
     """Return the map of a case from one period to the next.
 
     Args:
         case: the case; its drive must be periodic.
         key: the parameter.
+        channels: channels that are seen beside the probes.
 
     Raises:
         CaseError: the case has no such map.
     """
-    return ModalMap(case, key) if case.is_massless else CaseFamily(case, key).map()
+    if case.is_massless:
+        return ModalMap(case, key, channels)
+    return CaseFamily(case, key, channels).map()
+
+
+def seen_channels(case: Case, channels: Sequence[str]) -> dict[str, str]:
+    """Return the units of channels that a study of orbits shows, by their names.
+
+    Args:
+        case: the case.
+        channels: their names; none: those of the reference probes.
+
+    Raises:
+        CaseError: there is no such channel with a value at each step.
+    """
+    return chosen(channels, assemble(case, needs_dolfinx=False).layout, case)
+
+
+def columns_of(values: FloatArray, channels: Collection[str], case: Case) -> FloatArray:
+    """Return the columns of channels in what is seen of a case, see `Trajectory.strobes`.
+
+    Args:
+        values: shape (…, n_seen).
+        channels: names of the channels that are shown.
+        case: the case.
+    """
+    n = len(channels)
+    references = of_references([lamina.name for lamina in case.lamina])
+    return values[..., :n] if list(channels) == references else values[..., -n:]
 
 
 def start_of(case: Case) -> FloatArray | None:
@@ -335,7 +366,7 @@ def settled(
 def settled_map(
     map_: PeriodMap, parameter: float, periods: int, start: FloatArray | None = None
 ) -> tuple[PeriodMap, FloatArray]:
-    """Return the map that begins where the tips of the settled motion are far apart, and a state.
+    """Return the map that begins where the gap of the settled motion is wide, and a state.
 
     Args:
         map_: the map of the case from the beginning of a period of the drive.

@@ -21,11 +21,14 @@ class OfOrbits(Options):
         period: periods of the drive in one of the orbit.
         kick: size of kicks, relative to the state (default: 0.02; massless contact points: 0.03).
         seed: seed of the fixed perturbations.
+        channel: channel that is shown, as a1 or "contact_stop 1"; repeatable (default: the
+            displacements of the reference probes).
     """
 
     period: Annotated[int, Flag(metavar="P")] = 1
     kick: Annotated[float | None, Flag(metavar="X", least=1e-6, most=0.5)] = None
     seed: Annotated[int, Flag(metavar="N")] = 0
+    channel: Annotated[tuple[str, ...], Flag(metavar="NAME")] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,7 +47,7 @@ from delam_fem.studies.sweeps.journal import (
     remove_journal,
 )
 from delam_fem.studies.sweeps.point import (
-    HARMONICS,
+    SERIES,
     VARIABLES,
     PointRunner,
     Quantity,
@@ -135,7 +135,7 @@ def _require_sweep(data: xr.Dataset) -> None:
         == sum(int(data.attrs[f"n_{what}"]) for what in COUNTED[1:])
     )
     assert isinstance(data.attrs["outcome"], str)
-    keys = (*CHANNEL_MEASURES, *HARMONICS)
+    keys = (*CHANNEL_MEASURES, *SERIES)
     of_channels = {f"{name}_{key}" for name in file.record.channels for key in keys}
     for name in data.data_vars:
         kind = data[name].dtype.kind

@@ -195,12 +195,13 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
 
 OF_SENSOR: tuple[str, ...] = ("min", "max", "rms")
 """Measures that a sweep keeps of a sensor without being asked."""
-HARMONICS = {
-    "harmonics": "amplitude of the harmonics of",
-    "harmonic_amplitude": "amplitude of the harmonics of",
-    "harmonic_phase": "phase φ of the harmonics A sin(k ω t + φ) of",
+SERIES = {
+    "harmonics": ("harmonic", "amplitude of the harmonics of"),
+    "harmonic_amplitude": ("harmonic", "amplitude of the harmonics of"),
+    "harmonic_phase": ("harmonic", "phase φ of the harmonics A sin(k ω t + φ) of"),
+    "strobe": ("strobe", "values at the end of the last periods of the window of"),
 }
-"""Harmonics of a channel with their meanings; of sensors the first one."""
+"""Numbers of a channel in a row, with their dimension and meaning; of sensors the first one."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,7 @@ class Quantity(Variable):
         dims: dimensions beside those of the grid.
         shape: their sizes.
         scan: the points of the scan, if the sweep records one.
-        channel: name of the channel, its measure or harmonics, and its unit; empty: none.
+        channel: name of the channel, its measure or one of `SERIES`, and its unit; empty: none.
     """
 
     shape: tuple[int, ...]
@@ -287,6 +288,8 @@ def quantities(
     if record.harmonics:
         of_sensors += ("harmonics",)
         of_channels += ("harmonic_amplitude", "harmonic_phase")
+    if record.strobes:
+        of_channels += ("strobe",)
     sensors = layout.sensors if record.summary else ()
     return (
         *of_tables,
@@ -306,17 +309,21 @@ def quantities(
 def _channel_quantity(
     name: str, units: str, words: str, key: str, sizes: Mapping[str, int]
 ) -> Quantity:
-    """Return a measure, or the harmonics, of a channel as a quantity.
+    """Return a measure, or one of `SERIES`, of a channel as a quantity.
 
     Args:
         name: name of the channel.
         units: its unit.
         words: the channel in words.
-        key: name of the measure or of the harmonics.
+        key: name of the measure or of one of `SERIES`.
         sizes: sizes of dimensions.
     """
-    dims = ("harmonic",) if key in HARMONICS else ()
-    meaning = HARMONICS[key] if dims else CHANNEL_MEASURES[key].meaning
+    dims: tuple[str, ...] = ()
+    if key in SERIES:
+        dim, meaning = SERIES[key]
+        dims = (dim,)
+    else:
+        meaning = CHANNEL_MEASURES[key].meaning
     unit = "rad" if key == "harmonic_phase" else units
     shape = tuple(sizes[dim] for dim in dims)
     return Quantity(
@@ -402,6 +409,10 @@ def _channel_values(
             continue
         if key in CHANNEL_MEASURES:
             values[quantity.name] = CHANNEL_MEASURES[key].of(history.values)
+        elif key == "strobe":
+            last = np.arange(1 - len(recorder.window), 1)
+            ends = (recorder.n_closed + last) * case.period
+            values[quantity.name] = np.interp(ends, history.time, history.values)
         else:
             values[quantity.name] = _harmonics(history, case)[key == "harmonic_phase"]
     return values

@@ -13,7 +13,6 @@ from delam_fem.studies.identification.identify import (
     Experiment,
     Identification,
     Unknown,
-    channels_of,
     drawn,
     identify,
     measured_histories,
@@ -159,7 +158,7 @@ def test_files_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "one.csv"
     path.write_text("time [s],tip thick [m]\n" + "".join(f"{k / 10},0\n" for k in range(60)))
     with pytest.raises(CaseError, match="channels tip_thick, tip_thin, found no tip_thin"):
-        measured_histories(path, channels_of(experiment().case))
+        measured_histories(path, experiment().names)
 
 
 def test_every_draw_has_a_seed_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

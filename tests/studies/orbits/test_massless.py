@@ -5,7 +5,7 @@ import pytest
 from massless import massless
 
 import delam_fem as df
-from delam_fem.api import FloatArray
+from delam_fem.api import FloatArray, assemble, session_of
 from delam_fem.studies.orbits.maps import ModalMap
 
 
@@ -48,6 +48,25 @@ def test_the_parameter_changes_the_map_and_the_passage_sees_it(strobe: ModalMap)
     assert (trajectory.low < trajectory.strobes.min(axis=0) + 1e-15).all()
     assert (trajectory.high > trajectory.strobes.max(axis=0) - 1e-15).all()
     assert -1e-9 < trajectory.smallest_gap < 0.012
+
+
+def test_channels_of_the_map_are_those_of_the_run() -> None:
+    """Three periods after two: the engine of runs gives velocities and contact forces."""
+    sizes = {"mesh__elements": 8, "time__steps_per_period": 250}
+    case = massless(5, 8, **sizes, time__periods=5, output__window_periods=3)
+    begun = case.with_overrides({"time.periods": 2, "output.window_periods": 1})
+    with session_of(begun, assemble(begun, needs_dolfinx=False).operators) as opened:
+        opened.run()
+        state = opened.engine.state().internal
+    assert state is not None
+    names = ["tip_thin", "tip_thin_velocity", "contact_thick-thin"]
+    seen = ModalMap(case, channels=names).trajectory(state, 3.25, 3).history
+    record = df.run(case).record
+    for name, column in zip(names, seen[:, -len(names) :].T, strict=True):
+        size = float(np.abs(record[name]).max())
+        assert size > 0.0
+        np.testing.assert_allclose(column, record[name], atol=1e-6 * size, err_msg=name)
+    np.testing.assert_allclose(seen[:, 1], record["tip_thin"], atol=1e-9)
 
 
 def test_kicks_of_all_sizes_grow_alike(strobe: ModalMap) -> None:
