@@ -608,11 +608,12 @@ def require_drawable(kind: DiagramName, sweep: Sweep, channels: Sequence[str] = 
         CaseError: the sweep has another number of axes, or does not record what is drawn.
     """
     _require_channels(kind, channels)
-    kept = sweep.file.record.channels
-    if missing := [name for name in channels if name not in kept]:
+    of_sweep = sweep.file.record.channels
+    if missing := [name for name in channels if name not in of_sweep]:
         raise CaseError(
             f"diagram {kind}: expected {', '.join(map(repr, missing))} among record.channels of "
-            f"the sweep file, given {', '.join(map(repr, kept)) or 'none'}; nothing was computed"
+            f"the sweep file, given {', '.join(map(repr, of_sweep)) or 'none'}; nothing was "
+            "computed"
         )
     nothing = "nothing was computed"
     order = sweep.file.order

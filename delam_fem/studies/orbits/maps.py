@@ -671,10 +671,13 @@ class ModalProblem:
         """Return the record of a period from a state, by the engine of runs."""
         case = observer.case
         operators = observer.structure.operators
-        law, scheme = case.contact_law, scheme_of(case)
-        refinement = span_of(case).refinement
         engine = engine_of(
-            operators, law, scheme, case.time_step, refinement=refinement, modes=case.n_modes
+            operators,
+            case.contact_law,
+            scheme_of(case),
+            case.time_step,
+            refinement=span_of(case).refinement,
+            modes=case.n_modes,
         )
         q, v, s = (part[None] for part in self.periods.split(state))
         reduced = self.periods.reduced

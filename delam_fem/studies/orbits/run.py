@@ -157,7 +157,7 @@ class PeriodicOrbit(Finding):
     def histories(self) -> dict[str, FloatArray]:
         """Channels that are shown at each step of the orbit, each of shape (n_steps,)."""
         columns = columns_of(self.trajectory.history, self.channels, self.case)
-        return dict(zip(self.channels, columns.T, strict=True))
+        return dict(zip(self.channels, columns.T, strict=False))  # of a map of one's own
 
     @property
     def kind(self) -> str:
