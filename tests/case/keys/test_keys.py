@@ -1,4 +1,4 @@
-"""The list of all keys and the commented templates, as others read them."""
+"""The commented templates, as others read them."""
 
 from __future__ import annotations
 
@@ -7,19 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from delam_fem.api import tables
 from delam_fem.case.keys import KINDS, case_text
-
-
-def test_all_keys_are_the_stored_ones(stored: Callable[[str], None]) -> None:
-    lines = []
-    for table in tables():
-        lines.append(f"{table.heading} {table.kind!r} {table.is_array}")
-        lines += [
-            f"  {key.name}: {key.type} {key.choices} {key.unit!r} {key.is_required} {key.has_unit}"
-            for key in table.keys
-        ]
-    stored("\n".join(lines))
 
 
 def test_the_template_has_the_stored_lines(stored: Callable[[str], None]) -> None:
