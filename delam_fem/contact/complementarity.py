@@ -5,9 +5,9 @@
 W = H M^-1 H^T is symmetric and positive semidefinite, and q lies in its range. The problem is the
 optimality condition of the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with
 W = L L^T. Lawson and Hanson's active-set method solves it, working on W directly: the impulses of
-the active pairs follow from W_AA s = -q_A, and all others are 0. Simultaneous impacts mostly push
-all pairs, and lasting contact pushes those of the last step, so the method begins with these: the
-pairs that would be pulled leave the set at once, then the method goes on as always, from p = 0.
+the active pairs follow from W_AA s = -q_A, and all others are 0. Lasting contact pushes the pairs
+of the last step, so the method begins with these: the pairs that would be pulled leave the set at
+once, then the method goes on as always, from p = 0.
 
 If W_AA is singular to round-off, the method begins again with no pair and takes one at a time. A
 redundant pair has no residual once the pairs that span it are active, so the method never adds it:
@@ -96,30 +96,38 @@ fresh = njit(nothing_known)
 
 
 @njit
-def forget(memory, pairs, n):  # type: ignore[no-untyped-def]
-    """Forget the last solution of n pairs, and the factor of the last W_AA."""
+def forget(memory, pairs, n, begins_idle):  # type: ignore[no-untyped-def]
+    """Forget the last solution of n pairs, and the factor of the last W_AA.
+
+    Args:
+        memory: see `WarmStart`.
+        pairs: the pairs, the first n entries.
+        n: number of these pairs.
+        begins_idle: whether few of them are likely to be pushed; otherwise most.
+    """
     memory.members[0] = -1
     for j in range(n):
-        memory.was_idle[pairs[j]] = 0
+        memory.was_idle[pairs[j]] = begins_idle
 
 
 @njit
 def _factorise(W, origin, stride, pairs, m, lift, memory):  # type: ignore[no-untyped-def]
-    """Factorise W_AA of the m active pairs, unless that is done; return False if it is singular.
+    """Factorise W_AA of the m active pairs; return False if it is singular.
 
     Its diagonal is multiplied by 1 + lift.
 
     W_AA = L Lᵀ by Cholesky; the diagonal of L is stored inverted. A pivot that is not a number also
-    counts as that of a singular matrix.
+    counts as that of a singular matrix. A row of L depends on the pairs up to it alone: the rows of
+    the last factor remain as far as its pairs are the same.
     """
     factor, members, active = memory.factor, memory.members, memory.active
-    is_same = members[0] == m and members[1] == origin
-    for i in range(m):
-        is_same &= members[2 + i] == pairs[active[i]]
-    if is_same:
-        return True
-    members[0] = -1
-    for i in range(m):
+    n_kept = 0
+    if members[1] == origin:
+        while n_kept < min(m, members[0]) and members[2 + n_kept] == pairs[active[n_kept]]:
+            n_kept += 1
+    members[0] = n_kept
+    members[1] = origin
+    for i in range(n_kept, m):
         pair = pairs[active[i]]
         first = i * stride
         row = origin + pair * stride
@@ -136,8 +144,7 @@ def _factorise(W, origin, stride, pairs, m, lift, memory):  # type: ignore[no-un
             else:
                 return False
         members[2 + i] = pair
-    members[0] = m
-    members[1] = origin
+        members[0] = i + 1
     return True
 
 
@@ -159,9 +166,12 @@ def _substitute(stride, q, m, memory):  # type: ignore[no-untyped-def]
 
 @njit
 def _move(p, m, memory):  # type: ignore[no-untyped-def]
-    """Move the impulses p towards `trial` while all stay >= 0; return whether they get there.
+    """Move the impulses p towards `trial` while all stay >= 0.
 
     Pairs whose impulse falls to zero on the way become idle.
+
+    Returns:
+        Whether they get there; number of pairs that stay active, in the same order.
     """
     active = memory.active
     trial = memory.trial
@@ -170,13 +180,17 @@ def _move(p, m, memory):  # type: ignore[no-untyped-def]
         if trial[i] <= 0.0:
             before = p[active[i]]
             step = min(step, before / (before - trial[i])) if before > trial[i] else 0.0
+    n_active = 0
     for i in range(m):
         j = active[i]
         p[j] = trial[i] if step == 1.0 else p[j] + step * (trial[i] - p[j])
         if step < 1.0 and trial[i] <= 0.0 and p[j] <= GONE * abs(trial[i]):
             p[j] = 0.0
             memory.side[j] = IDLE
-    return step == 1.0
+        else:
+            active[n_active] = j
+            n_active += 1
+    return step == 1.0, n_active
 
 
 @njit
@@ -197,28 +211,41 @@ def _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory):  # type
 
 
 @njit
+def _list_active(n, memory):  # type: ignore[no-untyped-def]
+    """List the active ones of n pairs in their order; return their number."""
+    m = 0
+    for j in range(n):
+        if memory.side[j] == ACTIVE:
+            memory.active[m] = j
+            m += 1
+    return m
+
+
+@njit
 def _is_solved(W, origin, stride, pairs, n, q, p, limit, lift, memory):  # type: ignore[no-untyped-def]
-    """Run the iteration of `solve_among`; return whether it came to an end."""
+    """Run the iteration of `solve_among`; return whether it came to an end.
+
+    A pair that becomes active takes the last place, so that the factor gets one row. At the end the
+    impulses are computed once more with the pairs in their order, on which alone they depend then.
+    """
     side = memory.side
-    chosen = -1
-    is_fresh = False
+    active = memory.active
     for j in range(n):
         p[j] = 0.0
         side[j] = IDLE if memory.was_idle[pairs[j]] else ACTIVE
+    m = _list_active(n, memory)
+    is_fresh = m == 0
     for _ in range(4 * n + 20):
-        m = 0
-        for j in range(n):
-            if side[j] == ACTIVE:
-                memory.active[m] = j
-                m += 1
         if _factorise(W, origin, stride, pairs, m, lift, memory):
             _substitute(stride, q, m, memory)
-            if not _move(p, m, memory):
+            is_there, m = _move(p, m, memory)
+            if not is_there:
                 continue
             for j in range(n):
                 side[j] = ACTIVE if side[j] == ACTIVE else IDLE
         elif is_fresh:
-            side[chosen] = BARRED  # it depends on the others, which carry its impulse
+            m -= 1
+            side[active[m]] = BARRED  # it depends on the others, which carry its impulse
         else:
             is_fresh = True
             m = 0
@@ -227,9 +254,27 @@ def _is_solved(W, origin, stride, pairs, n, q, p, limit, lift, memory):  # type:
                 side[j] = IDLE
         chosen = _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory)
         if chosen < 0:
+            _put_in_order(W, origin, stride, pairs, n, q, p, m, lift, memory)
             return True
         side[chosen] = ACTIVE
+        active[m] = chosen
+        m += 1
     return False
+
+
+@njit
+def _put_in_order(W, origin, stride, pairs, n, q, p, m, lift, memory):  # type: ignore[no-untyped-def]
+    """Compute the impulses of the m active pairs in their order, unless they are in it."""
+    is_in_order = True
+    for i in range(1, m):
+        is_in_order &= memory.active[i - 1] < memory.active[i]
+    if is_in_order:
+        return
+    _list_active(n, memory)
+    if _factorise(W, origin, stride, pairs, m, lift, memory):
+        _substitute(stride, q, m, memory)
+        for i in range(m):
+            p[memory.active[i]] = max(memory.trial[i], 0.0)
 
 
 @njit

@@ -254,7 +254,7 @@ def test_a_factor_is_kept_for_the_same_pairs_alone() -> None:
     assert again(W, -np.ones(3), [0, 2], memory).tolist() == pytest.approx([0.5, 0.125])
     assert memory.members.tolist() == [2, 0, 0, 2, -1]
     assert again(2.0 * W, -np.ones(3), [0, 2], memory).tolist() == pytest.approx([0.5, 0.125])
-    compiled(complementarity.forget)(memory, np.array([0, 2]), 2)
+    compiled(complementarity.forget)(memory, np.array([0, 2]), 2, False)
     assert again(2.0 * W, -np.ones(3), [0, 2], memory).tolist() == pytest.approx([0.25, 0.0625])
 
 

@@ -440,8 +440,10 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
         for j in range(n):
             require_compliance(system, law, memory, hit[j])
         lasts = system.is_touching and law.kind == MOREAU and system.coarseness == 0
-        if not lasts:  # impacts are few: no pair keeps its side from one to the next
-            complementarity.forget(memory.again, hit, n)
+        if not lasts:
+            # impacts are few: no pair keeps its side from one to the next. Between two steps all
+            # candidates approach; within a step they are all that is closed, and few are pushed
+            complementarity.forget(memory.again, hit, n, law.kind == MOREAU)
         W = memory.compliance, system.coarseness * n_pairs * n_pairs, n_pairs
         n, result = solve_impulses(
             law,
