@@ -49,11 +49,12 @@ ALLOWED: dict[str, set[str]] = {
 # What stands above the seam takes the simulator from it.
 ABOVE_THE_SEAM = ("studies", "paper")
 OF_SCRIPTS = {
-    "contact.complementarity", "engines.petsc.linear_algebra", "engines.petsc.theta",
+    "contact.complementarity", "engines.compiled.engine", "engines.compiled.matrices",
+    "engines.compiled.state", "engines.petsc.linear_algebra", "engines.petsc.theta",
     "model.beams.closed_form", "model.discretise", "model.operators", "reference.loop",
     "system.caches",
 }  # fmt: skip
-"""What scripts besides look into: benchmarks of single operations, trials on bare matrices."""
+"""What scripts besides look into: benchmarks of operations, trials on bare matrices and in C."""
 
 # Modules that must not reach the others, even through what they import at once. The table of laws
 # imports the laws when they are set up, so cases may read it.
