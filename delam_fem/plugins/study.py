@@ -46,7 +46,7 @@ class RunContext:
 
     Attributes:
         folder: folder of the results, which exists.
-        kept: folder for checkpoints, which is removed when the study is complete; without
+        checkpoints: folder for checkpoints, which is removed when the study is complete; without
             checkpoints `folder`.
         resume: whether to go on with what is in the folder.
         workers: number of processes; None: one per core.
@@ -54,7 +54,7 @@ class RunContext:
     """
 
     folder: Path
-    kept: Path
+    checkpoints: Path
     resume: bool = False
     workers: int | None = None
     progress: Progress | None = None
@@ -84,7 +84,7 @@ class Study(Generic[Chosen, Found]):
         takes: kinds of model that it takes; None: all.
         needs: section that a case must have, such as "delamination"; empty: none.
         takes_impactors: whether a case may have impactors.
-        has_checkpoints: whether runs of the study keep checkpoints in `RunContext.kept`.
+        has_checkpoints: whether runs of the study keep checkpoints in `RunContext.checkpoints`.
         shares_factors: whether its command takes processes of MPI, which share the factors of a
             solid.
     """

@@ -55,7 +55,7 @@ class DiagramAxis:
         name: name of the coordinate.
         key: key of the case.
         values: values along the axis, shape (n,).
-        shown: values in the unit of the label, or 0, 1, … for words, shape (n,).
+        positions: values in the unit of the label, or 0, 1, … for words, shape (n,).
         label: label of the axis, with its unit.
         words: labels of the ticks of an axis of words; empty for numbers.
     """
@@ -63,19 +63,19 @@ class DiagramAxis:
     name: str
     key: str
     values: FloatArray
-    shown: FloatArray
+    positions: FloatArray
     label: str
     words: tuple[str, ...] = ()
 
     @property
     def edges(self) -> FloatArray:
         """Edges of the cells of a map, shape (n + 1,)."""
-        return style.edges(self.shown, is_logarithmic=self.is_logarithmic)
+        return style.edges(self.positions, is_logarithmic=self.is_logarithmic)
 
     @property
     def is_logarithmic(self) -> bool:
         """Whether the values are evenly spaced on a logarithmic axis but not on a linear one."""
-        v = self.shown
+        v = self.positions
         if v.size < 3 or v.min() <= 0.0 or self.words:
             return False
         steps = np.diff(v)
@@ -208,8 +208,8 @@ def response(data: xr.Dataset, axis: DiagramAxis, channels: Sequence[str] = ()) 
     def draw(panel: Axes, channel: DrawnChannel) -> None:
         for label, amplitude, _, (colour, marker, line) in _directions(data, channel.values):
             panel.plot(
-                axis.shown, amplitude.to_numpy(), line, color=colour, marker=marker, markersize=3.0,
-                linewidth=1.0, label=label,
+                axis.positions, amplitude.to_numpy(), line, color=colour, marker=marker,
+                markersize=3.0, linewidth=1.0, label=label,
             )  # fmt: skip
         computed = channel.values.to_numpy()
         if np.isfinite(computed).any():  # what is linear may leave the panel
@@ -238,7 +238,7 @@ def bifurcation(data: xr.Dataset, axis: DiagramAxis, channels: Sequence[str] = (
             is_grey = is_unsettled(part).to_numpy()
             for mask, shade in ((~is_grey, colour), (is_grey, UNSETTLED_COLOUR)):
                 panel.plot(
-                    np.repeat(axis.shown[mask], q.shape[1]), q[mask].ravel(), "o", color=shade,
+                    np.repeat(axis.positions[mask], q.shape[1]), q[mask].ravel(), "o", color=shade,
                     markersize=size, alpha=0.5, markeredgewidth=0.0,
                 )  # fmt: skip
             panel.plot([], [], "o", color=colour, markersize=2.0 * size, label=label)
@@ -254,8 +254,9 @@ def lyapunov(data: xr.Dataset, axis: DiagramAxis) -> Figure:
     for label, _, part, (colour, marker, line) in _directions(data, data["lyapunov_exponent"]):
         errors = BARS * part["lyapunov_error"].to_numpy() if "lyapunov_error" in part else None
         panel.errorbar(
-            axis.shown, part["lyapunov_exponent"].to_numpy(), yerr=errors, fmt=line, color=colour,
-            marker=marker, markersize=3.0, linewidth=1.0, elinewidth=0.8, capsize=2.0, label=label,
+            axis.positions, part["lyapunov_exponent"].to_numpy(), yerr=errors, fmt=line,
+            color=colour, marker=marker, markersize=3.0, linewidth=1.0, elinewidth=0.8, capsize=2.0,
+            label=label,
         )  # fmt: skip
     _mark_points(panel, data, axis)
     panel.set(ylabel=f"largest Lyapunov exponent [1/s]\nbars: ±{BARS:g} errors")
@@ -317,7 +318,7 @@ def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None
     differs = (np.abs(a[0] - a[1]) > at.SAME_ATTRACTOR * np.maximum(a[0], a[1])).any(axis=-1)
     differs &= ~is_unsettled(data).any("direction").to_numpy()  # one may still become the other
     edges = np.flatnonzero(np.diff(differs.astype(np.int8), prepend=0, append=0))
-    x = axis.shown
+    x = axis.positions
     middles = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
     for k, (start, stop) in enumerate(edges.reshape(-1, 2)):
         label = "depends on the direction" if k == 0 else None
@@ -338,7 +339,7 @@ def _mark_points(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
         (data["outcome"] != "completed", "x", style.BLACK, "not completed"),
     ):
         others = [dim for dim in is_marked.dims if dim != axis.name]
-        x = axis.shown[is_marked.any(others).to_numpy()]
+        x = axis.positions[is_marked.any(others).to_numpy()]
         if x.size:
             panel.plot(
                 x, np.zeros(x.size), marker, color=colour, markersize=5.0, clip_on=False,
@@ -383,7 +384,7 @@ def _map(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> tuple[Figure, Axes
         if axis.is_logarithmic:
             panel.set(**{f"{name}scale": "log"})
         if axis.words:
-            panel.set(**{f"{name}ticks": axis.shown, f"{name}ticklabels": axis.words})
+            panel.set(**{f"{name}ticks": axis.positions, f"{name}ticklabels": axis.words})
     figure.suptitle(heading(data))
     return figure, panel
 
@@ -406,7 +407,7 @@ def plane(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
         periods = data["periodicity"].to_numpy()
         for i, j in zip(*np.nonzero((kinds == at.HIGHER) & (periods > 1)), strict=True):
             panel.text(
-                x.shown[i], y.shown[j], f"{periods[i, j]:.0f}", fontsize=7.0, ha="center",
+                x.positions[i], y.positions[j], f"{periods[i, j]:.0f}", fontsize=7.0, ha="center",
                 va="center", color=style.BLACK,
             )  # fmt: skip
     present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]

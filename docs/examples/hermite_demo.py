@@ -66,8 +66,8 @@ def roots(n):
     dx = ufl.dx(metadata={"quadrature_degree": 6})  # a cubic times a cubic
     M, K = assembled(w * v * dx), assembled(bend * turn * dx)
     start = dolfinx.mesh.locate_entities_boundary(mesh, 0, lambda x: x[0] < 1e-12)
-    held = [dolfinx.fem.locate_dofs_topological(V.sub(i), 0, start) for i in range(2)]
-    free = np.setdiff1d(np.arange(M.shape[0]), np.concatenate(held))
+    clamped = [dolfinx.fem.locate_dofs_topological(V.sub(i), 0, start) for i in range(2)]
+    free = np.setdiff1d(np.arange(M.shape[0]), np.concatenate(clamped))
     return eigsh(K[free][:, free], 3, M[free][:, free], sigma=0.0)[0] ** 0.25
 
 

@@ -70,7 +70,7 @@ class _Geometry:
     made: dict[Hashable, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        edges = {edge for own in self.stack.delaminations or () for edge in own[1:]}
+        edges = {edge for opening in self.stack.delaminations or () for edge in opening[1:]}
         self.at = sorted({0.0, self.stack.length} | edges)
 
     def build(self) -> None:
@@ -133,7 +133,7 @@ class _Geometry:
         lines = [self._line(key, z) for key in around]
         n = len(self.at) - 1
         signs = [1] * (n + 1) + [-1] * (n + 1)
-        return self._surface(lines, signs, [self._point(*own, z) for own in corners])
+        return self._surface(lines, signs, [self._point(*corner, z) for corner in corners])
 
     def _surface(self, lines: list[int], signs: list[int], corners: list[int]) -> int:
         geometry = gmsh.model.geo
@@ -151,7 +151,7 @@ class _Geometry:
         key = self._merged(key)
         if ("face", key) not in self.made:
             a, b = self._ends(key)
-            across = [self._across(own) for own in (b, a)]
+            across = [self._across(end) for end in (b, a)]
             lines = [self._line(key, 0), across[0], self._line(key, 1), across[1]]
             corners = [
                 self._point(*a, 0),

@@ -99,6 +99,6 @@ def test_processes_of_a_reduction_end(preset: str, status: int, tmp_path: Path) 
     """The first process alone imports dolfinx, which must not add to what all do at their end."""
     keys = {"model.kind": "plane-stress", "mesh.elements": 16}
     line = command("reduce", preset, "-o", tmp_path / "out", "--modes", 5, keys=keys)
-    found, errors = ended([*MPIRUN, *line])
-    assert (found, errors.count("contact.impulse: expected")) == (status, int(preset == "paper"))
+    returned, errors = ended([*MPIRUN, *line])
+    assert (returned, errors.count("contact.impulse: expected")) == (status, int(preset == "paper"))
     assert "MPI_ABORT" not in errors

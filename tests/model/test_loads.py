@@ -331,8 +331,8 @@ def table_tennis(**tables: Any) -> df.Case:
 
 
 def test_a_ball_lies_on_its_table_and_moves_with_it() -> None:
-    rest = df.rest(table_tennis())
-    assert rest.contact_force.values == pytest.approx([0.0027 * G], rel=1e-9)
+    at_rest = df.rest(table_tennis())
+    assert at_rest.contact_force.values == pytest.approx([0.0027 * G], rel=1e-9)
     case = table_tennis(contact={"law": "newton", "restitution": 0.0})
     result = df.run(case, engine="compiled")  # Aω² = 3.9 m/s² < g
     q = 1e-3 * np.sin(2.0 * np.pi * 10.0 * result.history.time.values)

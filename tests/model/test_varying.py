@@ -362,8 +362,8 @@ def test_compare_finds_the_motion_of_the_reference() -> None:
         support=[clamp], gap={"tip": 1e-4}, mesh={"elements": 8},
         contact={"law": "newton-penalty", "impulse": "lumped"},
     )  # fmt: skip
-    found = df.compare(case, periods=2)
-    assert max(found.matrices.values()) < 1e-9
-    assert found.frequencies < 1e-9
-    assert found.motion is not None
-    assert found.motion.until_impact < 1e-9
+    comparison = df.compare(case, periods=2)
+    assert max(comparison.matrices.values()) < 1e-9
+    assert comparison.frequencies < 1e-9
+    assert comparison.motion is not None
+    assert comparison.motion.until_impact < 1e-9

@@ -317,7 +317,7 @@ def test_the_numbers_of_the_law_at_each_contact_change_no_bit(row: dict[str, Any
         numbers |= {"stiffness": 300.0}
     if law == "penalty":
         numbers = {"stiffness": 300.0, "damping": 0.3}
-    plain, same = (case_of(row, given, given) for given in ({}, numbers))
+    plain, same = (case_of(row, keys, keys) for keys in ({}, numbers))
     one, other = (
         run(case, row["engine"], structure=closed_form.assemble(case)).history
         for case in (plain, same)

@@ -635,4 +635,4 @@ def compute(case: Case, options: Detect, context: RunContext) -> Detection:
     measured = (
         read_scan(options.measured, options, case, options.part(Scan)) if options.measured else None
     )
-    return detect(case, options, measured=measured, kept=context.kept)
+    return detect(case, options, measured=measured, kept=context.checkpoints)

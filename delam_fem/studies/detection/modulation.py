@@ -148,7 +148,7 @@ def modulation(case: Case, options: Modulate, context: RunContext | None = None)
     frequency, amplitude = options.pump_frequency, options.pump_amplitude
     intact_case = intact(case)
     pump = pump_of(case, frequency, amplitude)
-    checkpoint_folder = None if context is None else context.kept
+    checkpoint_folder = None if context is None else context.checkpoints
     pure = simulated(case, scan, checkpoint_folder, pump=pump)
     bare = simulated(intact_case, scan, checkpoint_folder, pump=intact(pump))
     noise = pure.noise_of(scan)

@@ -506,7 +506,7 @@ def identified(case: Case, options: Options, context: RunContext | None = None) 
         )
     ratios: list[float] = []
     if options.measured is None:
-        time, tips, ratios = _simulated(case, None if context is None else context.kept)
+        time, tips, ratios = _simulated(case, None if context is None else context.checkpoints)
     else:
         time, tips = measured_histories(
             options.measured, of_references([lamina.name for lamina in case.lamina])

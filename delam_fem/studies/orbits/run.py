@@ -416,6 +416,6 @@ def compute(case: Case, options: Options, context: RunContext) -> PeriodicOrbit:
         periods=options.period,
         settle=options.settle,
         perturbations=kicks(options, case),
-        kept=context.kept,
+        kept=context.checkpoints,
         channels=options.channel,
     )

@@ -76,14 +76,16 @@ def main():
     parser.add_argument("--stiffness", type=float, required=True, help="of each pair [N/m]")
     parser.add_argument("--harmonics", type=int, default=12)
     parser.add_argument("--times", type=int, default=1024, help="instants per period")
-    given = parser.parse_args()
-    data = dict(np.load(given.file))
-    study = Maestro(input_of(data, given.stiffness, given.band, given.harmonics, given.times))
+    options = parser.parse_args()
+    data = dict(np.load(options.file))
+    study = Maestro(
+        input_of(data, options.stiffness, options.band, options.harmonics, options.times)
+    )
     study.operate()
     print("frequency [Hz]   y1 min, max [mm]       y2 min, max [mm]")
     for solution in study.nls["FRF"].SolList:
         if solution.flag_accepted:
-            low, high = (1e3 * y for y in tips(data, solution.x, given.harmonics))
+            low, high = (1e3 * y for y in tips(data, solution.x, options.harmonics))
             frequency = solution.x[-1] / (2.0 * np.pi)
             print(
                 f"{frequency:10.6f}  {low[0]:10.4f} {high[0]:9.4f}  {low[1]:10.4f} {high[1]:9.4f}"

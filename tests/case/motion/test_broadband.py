@@ -154,8 +154,8 @@ def test_a_random_motion_has_the_density_of_its_table(
     powers = []
     for seed in range(40):
         keys = {"kind": "random", "low": 2.0, "high": 30.0, "duration": T, "psd": str(path)}
-        given: Any = with_excitation(**keys, seed=seed).excitation
-        spectrum = np.fft.rfft(given.stationary().states(t)[:, 2]) / t.size
+        drive: Any = with_excitation(**keys, seed=seed).excitation
+        spectrum = np.fft.rfft(drive.stationary().states(t)[:, 2]) / t.size
         powers.append(2.0 * np.abs(spectrum) ** 2 * T)
     frequency = np.fft.rfftfreq(t.size, T / t.size)
     mean = np.mean(powers, axis=0)
@@ -184,10 +184,10 @@ def test_a_burst_ends_and_a_random_motion_begins_at_rest() -> None:
 
 
 def test_sizes_carry_units() -> None:
-    given: Any = with_excitation(**MULTISINE | {"rms": "0.1 g_0"}).excitation
-    assert given.rms == pytest.approx(0.1 * GRAVITY, rel=1e-12)
-    given = with_excitation(**MULTISINE | {"in": "displacement", "rms": "2 mm"}).excitation
-    assert given.rms == pytest.approx(2e-3, rel=1e-12)
+    drive: Any = with_excitation(**MULTISINE | {"rms": "0.1 g_0"}).excitation
+    assert drive.rms == pytest.approx(0.1 * GRAVITY, rel=1e-12)
+    drive = with_excitation(**MULTISINE | {"in": "displacement", "rms": "2 mm"}).excitation
+    assert drive.rms == pytest.approx(2e-3, rel=1e-12)
     with pytest.raises(CaseError, match=r"rms.*an acceleration such as"):
         with_excitation(**MULTISINE | {"rms": "2 mm"})
 
@@ -278,8 +278,8 @@ def test_records_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     path = record(tmp_path / "base.csv", "time [s], a [mm], b [K]", t, t, t)
 
     def course(**keys: object) -> None:
-        given = with_excitation(**{"kind": "record", "file": str(path), "channel": "a"} | keys)
-        given.with_files_checked("case")
+        case = with_excitation(**{"kind": "record", "file": str(path), "channel": "a"} | keys)
+        case.with_files_checked("case")
 
     course()
     with pytest.raises(CaseError, match=r"excitation.channel: expected one of a, b, given 'c'"):

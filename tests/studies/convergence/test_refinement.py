@@ -268,15 +268,17 @@ def test_levels_say_how_many_steps_their_blows_have() -> None:
     """A blow on a spring lasts π √(m/k), whatever the steps are."""
     case = preset("paper", {"contact.penalty_stiffness": 1e4})
     on = refinement(case, laws="penalty@newmark,newton@moreau-jean", steps=(200, 400), meshes=(4,))
-    found = computed([level for level in on.levels() if level.method != FREE.name], on)
+    convergence = computed([level for level in on.levels() if level.method != FREE.name], on)
     elastic, rigid = (on.along_steps(law, 4) for law in on.methods)
-    counts = [found.value(level, "blow_steps") for level in elastic]
+    counts = [convergence.value(level, "blow_steps") for level in elastic]
     assert counts[1] == pytest.approx(2.0 * counts[0], rel=1e-12)
-    assert counts[0] < 10.0 and all(np.isnan(found.value(level, "blow_steps")) for level in rigid)
-    (warning,) = [text for text in found.report.remarks if "blow" in text]
+    assert counts[0] < 10.0 and all(
+        np.isnan(convergence.value(level, "blow_steps")) for level in rigid
+    )
+    (warning,) = [text for text in convergence.report.remarks if "blow" in text]
     assert f"At {sum(count < 10.0 for count in counts)} of 4 levels" in warning
     assert "penalty@newmark, 4 elements, 200 steps per period" in warning
-    text = page(found, "")
+    text = page(convergence, "")
     assert warning in text and text.count("steps in a blow") == 2
 
 

@@ -60,13 +60,13 @@ def test_channels_of_the_map_are_those_of_the_run() -> None:
         state = opened.engine.state().internal
     assert state is not None
     names = ["tip_thin", "tip_thin_velocity", "contact_thick-thin"]
-    seen = ModalMap(case, channels=names).trajectory(state, 3.25, 3).history
+    history = ModalMap(case, channels=names).trajectory(state, 3.25, 3).history
     record = df.run(case).record
-    for name, column in zip(names, seen[:, -len(names) :].T, strict=True):
+    for name, column in zip(names, history[:, -len(names) :].T, strict=True):
         size = float(np.abs(record[name]).max())
         assert size > 0.0
         np.testing.assert_allclose(column, record[name], atol=1e-6 * size, err_msg=name)
-    np.testing.assert_allclose(seen[:, 1], record["tip_thin"], atol=1e-9)
+    np.testing.assert_allclose(history[:, 1], record["tip_thin"], atol=1e-9)
 
 
 def test_kicks_of_all_sizes_grow_alike(strobe: ModalMap) -> None:

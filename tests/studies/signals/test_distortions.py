@@ -164,11 +164,11 @@ def test_a_mass_on_a_stop_has_the_levels_of_its_own_integration() -> None:
     base = motion.states(times[12 * n + 1 :])[:, 0]
     u = history["base_displacement"].to_numpy()[-2 * n :]
     x = history["tip_displacement"].to_numpy()[0, -2 * n :]
-    run, own = distortions_of(u, x[None], n), distortions_of(base, other[None], n)
+    run, exact = distortions_of(u, x[None], n), distortions_of(base, other[None], n)
     lines = np.arange(1, run.level.shape[1] + 1)
-    chosen = (lines <= 40) & (own.level[0] > 1e-3 * own.level[0].max())
-    assert (chosen & ~own.is_driven).sum() >= 4  # even lines: what the stop adds
-    off = 20.0 * np.log10(run.level[0] / own.level[0])[chosen]
+    chosen = (lines <= 40) & (exact.level[0] > 1e-3 * exact.level[0].max())
+    assert (chosen & ~exact.is_driven).sum() >= 4  # even lines: what the stop adds
+    off = 20.0 * np.log10(run.level[0] / exact.level[0])[chosen]
     assert np.abs(off).max() < DECIBELS, off
 
 

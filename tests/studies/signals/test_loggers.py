@@ -60,8 +60,8 @@ def test_temperature_and_humidity_are_left_out_with_a_note(unit: str, tmp_path: 
     assert what in note and str(file) in note
     with pytest.raises(CaseError, match=f"column 'room'.*{what}"):
         df.read_measured(file, channels={"room": "room"})
-    given = df.read_measured(file, channels={"room": "room:V"})  # a thermometer that says volts
-    np.testing.assert_allclose(given["sensor_room"], 20.0 + TIME, rtol=1e-12)
+    data = df.read_measured(file, channels={"room": "room:V"})  # a thermometer that says volts
+    np.testing.assert_allclose(data["sensor_room"], 20.0 + TIME, rtol=1e-12)
 
 
 def test_temperatures_alone_are_refused(tmp_path: Path) -> None:
