@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         base_motion as base_motion,
         drive as drive,
         parts_of as parts_of,
+        places_of as places_of,
         swept_motion as swept_motion,
     )
     from delam_fem.case.files import (
@@ -285,7 +286,7 @@ _HOMES = {
     "case.excitation": (
         "Excitation ForceExcitation HarmonicExcitation MultisineExcitation SweepExcitation "
         "SweptMotion base_motion "
-        "drive parts_of swept_motion"
+        "drive parts_of places_of swept_motion"
     ),
     "case.files": "PRESETS CaseSource find_case load_case preset save_case",
     "case.gap": "initial_gap",

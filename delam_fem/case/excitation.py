@@ -950,10 +950,10 @@ Single: TypeAlias = Annotated[
 
 
 class SeveralExcitations(_Kind):
-    """Drives that act at once at one place, the base or a point: [[excitation]] tables.
+    """Drives that act at once, on the base and at points: [[excitation]] tables.
 
-    They repeat if all of them do and their periods have a common multiple of at most `MOST_TURNS`
-    periods of the highest frequency.
+    Those at one place add up; each place has a course of its own. They repeat if all of them do and
+    their periods have a common multiple of at most `MOST_TURNS` periods of the highest frequency.
 
     Attributes:
         kind: "several"; not written in a case file.
@@ -966,20 +966,13 @@ class SeveralExcitations(_Kind):
     each: tuple[Single, ...]
 
     @model_validator(mode="after")
-    def _at_one_place(self) -> Self:
-        """Check that all drives act on the base, or on one point."""
+    def _has_drives(self) -> Self:
+        """Check that there are drives, and that each drives."""
         if not self.each:
             raise inconsistent("kind", "expected one or more [[excitation]] tables, given none")
-        first = self.each[0]
-        for number, other in enumerate(self.each[1:], start=2):
-            if isinstance(first, NoExcitation) or isinstance(other, NoExcitation):
+        for number, one in enumerate(self.each, start=1):
+            if isinstance(one, NoExcitation):
                 raise inconsistent(f"{number}.kind", 'expected no "none" among several drives')
-            if _place_of(other) != _place_of(first):
-                raise inconsistent(
-                    str(number),
-                    f"expected all drives at one place, because a run has one load: that of the "
-                    f"first is {_said(first)}, given {_said(other)}",
-                )
         return self
 
     @model_serializer(mode="wrap")
@@ -989,19 +982,19 @@ class SeveralExcitations(_Kind):
 
     @property
     def acts_on(self) -> Target:
-        """What they act on."""
-        target: Target = self.each[0].acts_on
+        """The base if one of them moves it, otherwise points."""
+        target: Target = places_of(self)[0][0].acts_on
         return target
 
     @property
     def lamina(self) -> str | None:
-        """Name of the lamina on which forces act."""
-        return getattr(self.each[0], "lamina", None)
+        """Name of the lamina on which the force at the first place acts; None: the base moves."""
+        return getattr(places_of(self)[0][0], "lamina", None)
 
     @property
     def position(self) -> float | None:
-        """Place of the point at which forces act [m]."""
-        return getattr(self.each[0], "position", None)
+        """Place of the point at which that force acts [m]."""
+        return getattr(places_of(self)[0][0], "position", None)
 
     @property
     def is_harmonic(self) -> bool:
@@ -1059,7 +1052,7 @@ def _place_of(given: Any) -> tuple[Any, ...]:
     return (given.acts_on, *(getattr(given, key, None) for key in ("lamina", "position")))
 
 
-def _said(given: Any) -> str:
+def place_in_words(given: Any) -> str:
     """Return where a drive acts, in words."""
     if given.acts_on == "base":
         return "the base"
@@ -1096,6 +1089,30 @@ Excitation: TypeAlias = Annotated[
 def parts_of(given: Excitation) -> tuple[Excitation, ...]:
     """Return the drives of an excitation: itself, or those that add up."""
     return given.each if isinstance(given, SeveralExcitations) else (given,)
+
+
+def places_of(given: Excitation) -> tuple[tuple[Excitation, ...], ...]:
+    """Return the drives of an excitation by their places: the base first, then points in order."""
+    groups: dict[tuple[Any, ...], list[Excitation]] = {}
+    for one in parts_of(given):
+        groups.setdefault(_place_of(one), []).append(one)
+    first = sorted(groups, key=lambda place: place[0] != "base")
+    return tuple(tuple(groups[place]) for place in first)
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Drives at several places: each has a course of its own.
+
+    Attributes:
+        each: the drives, in the order of `places_of`.
+    """
+
+    each: tuple[Drive, ...]
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return value and two derivatives of one drive after the other, shape (k, 3 n)."""
+        return np.concatenate([drive.states(times) for drive in self.each], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -1292,7 +1309,8 @@ class Drive(Protocol):
     def states(self, times: npt.ArrayLike) -> FloatArray:
         """Return a value and its two derivatives at `times` of shape (k,) [s], shape (k, 3).
 
-        The value is the displacement of the base [m], or the force [N].
+        The value is the displacement of the base [m], or the force [N]. Drives at n places have
+        3 n columns, place after place (`Beside`).
         """
         ...
 
@@ -1312,7 +1330,9 @@ def drive(given: Excitation) -> Drive:
     if isinstance(given, NoExcitation):
         return Still()
     if isinstance(given, SeveralExcitations):
-        return Sum(tuple(drive(each) for each in given.each))
+        places = [tuple(map(drive, group)) for group in places_of(given)]
+        sums = tuple(group[0] if len(group) == 1 else Sum(group) for group in places)
+        return sums[0] if len(sums) == 1 else Beside(sums)
     if isinstance(given, HammerExcitation):
         return HalfSine(given.amplitude, given.duration, given.start)
     if given.frequency is not None:

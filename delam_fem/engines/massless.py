@@ -73,7 +73,8 @@ class MasslessProblem(NamedTuple):
         gap_columns: Gᵀ, shape (m, n).
         compliance: W of each part, shape (c, n, n) [m/N].
         gap0: gap at rest, shape (n,) [m].
-        gap_drive: h, shape (n,).
+        gap_drive: h of the drive and of each further force, shape (d, n).
+        force_loads: modal loads by a unit of each further force, shape (d - 1, m).
     """
 
     squares: FloatArray
@@ -83,6 +84,7 @@ class MasslessProblem(NamedTuple):
     compliance: FloatArray
     gap0: FloatArray
     gap_drive: FloatArray
+    force_loads: FloatArray
 
 
 class MasslessMemory(NamedTuple):
@@ -98,7 +100,9 @@ class MasslessMemory(NamedTuple):
         push: modal contact loads, shape (m,).
         next_gap: gaps at the end of a step, shape (n,).
         bent: A λ, or W λ of a part, shape (n,).
+        base, move: q of each drive at the start of a step, and its change, shape (d,).
         totals: energies of the period [J]; shape (4,).
+        works: works of further forces in the period, shape (d - 1,) [J].
         effort: numbers of coarse and fine steps, shape (2,).
         lowest: smallest gap of each pair, shape (n,) [m].
         pairs: all pairs, shape (n,).
@@ -117,7 +121,10 @@ class MasslessMemory(NamedTuple):
     push: FloatArray
     next_gap: FloatArray
     bent: FloatArray
+    base: FloatArray
+    move: FloatArray
     totals: FloatArray
+    works: FloatArray
     effort: IntArray
     lowest: FloatArray
     pairs: IntArray
@@ -129,7 +136,7 @@ class PeriodDrive(NamedTuple):
 
     Attributes:
         loads: modal loads at each step, shape (N + 1, m).
-        motion: q of the drive at each step, shape (N + 1,).
+        motion: q of each drive at each step, shape (N + 1, d).
         refine: r, the number of fine steps in a coarse one; 1: contact in coarse steps.
     """
 
@@ -154,7 +161,7 @@ class Trace(NamedTuple):
     impulse: FloatArray
 
 
-def new_memory(m: int, n: int, c: int) -> MasslessMemory:
+def new_memory(m: int, n: int, c: int, d: int = 1) -> MasslessMemory:
     """Allocate the memory of a problem, at rest."""
     return MasslessMemory(
         q=np.zeros(m),
@@ -169,7 +176,10 @@ def new_memory(m: int, n: int, c: int) -> MasslessMemory:
         push=np.zeros(m),
         next_gap=np.zeros(n),
         bent=np.zeros(n),
+        base=np.zeros(d),
+        move=np.zeros(d),
         totals=np.zeros(4),
+        works=np.zeros(d - 1),
         effort=np.zeros(2, dtype=np.int64),
         lowest=np.zeros(n),
         pairs=np.arange(n),
@@ -281,23 +291,31 @@ def _add_modes(problem, q, out):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _gaps(problem, q, base, out):  # type: ignore[no-untyped-def]
-    """Write the gaps without the omitted flexibility into `out`."""
+def _gaps(problem, q, base, move, out):  # type: ignore[no-untyped-def]
+    """Write the gaps without the omitted flexibility into `out`; the drives are base + move."""
     for k in range(out.size):
-        out[k] = problem.gap0[k] + problem.gap_drive[k] * base
+        out[k] = problem.gap0[k]
+    for d in range(base.size):
+        present = base[d] + move[d]
+        for k in range(out.size):
+            out[k] += problem.gap_drive[d, k] * present
     _add_modes(problem, q, out)
 
 
 @njit
-def _rates(problem, v, base_rate, out):  # type: ignore[no-untyped-def]
-    """Write the gap rates without the omitted flexibility into `out`."""
+def _rates(problem, v, move, length, out):  # type: ignore[no-untyped-def]
+    """Write the gap rates without the omitted flexibility into `out`; drives move in a length."""
     for k in range(out.size):
-        out[k] = problem.gap_drive[k] * base_rate
+        out[k] = 0.0
+    for d in range(move.size):
+        rate = move[d] / length
+        for k in range(out.size):
+            out[k] += problem.gap_drive[d, k] * rate
     _add_modes(problem, v, out)
 
 
 @njit
-def _move(problem, step, memory, load, rise, share, base):  # type: ignore[no-untyped-def]
+def _move(problem, step, memory, load, rise, share):  # type: ignore[no-untyped-def]
     """Compute amplitudes (P1) and gaps at the end of a step without contact."""
     a = step.move
     q = memory.q
@@ -308,7 +326,7 @@ def _move(problem, step, memory, load, rise, share, base):  # type: ignore[no-un
         dF = rise[j]
         next_q[j] = a[0, j] * q[j] + a[1, j] * v[j] + a[4, j] * F + a[6, j] * dF
         next_v[j] = a[2, j] * q[j] + a[3, j] * v[j] + a[5, j] * F + a[7, j] * dF
-    _gaps(problem, next_q, base[0] + base[1], next_gap)
+    _gaps(problem, next_q, memory.base, memory.move, next_gap)
     for c in range(problem.creep.size):
         for k in range(next_gap.size):
             next_gap[k] += step.decay[c] * memory.r[c, k]
@@ -375,6 +393,7 @@ def _account(problem, step, memory, load, rise, share):  # type: ignore[no-untyp
     Q = step.loss
     loss = 0.0
     work = 0.0
+    n_forces = memory.works.size
     for j in range(q.size):
         drive_force = load[j] + share * rise[j]
         dF = rise[j]
@@ -392,32 +411,41 @@ def _account(problem, step, memory, load, rise, share):  # type: ignore[no-untyp
         # of a rising load: ∫ F q' = F₁ q₁ - F₀ q₀ - ΔF mean(q)
         mean = (F + 0.5 * dF - (dv + problem.damping[j] * dq) / h) / problem.squares[j]
         work += (drive_force + dF) * q[j] - drive_force * q0 - dF * mean
+        for d in range(n_forces):
+            start = problem.force_loads[d, j] * memory.base[1 + d]
+            more = problem.force_loads[d, j] * memory.move[1 + d]
+            memory.works[d] += (start + more) * q[j] - start * q0 - more * mean
     memory.totals[MODAL_LOSS] += loss
     memory.totals[DRIVE_WORK] += work
 
 
 @njit
-def _finish(problem, step, memory, move):  # type: ignore[no-untyped-def]
+def _finish(problem, step, memory):  # type: ignore[no-untyped-def]
     """Take over the gaps at the end of a step, and add up what contact exchanged."""
-    work = moved = 0.0
+    work = 0.0
+    for d in range(memory.move.size):
+        moved = 0.0
+        for k in range(memory.gap.size):
+            moved += memory.force[k] * problem.gap_drive[d, k] * memory.move[d]
+        memory.totals[DRIVE_WORK] -= moved
+        if d > 0:
+            memory.works[d - 1] -= moved
     for k in range(memory.gap.size):
         work += memory.force[k] * (memory.gap[k] - memory.next_gap[k])
-        moved += memory.force[k] * problem.gap_drive[k] * move
         memory.gap[k] = memory.next_gap[k]
         memory.lowest[k] = min(memory.lowest[k], memory.gap[k])
     memory.totals[CONTACT_LOSS] += work
-    memory.totals[DRIVE_WORK] -= moved
 
 
 @njit
-def _advance(problem, step, memory, load, rise, share, base, impulse):  # type: ignore[no-untyped-def]
+def _advance(problem, step, memory, load, rise, share, impulse):  # type: ignore[no-untyped-def]
     """Make one step; return whether the contact forces were found.
 
-    The loads begin at `load` + `share` `rise` and grow by `rise`; `base` is (q, Δq) of the drive.
+    The loads begin at `load` + `share` `rise` and grow by `rise`; the drives are in `memory`.
     """
     n = memory.gap.size
     is_pushed = False
-    _move(problem, step, memory, load, rise, share, base)
+    _move(problem, step, memory, load, rise, share)
     for k in range(n):
         memory.force[k] = 0.0
         is_pushed |= memory.next_gap[k] < 0.0
@@ -435,18 +463,18 @@ def _advance(problem, step, memory, load, rise, share, base, impulse):  # type: 
             impulse[k] += step.length * memory.force[k]
     memory.totals[CREEP_LOSS] += _creep(problem, step, memory, is_pushed)
     _account(problem, step, memory, load, rise, share)
-    _finish(problem, step, memory, base[1])
+    _finish(problem, step, memory)
     return True
 
 
 @njit
-def _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):  # type: ignore[no-untyped-def]
+def _is_free(problem, coarse, memory, load, rise, is_near):  # type: ignore[no-untyped-def]
     """Return whether a coarse step from the present state meets no contact, without making it."""
     if is_near:
         return False
     reach = 0.5 * SAFETY * coarse.length
-    _move(problem, coarse, memory, load, rise, 0.0, base)
-    _rates(problem, memory.next_v, base_rate, memory.bent)
+    _move(problem, coarse, memory, load, rise, 0.0)
+    _rates(problem, memory.next_v, memory.move, coarse.length, memory.bent)
     for k in range(memory.gap.size):
         if memory.next_gap[k] - max(reach * memory.bent[k], 0.0) <= 0.0:
             return False
@@ -457,11 +485,13 @@ def _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):  # 
 def _divide(problem, fine, memory, load, rise, drive, step, impulse):  # type: ignore[no-untyped-def]
     """Make a coarse step in fine ones; return whether all contact forces were found."""
     r = drive.refine
-    start = drive.motion[step - 1]
-    move = drive.motion[step] - drive.motion[step - 1]
     for i in range(r):
-        base = (start + move * (i / r), move / r)
-        if not _advance(problem, fine, memory, load, rise, float(i), base, impulse):
+        for d in range(memory.move.size):
+            start = drive.motion[step - 1, d]
+            move = drive.motion[step, d] - start
+            memory.base[d] = start + move * (i / r)
+            memory.move[d] = move / r
+        if not _advance(problem, fine, memory, load, rise, float(i), impulse):
             return False
     return True
 
@@ -477,34 +507,40 @@ def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-
     """Compute the steps of a period; return COMPLETED, DIVERGED or UNSOLVED."""
     n_steps = len(drive.motion) - 1
     r = drive.refine
+    base = memory.base
+    move = memory.move
     reach = 0.5 * SAFETY * coarse.length
     rise = np.empty(memory.q.size)
     small = np.empty(memory.q.size)
     for c in range(problem.creep.size):
         memory.r[c] = problem.compliance[c] @ memory.s[c]
-    _gaps(problem, memory.q, drive.motion[0], memory.gap)
+    for d in range(move.size):
+        base[d] = drive.motion[0, d]
+        move[d] = 0.0
+    _gaps(problem, memory.q, base, move, memory.gap)
     for c in range(problem.creep.size):
         memory.gap[:] += memory.r[c]
     memory.lowest[:] = memory.gap
     memory.totals[:], memory.effort[:] = 0.0, 0
+    memory.works[:] = 0.0
     _keep(memory, trace, 0)
     for step in range(1, n_steps + 1):
         load = drive.loads[step - 1]
-        base_rate = 0.0
         for j in range(rise.size):
             rise[j] = drive.loads[step, j] - load[j]
             small[j] = rise[j] / r
-        base = (drive.motion[step - 1], drive.motion[step] - drive.motion[step - 1])
-        base_rate = base[1] / coarse.length
-        _rates(problem, memory.v, base_rate, memory.rate)
+        for d in range(move.size):
+            base[d] = drive.motion[step - 1, d]
+            move[d] = drive.motion[step, d] - base[d]
+        _rates(problem, memory.v, move, coarse.length, memory.rate)
         for c in range(problem.creep.size):
             if problem.creep[c] > 0.0:
                 memory.rate[:] -= memory.r[c] / problem.creep[c]
         is_near = r > 1 and _is_near(memory, reach)
         impulse = trace.impulse[step]
         impulse[:] = 0.0
-        if r == 1 or _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):
-            is_solved = _advance(problem, coarse, memory, load, rise, 0.0, base, impulse)
+        if r == 1 or _is_free(problem, coarse, memory, load, rise, is_near):
+            is_solved = _advance(problem, coarse, memory, load, rise, 0.0, impulse)
             memory.effort[N_COARSE] += 1
         else:
             is_solved = _divide(problem, fine, memory, load, small, drive, step, impulse)
@@ -528,6 +564,7 @@ class Period:
         exchanged: work of the drive, losses in modal damping, in the creep of the omitted modes and
             at the instants of closing (M2 of model/component_modes.py), shape (4,) [J].
         effort: numbers of coarse and of fine steps, shape (2,).
+        works: works of further forces, but for those by the motion of the base alone, (d - 1,) [J].
         failure: why a step has no solution, with which the period ends early; None: it is whole.
     """
 
@@ -536,6 +573,7 @@ class Period:
     lowest: FloatArray
     exchanged: FloatArray
     effort: IntArray
+    works: FloatArray
     failure: ArithmeticError | None = None
 
 
@@ -572,21 +610,26 @@ class Periods:
             np.ascontiguousarray(reduced.compliance),
             reduced.gap0,
             reduced.gap_drive,
+            reduced.force_loads,
         )
         self._coarse = step_of(reduced, time_step)
         self._fine = step_of(reduced, time_step / refine)
         self._sizes = reduced.n_modes, reduced.n_pairs, reduced.n_parts
-        self._memory, self._trace = new_memory(*self._sizes), new_trace(0, *self._sizes)
+        n_drives = len(reduced.gap_drive)
+        self._memory, self._trace = new_memory(*self._sizes, n_drives), new_trace(0, *self._sizes)
 
     def drive(self, base_states: FloatArray) -> PeriodDrive:
         """Return the drive of a period.
 
         Args:
-            base_states: (q, q', q'') of the base, or a force and its derivatives, at the N + 1
-                steps, shape (N + 1, 3).
+            base_states: (q, q', q'') of the base, or a force and its derivatives, then of each
+                further force, at the N + 1 steps, shape (N + 1, 3 d).
         """
-        loads = -base_states[:, ::-1] @ self.reduced.loads
-        return PeriodDrive(np.ascontiguousarray(loads), base_states[:, 0].copy(), self.refine)
+        loads = -base_states[:, 2::-1] @ self.reduced.loads
+        if len(self.reduced.force_loads):
+            loads += base_states[:, 3::3] @ self.reduced.force_loads
+        motion = np.ascontiguousarray(base_states[:, ::3])
+        return PeriodDrive(np.ascontiguousarray(loads), motion, self.refine)
 
     def advance(self, start: FloatArray, drive: PeriodDrive) -> FloatArray:
         """Return the state one period later; NaN if the motion diverges.
@@ -613,8 +656,8 @@ class Periods:
         except ArithmeticError as error:
             failure = error
             end = np.concatenate([memory.q, memory.v, memory.s.ravel()])
-        numbers = memory.lowest.copy(), memory.totals.copy(), memory.effort.copy()
-        return Period(end, trace, *numbers, failure)
+        energies = memory.lowest.copy(), memory.totals.copy()
+        return Period(end, trace, *energies, memory.effort.copy(), memory.works.copy(), failure)
 
     def energies(self, at: FloatArray) -> tuple[float, float]:
         """Return kinetic and strain energy of a state [J]; the strain energy is that of M2."""
@@ -646,7 +689,7 @@ class ModalStepper:
         operators: the operators of the structure.
         periods: the object that computes the periods.
         at: (q, q', s of each part), shape (n_state,).
-        base_state: (q_b, q_b', q_b'') at this instant, shape (3,).
+        base_state: (q_b, q_b', q_b'') and those of further forces at this instant, shape (3 d,).
         dissipated: energy lost to damping so far, that of the creep included [J].
         contact_damped: 0; contact is rigid [J].
         seen_u, seen_v: see `recorder.Stepper`; the columns of the base are 0, as the energies of a
@@ -657,13 +700,15 @@ class ModalStepper:
         """Prepare the rows of what is seen; the state is at rest, seen from the base."""
         self.operators = operators
         self.periods = periods
-        self.at, self.base_state = np.zeros(periods.reduced.n_state), np.zeros(3)
+        self.at = np.zeros(periods.reduced.n_state)
+        self.base_state = np.zeros(3 + 3 * operators.n_forces)
         self.dissipated = self.contact_damped = 0.0
         self.resting: BoolArray = np.zeros(operators.n_pairs, dtype=np.bool_)
         reduced = periods.reduced
         rows = operators.observed
         self._of_modes = rows @ reduced.shapes
-        self._of_drive = rows @ reduced.drive + operators.probe_shift
+        self._of_drive = rows @ reduced.drive
+        self._of_drive[:, 0] += operators.probe_shift
         self._at_rest = rows @ reduced.sag
         self._of_forces = np.stack([rows @ X for X in reduced.residual])
         self.finish_step()
@@ -677,10 +722,10 @@ class ModalStepper:
             q: amplitudes, shape (k, m).
             v: their rates, shape (k, m).
             s: late contact forces, shape (k, c, n_pairs) [N].
-            base_states: (q_b, q_b', …), shape (k, 3).
+            base_states: (q_b, q_b', …) of each drive, shape (k, 3 d).
         """
         late = np.einsum("scn,cpn->sp", s, self._of_forces, optimize=True)
-        moved, moving = (np.outer(base_states[:, i], self._of_drive) for i in range(2))
+        moved, moving = (base_states[:, i::3] @ self._of_drive.T for i in range(2))
         return q @ self._of_modes.T + late + moved + self._at_rest, v @ self._of_modes.T + moving
 
     def finish_step(self) -> None:
@@ -706,8 +751,8 @@ class ModalStepper:
     def state(self) -> FloatArray:
         """Return (u, v, a) of all dofs, a without contact forces, shape (3, n_dofs)."""
         reduced, (q, v, s) = self.periods.reduced, self.periods.split(self.at)
-        base, rate, second = self.base_state
-        load = -self.base_state[::-1] @ reduced.loads
+        base, rate, second = self.base_state.reshape(-1, 3).T
+        load = -self.base_state[2::-1] @ reduced.loads + base[1:] @ reduced.force_loads
         a = reduced.velocity((load - reduced.damping * v - reduced.squares * q)[None], second[None])
         u = reduced.displacement(q[None], s[None], base[None])
         return np.concatenate([u, reduced.velocity(v[None], rate[None]), a])
@@ -724,13 +769,13 @@ class ModalStepper:
             self.at = internal
             if np.array_equal(self.state()[:2], motion[:2]):
                 return
-        pull = M @ reduced.drive @ reduced.shapes
+        pull = (M @ reduced.drive).T @ reduced.shapes
         m = reduced.n_modes
         moved = np.zeros(2) if self.operators.base.is_force else self.base_state[:2]
         self.at = np.zeros(reduced.n_state)
         counted = motion[0] - reduced.sag, motion[1]
         for place, of_dofs, of_base in zip((0, m), counted, moved, strict=True):
-            self.at[place : place + m] = M @ of_dofs @ reduced.shapes - of_base * pull
+            self.at[place : place + m] = M @ of_dofs @ reduced.shapes - of_base * pull[0]
         equilibrium = self.operators.equilibrium
         if (
             equilibrium is not None
@@ -797,7 +842,9 @@ class ModalEngine(Engine):
             losses = of_base, period.exchanged[MODAL_LOSS], period.exchanged[CREEP_LOSS]
             stepper.dissipated += float(sum(losses))
             is_bounded = recorder.close(record, stepper, n_steps)
-            recorder.ledger[k] = self._ledger_row(period, *before, of_base)
+            carried = self._carried_works(base_states)
+            recorder.works[k] = period.works + carried
+            recorder.ledger[k] = self._ledger_row(period, *before, of_base, float(carried.sum()))
             if period.failure is not None:
                 raise period.failure
             if not (is_bounded and np.isfinite(period.end).all()):
@@ -814,9 +861,9 @@ class ModalEngine(Engine):
         record.u[:, :N_BASE] = 0.0
         record.u[:, N_BASE:], record.v[:] = stepper.seen(trace.q, trace.v, trace.s, base)
         record.effort[0], record.effort[N_SIZES - 1] = period.effort.tolist()
-        u = reduced.displacement(trace.q[steps], trace.s[steps], base[steps, 0])
+        u = reduced.displacement(trace.q[steps], trace.s[steps], base[steps, ::3])
         record.frames.extend(
-            np.stack([u, reduced.velocity(trace.v[steps], base[steps, 1])], axis=1)
+            np.stack([u, reduced.velocity(trace.v[steps], base[steps, 1::3])], axis=1)
         )
         touches = np.zeros((steps.size, stepper.operators.n_pairs), np.int8)
         touches[:, : reduced.n_pairs] = trace.impulse[steps] > 0.0
@@ -847,8 +894,25 @@ class ModalEngine(Engine):
         square = self.stepper.periods.time_step * float(rate @ rate)
         return 2.0 * float(rate @ moved) + reduced.base_damping * square
 
+    def _carried_works(self, base_states: FloatArray) -> FloatArray:
+        """Return the works of further forces by the motion of the base alone, shape (n_forces,).
+
+        They act on the static shape ι q_b and on r q_b, with which the base carries their points.
+        """
+        o = self.stepper.operators
+        if o.base.is_force or not o.n_forces:
+            return np.zeros(o.n_forces)
+        shape = o.forces.T @ self.stepper.periods.reduced.drive[:, 0] + o.forces_shift
+        mean = 0.5 * (base_states[1:, 3::3] + base_states[:-1, 3::3])
+        return np.asarray(shape * (np.diff(base_states[:, 0]) @ mean))
+
     def _ledger_row(
-        self, period: Period, stored: tuple[float, float], carried: float, of_base: float
+        self,
+        period: Period,
+        stored: tuple[float, float],
+        carried: float,
+        of_base: float,
+        by_forces: float,
     ) -> tuple[float, ...]:
         """Return the energies of a period in the order of `recorder.LEDGER`.
 
@@ -858,12 +922,15 @@ class ModalEngine(Engine):
             carried: see `ModalStepper.carried`, at its start [J].
             of_base: see `_base_damping`; the base does the work that this part of the damping takes
                 [J].
+            by_forces: sum of `_carried_works` [J].
         """
         work, modal, creep, closing = period.exchanged.tolist()
         T, V = self.stepper.periods.energies(period.end)
         residual = T + V - stored[0] - stored[1] - (work - modal - creep - closing)
         more = self.stepper.carried()
         loss = modal + creep + of_base
-        by_base = work + more - carried + of_base
-        works = (0.0, work) if self.stepper.operators.base.is_force else (by_base, 0.0)
+        of_forces = float(period.works.sum())
+        by_base = work - of_forces + more - carried + of_base - by_forces
+        is_force = self.stepper.operators.base.is_force
+        works = (0.0, work) if is_force else (by_base, of_forces + by_forces)
         return T + more, V, 0.0, *works, loss, 0.0, closing, 0.0, residual

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, cast
 import numpy as np
 
 from delam_fem.case.definition import PARTS, ROUND_OFF, Case
-from delam_fem.case.excitation import HarmonicMotion, drive
+from delam_fem.case.excitation import HarmonicMotion, drive, places_of
 from delam_fem.case.identity import digest
 from delam_fem.contact.laws import (
     SCHEMES,
@@ -179,7 +179,8 @@ class Prescribed(Protocol):
 
 
 BaseStates = Callable[[int], FloatArray]
-"""Function of the number of a period: (q, q', q'') at its N + 1 steps, shape (N + 1, 3)."""
+"""Function of the number of a period: (q, q', q'') of the base, then of each further force, at its
+N + 1 steps, shape (N + 1, 3 + 3 n_forces)."""
 
 
 def span_of(case: Case) -> Span:
@@ -210,14 +211,16 @@ def _size_of(case: Case) -> float:
     speed = sum(abs(start.velocity) for start in case.initial)
     speed += sum(impactor.velocity for impactor in case.impactor)
     reach = sum(abs(start.displacement) for start in case.initial)
-    if case.excitation.acts_on == "force":
-        masses = [
-            lamina.mass or lamina.uniform.mass_per_length * lamina.length for lamina in case.lamina
-        ]
-        reach += 0.5 * float(largest[0]) / min(masses) * duration**2
-    else:
-        reach += float(largest[0])
-        speed += float(largest[1])
+    masses = [
+        lamina.mass or lamina.uniform.mass_per_length * lamina.length for lamina in case.lamina
+    ]
+    for number, (one, *_) in enumerate(places_of(case.excitation)):
+        value, rate = largest[3 * number : 3 * number + 2].tolist()
+        if one.acts_on == "force":
+            reach += 0.5 * value / min(masses) * duration**2
+        else:
+            reach += value
+            speed += rate
     gaps = [*(stop.gap for stop in case.stop), *(impactor.gap for impactor in case.impactor)]
     if case.gap is not None:
         gaps += [case.gap.tip or 0.0, case.gap.root or 0.0]
@@ -248,9 +251,9 @@ def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseState
     return lambda period: motion.states((period * n_steps + steps) * dt)
 
 
-def at_rest(span: Span) -> BaseStates:
-    """Return the motion of a base at rest as a function of the period."""
-    table = np.zeros((span.steps_per_period + 1, 3))
+def at_rest(span: Span, n_forces: int = 0) -> BaseStates:
+    """Return the motion of a base at rest, and forces of 0, as a function of the period."""
+    table = np.zeros((span.steps_per_period + 1, 3 + 3 * n_forces))
     table.flags.writeable = False
     return lambda period: table
 
@@ -457,6 +460,8 @@ def session(
         for name, shape in (("motion", (3, operators.n_dofs)), ("resting", (operators.n_pairs,))):
             actual_shape = getattr(initial, name).shape
             require(actual_shape == shape, f"initial.{name}", f"the shape {shape}", actual_shape)
+    columns = 3 + 3 * operators.n_forces
+    require(motion(0).shape[1] == columns, "motion", f"{columns} columns", motion(0).shape[1])
     computing = engine_of(
         operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm,
         modes=modes,
@@ -474,6 +479,7 @@ def session(
             operators.n_probes,
             operators.n_sensors,
             round_off=energy_round_off(operators),
+            forces_shift=operators.forces_shift,
         )
         yield Session(computing, recorder, motion)
     except BaseException:
@@ -609,7 +615,7 @@ def solve(
         limit,
         refinement,
     )
-    states = at_rest(span) if motion is None else _states(motion, span)
+    states = at_rest(span, operators.n_forces) if motion is None else _states(motion, span)
     with session(
         operators, law, scheme, states, span, initial=initial, engine=engine, comm=comm
     ) as opened:

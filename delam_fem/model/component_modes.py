@@ -323,7 +323,7 @@ def _piece(o: Operators, rows: sp.csr_matrix, body: Component, modes: int) -> _P
     H = rows[:, body.dofs]  # the loads of B1 that act on the body follow
     stiff = o.base.stiffness[body.dofs]
     inertia = o.base.mass[body.dofs]
-    columns = [stiff]
+    columns = [stiff, *o.forces[body.dofs].T]
     if not o.base.is_force:
         columns.append(inertia - body.mass @ body.solve(stiff))
     loads = sp.hstack([H.T, sp.csc_matrix(np.column_stack(columns))], format="csc")

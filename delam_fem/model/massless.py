@@ -62,14 +62,15 @@ class Reduced:
         gap_modes: G, shape (n, m).
         compliance: W of each part, shape (c, n, n) [m/N].
         gap0: gap at rest, shape (n,) [m].
-        gap_drive: h, shape (n,).
+        gap_drive: h of the drive and of each further force, shape (d, n).
         loads: modal loads by -q_b'', -q_b' and -q_b (R4), shape (3, m).
+        force_loads: modal loads by a unit of each further force, shape (d - 1, m).
         base_mass: mass that moves with the base where q = 0 [kg].
         base_damping: damping of that motion [N s/m].
         probes: rows that read the probes, CSR (p, n_dofs).
         shapes: Φ, shape (n_dofs, m).
         residual: X of each part, shape (c, n_dofs, n) [m/N].
-        drive: ι, shape (n_dofs,).
+        drive: ι of the drive and of each further force, shape (n_dofs, d).
         sag: K⁻¹ f under the constant loads f of the operators, from which q and s count, (n_dofs,).
         sag_energy: potential of the loads and strain energy there, -f·sag / 2 [J].
     """
@@ -82,6 +83,7 @@ class Reduced:
     gap0: FloatArray
     gap_drive: FloatArray
     loads: FloatArray
+    force_loads: FloatArray
     base_mass: float
     base_damping: float
     probes: sp.csr_matrix
@@ -117,19 +119,19 @@ class Reduced:
         Args:
             q: amplitudes of the modes, shape (k, m).
             s: late contact forces, shape (k, c, n) [N].
-            drive: q_b, shape (k,).
+            drive: q_b and further forces, shape (k, d).
         """
         late = np.einsum("kcn,cdn->kd", s, self.residual, optimize=True)
-        return np.asarray(q @ self.shapes.T + late + drive[:, None] * self.drive + self.sag)
+        return np.asarray(q @ self.shapes.T + late + drive @ self.drive.T + self.sag)
 
     def velocity(self, v: FloatArray, drive_rate: FloatArray) -> FloatArray:
         """Return the velocities of all dofs without that of u_r, shape (k, n_dofs).
 
         Args:
             v: rates of the amplitudes of the modes, shape (k, m).
-            drive_rate: q_b', shape (k,).
+            drive_rate: q_b' and the rates of further forces, shape (k, d).
         """
-        return np.asarray(v @ self.shapes.T + drive_rate[:, None] * self.drive)
+        return np.asarray(v @ self.shapes.T + drive_rate @ self.drive.T)
 
 
 def reduce(operators: Operators, modes: int) -> Reduced:
@@ -158,7 +160,8 @@ def reduce(operators: Operators, modes: int) -> Reduced:
     squares = np.concatenate(of_part)
     G = H @ shapes
     _require_flexible(W.sum(axis=0), (G**2 / squares).sum(axis=1), squares.size // len(each))
-    iota = -sum(at_drive, np.zeros_like(k_b))
+    of_drives = -sum(at_drive, np.zeros((k_b.size, 1 + o.n_forces)))
+    iota = of_drives[:, 0]
     columns = np.stack([o.base.mass, o.base.damping, k_b])
     moved = columns + np.stack([A @ iota for A in (o.mass, o.damping, o.stiffness)])
     if o.base.is_force:
@@ -179,14 +182,15 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         gap_modes=np.ascontiguousarray(G),
         compliance=W,
         gap0=o.gap0 + H @ sag if sag.any() else o.gap0,
-        gap_drive=H @ iota,
+        gap_drive=np.ascontiguousarray((H @ of_drives).T),
         loads=loads,
+        force_loads=o.forces.T @ shapes,
         base_mass=base_mass,
         base_damping=base_damping,
         probes=o.probes,
         shapes=shapes,
         residual=np.stack(at_gaps),
-        drive=iota,
+        drive=of_drives,
         sag=sag,
         sag_energy=0.0 if o.load is None else -0.5 * float(o.load @ sag),
     )
@@ -198,7 +202,8 @@ def _piece(
     """Return the modes of the part that has some dofs, and the flexibility of its omitted modes.
 
     Returns:
-        ω² and c of R1, β; Φ in all dofs; R Hᵀ; K⁻¹ k_b of a base, or R k_b of a force.
+        ω² and c of R1, β; Φ in all dofs; R Hᵀ; K⁻¹ k_b of a base, or R k_b of a force, and R k_b
+        of further forces.
     """
     M, C, K = matrices
     if modes >= dofs.size:
@@ -211,7 +216,10 @@ def _piece(
     alpha, beta = _rayleigh(M, C, K, squares, vectors)
     squares = squares[:modes]
     vectors = vectors[:, :modes]
-    loads = np.column_stack([o.gap_matrix[:, dofs].T.toarray(), o.base.stiffness[dofs]])
+    n_pairs = o.n_pairs
+    loads = np.column_stack(
+        [o.gap_matrix[:, dofs].T.toarray(), o.base.stiffness[dofs], -o.forces[dofs]]
+    )
     with np.errstate(all="ignore"):
         solution = regular(K)(loads)
     if not np.isfinite(solution).all():
@@ -222,10 +230,11 @@ def _piece(
     residual = np.zeros((o.n_dofs, loads.shape[1]))
     residual[dofs] = regular(bordered)(np.pad(loads, ((0, squares.size), (0, 0))))[: dofs.size]
     if not o.base.is_force:
-        residual[dofs, -1] = solution[:, -1]
+        residual[dofs, n_pairs] = solution[:, n_pairs]
     shapes = np.zeros((o.n_dofs, squares.size))
     shapes[dofs] = vectors
-    return squares, alpha + beta * squares, beta, shapes, residual[:, :-1], residual[:, -1]
+    at_gaps, at_drives = np.split(residual, [n_pairs], axis=1)
+    return squares, alpha + beta * squares, beta, shapes, at_gaps, at_drives
 
 
 def _rayleigh(

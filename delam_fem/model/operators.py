@@ -134,6 +134,7 @@ class Recorded(Generic[_Matrix]):
     pair_numbers: PairNumbers | None = None
     load: FloatArray | None = None
     equilibrium: Equilibrium | None = None
+    n_forces: int = 0
 
     def _complete(self, n: int, further: Mapping[str, tuple[int, ...]], text: str) -> None:
         """Replace missing probes and sensors by an empty matrix; check the shapes.
@@ -167,6 +168,7 @@ class Recorded(Generic[_Matrix]):
             array = attrgetter(name)(self)
             if array is not None and array.shape != expected:
                 raise ValueError(text.format(name=name, given=array.shape, expected=expected))
+        require(0 <= self.n_forces <= self.n_sensors, "n_forces", "rows of sensors", self.n_forces)
         named = len(self.names), self.n_probes
         require(named[0] in (0, named[1]), "names", f"one for each of {named[1]} probes", named[0])
 
@@ -185,6 +187,18 @@ class Recorded(Generic[_Matrix]):
     def n_sensors(self) -> int:
         """Number of functionals of sensors."""
         return int(self.sensors.shape[0])
+
+    @property
+    def forces(self) -> FloatArray:
+        """Loads on the own dofs by a unit force of each further drive, shape (n_own, n_forces)."""
+        return np.asarray(self.sensors[self.n_sensors - self.n_forces :].toarray().T)
+
+    @property
+    def forces_shift(self) -> FloatArray:
+        """What a unit of q adds to the displacements at these forces, shape (n_forces,) [-]."""
+        if self.base.shift is None:
+            return np.zeros(self.n_forces)
+        return np.asarray(self.base.shift @ self.forces)
 
     @property
     def probe_shift(self) -> FloatArray:
@@ -252,6 +266,8 @@ class Operators(Recorded[sp.csr_matrix]):
         names: of the probes; empty: they have numbers only.
         load: f, constant loads on the dofs, shape (n,) [N, N m]; None: there are none.
         equilibrium: the state of rest under these loads; None: the unloaded shape, or none.
+        n_forces: number of forces that act besides the drive of `base`, each with a course of its
+            own. The last rows of `sensors` are their loads, and read what these forces move.
         near_null: motions that strain the bodies least, as rigid ones, for iterative solvers, shape
             (n, k); None: none are known.
         start: displacements and velocities with which runs begin that get no other state, whatever
@@ -491,6 +507,7 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         names: of the probes; empty: they have numbers only.
         load: constant loads on the own dofs, shape (n_own,); None: there are none.
         equilibrium: see `Operators`; its displacements are those of all dofs.
+        n_forces: see `Operators`.
         comm: the communicator.
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
@@ -575,6 +592,7 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         names=o.names,
         load=None if o.load is None else o.load[local_rows],
         equilibrium=o.equilibrium,
+        n_forces=o.n_forces,
         comm=comm,
         is_shared_order=True,
     )

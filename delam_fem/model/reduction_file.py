@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import places_of
 from delam_fem.case.sections import Lamina
 from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
 from delam_fem.model.layout import Interface, Layout, Reading, Structure, in_order
@@ -225,10 +226,11 @@ def _assembled(case: Case) -> Iterator[tuple[str, object]]:
             for key, value in table.items():
                 if key != "material" and (keys is None or key in keys):
                     yield f"{section}.{name}.{key}" if is_list else f"{section}.{key}", value
-    excitation = case.excitation
-    yield "excitation.kind", "base" if excitation.acts_on == "base" else "force"
-    for key in ("lamina", "position"):
-        yield f"excitation.{key}", getattr(excitation, key, None)
+    for number, (one, *_) in enumerate(places_of(case.excitation)):
+        place = "excitation" if number == 0 else f"excitation at place {number + 1}"
+        yield f"{place}.kind", "base" if one.acts_on == "base" else "force"
+        for key in ("lamina", "position"):
+            yield f"{place}.{key}", getattr(one, key, None)
 
 
 def _digest(case: Case) -> str:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import places_of
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import contacts
@@ -32,7 +33,7 @@ def offered(layout: Layout, case: Case, *, only_stepped: bool = False) -> dict[s
     units: dict[str, str] = {}
     for name in layout.names:
         units |= {f"tip_{name}": "m", f"tip_{name}_velocity": "m/s"}
-    units |= {"drive": "N"} if case.excitation.acts_on == "force" else {"base": "m"}
+    units |= _of_drives([one.acts_on for one, *_ in places_of(case.excitation)])
     striking = [(interface.name, interface.first_pair) for interface in layout.interfaces]
     striking += [(contacts.named(stop.number, case)[1], stop.first_pair) for stop in layout.stops]
     for name, first_pair in striking:
@@ -45,6 +46,18 @@ def offered(layout: Layout, case: Case, *, only_stepped: bool = False) -> dict[s
             continue
         name = f"{SENSOR}{sensor.name}" if sensor.name in units else sensor.name
         units[name] = sensor.unit
+    return units
+
+
+def _of_drives(acts_on: Sequence[str]) -> dict[str, str]:
+    """Return the units of the channels of drives, by their names: base, drive, drive_2 and so on.
+
+    Args:
+        acts_on: what each drive acts on, "base" or "force".
+    """
+    units = {"base": "m"} if acts_on[0] == "base" else {}
+    for number in range(1, 1 + len(acts_on) - len(units)):
+        units["drive" if number == 1 else f"drive_{number}"] = "N"
     return units
 
 
@@ -117,8 +130,9 @@ def histories_of(
     for row, name in enumerate(structure.layout.names):
         histories[f"tip_{name}"] = History(time, u[:, row], "m")
         histories[f"tip_{name}_velocity"] = History(time, v[:, row], "m/s")
-    name, units = ("drive", "N") if recorder.is_forced else ("base", "m")
-    histories[name] = History(time, base[:, 0], units)
+    acts_on = ["force" if recorder.is_forced else "base", *["force"] * recorder.n_forces]
+    for (name, units), values in zip(_of_drives(acts_on).items(), base[:, ::3].T, strict=True):
+        histories[name] = History(time, values, units)
     touching = contacts.histories(recorder, structure, case) if has_contacts else {}
     for contact, (units, values) in touching.items():
         histories[f"contact_{contact}"] = History(time, values, units)

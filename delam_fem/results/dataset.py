@@ -14,12 +14,21 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import place_in_words, places_of
 from delam_fem.model import layout as fields
 from delam_fem.model.beams.network import opening
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import contacts
-from delam_fem.results.schema import CONTACT, INTERFACE, SENSOR, add, provenance, with_sensor
+from delam_fem.results.schema import (
+    CONTACT,
+    FORCE_PLACE,
+    INTERFACE,
+    SENSOR,
+    add,
+    provenance,
+    with_sensor,
+)
 from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.simulation.signals import frames_of, signals, steps_of
 
@@ -43,6 +52,9 @@ def history(
     data = xr.Dataset(coords={"lamina": list(layout.names)})
     if len(layout.interfaces) != 1:
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
+    if recorder.n_forces:
+        places = [place_in_words(one) for one, *_ in places_of(case.excitation)]
+        data = data.assign_coords({FORCE_PLACE: places[0 if recorder.is_forced else 1 :]})
     u, v, base = _add_motion(data, recorder, n, start)
     if probes := layout.probes[n:]:
         columns = slice(n, len(layout.probes))  # those of sensors follow
@@ -121,6 +133,9 @@ def of_probes(
     """
     start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
     data = xr.Dataset(coords={"lamina": list(names)})
+    if recorder.n_forces:
+        n_places = recorder.n_forces + recorder.is_forced
+        data = data.assign_coords({FORCE_PLACE: [f"force {k + 1}" for k in range(n_places)]})
     _add_motion(data, recorder, len(names), start)
     _add_periods(data, recorder, len(names))
     _add_events(data, recorder, None, start)
@@ -143,8 +158,11 @@ def _add_motion(data: xr.Dataset, recorder: Recorder, n: int, start: int) -> lis
         tip_velocity=v[:, :n].T,
         base_displacement=np.zeros(len(u)) if recorder.is_forced else base[:, 0],
     )
-    if recorder.is_forced:
-        add(data, force=base[:, 0])
+    forces = base[:, 0 if recorder.is_forced else 3 :: 3].T
+    if forces.size:
+        add(data, force=forces[0])
+    if recorder.n_forces:
+        add(data, forces=forces)
     return motion
 
 
@@ -164,6 +182,12 @@ def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:
         impact_count=recorder.impulse[:k, 1],
         **{f"energy_{name}": column for name, column in energies},
     )
+    if recorder.n_forces:
+        works = recorder.works[:k].T
+        if recorder.is_forced:
+            first = data["energy_force_work"].to_numpy() - works.sum(axis=0)
+            works = np.vstack([first, works])
+        add(data, energy_force_works=works)
 
 
 def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, start: int) -> None:

@@ -33,6 +33,7 @@ from delam_fem.results.diagnostics import probe_place, steps_of_events
 from delam_fem.results.netcdf import read_dataset, write_dataset
 from delam_fem.results.schema import (
     CHANNEL_MEASURES,
+    FORCE_PLACE,
     INTERFACE,
     SENSOR,
     VARIABLES,
@@ -64,7 +65,10 @@ def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
     _add_tips(record, history)
     if "force" in history:
         _add(record, "drive", history["force"], quantity="force", place="the driven point")
-    else:
+    for number, force in enumerate(history["forces"][1:] if "forces" in history else (), start=2):
+        place = str(force[FORCE_PLACE].to_numpy())
+        _add(record, f"drive_{number}", force, quantity="force", place=place)
+    if "force" not in history or history["base_displacement"].any():
         base = history["base_displacement"]
         _add(record, "base", base, quantity="base displacement", place="the base")
     for contact, values, units in _contacts(history, case):

@@ -142,6 +142,7 @@ def _git(root: Path, *arguments: str) -> str:
 
 INTERFACE = "interface"
 CONTACT = "contact"
+FORCE_PLACE = "force_place"
 SENSOR = "sensor_"
 """Beginning of the names of sensors' variables."""
 
@@ -158,6 +159,7 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
         "stop": "contact points of stops and impactors; only if there are any",
         "impactor": "impactors; only if there are any",
         CONTACT: "contacts whose springs are recorded at each step; only if there are any",
+        FORCE_PLACE: "places where forces act; only if drives act at several places",
         "event": "impacts on single pairs in the window, in the order of time",
     }
 )
@@ -193,7 +195,8 @@ _ALL = (
     Variable("tip_displacement", _LAMINA_TIME, "m", f"displacement {_TIP}"),
     Variable("tip_velocity", _LAMINA_TIME, "m/s", f"velocity {_TIP}"),
     Variable("base_displacement", ("time",), "m", "displacement of the base"),
-    Variable("force", ("time",), "N", "force at a point; only if one acts"),
+    Variable("force", ("time",), "N", "force at the first of its places; only if one acts"),
+    Variable("forces", (FORCE_PLACE, "time"), "N", "force at each place"),
     Variable("probe_displacement", ("probe", "time"), "m", "displacement at a further probe"),
     Variable("probe_velocity", ("probe", "time"), "m/s", "velocity at a further probe"),
     Variable("probe_lamina", ("probe",), "1", "number of the probe's lamina from 0"),
@@ -221,7 +224,13 @@ _ALL = (
         "energy_spring", ("period",), "J", "energy in contact springs at the end of the period"
     ),
     Variable("energy_base_work", ("period",), "J", "work of the base in the period"),
-    Variable("energy_force_work", ("period",), "J", "work of the force in the period"),
+    Variable("energy_force_work", ("period",), "J", "work of all forces in the period"),
+    Variable(
+        "energy_force_works",
+        (FORCE_PLACE, "period"),
+        "J",
+        "work of the force at each place in the period",
+    ),
     Variable("energy_damping_loss", ("period",), "J", "energy lost to damping in the period"),
     Variable(
         "energy_contact_damping_loss",
@@ -300,7 +309,8 @@ _ALL = (
 VARIABLES: Mapping[str, Variable] = MappingProxyType({entry.name: entry for entry in _ALL})
 """The variables by name, in the order of the dataset."""
 OPTIONAL = frozenset({
-    "force", "probe_displacement", "probe_velocity", "probe_lamina", "probe_node",
+    "force", "forces", "energy_force_works", "probe_displacement", "probe_velocity",
+    "probe_lamina", "probe_node",
     "dof_displacement", "dof_velocity", "stop_number", "stop_lamina", "stop_node", "stop_height",
     "stop_on_base", "impactor_displacement", "impactor_velocity", "stop_state", "event_interface",
     "event_stop", "event_pair", "heat", "stop_heat", "contact_force",

@@ -177,7 +177,7 @@ class Watch:
             _log.warning("%s; the run goes on without it", error)
 
 
-_PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse", "effort")
+_PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse", "effort", "works")
 
 
 def path_in(directory: Path) -> Path:
@@ -379,7 +379,7 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
         if sizes.dtype.kind not in "iu" or sizes.min(initial=0) < 0:
             raise ValueError("impacts of a negative size")
         of_record: dict[str, tuple[int, ...]] = {
-            "base_states": (rows, 3),
+            "base_states": (rows, 3 + 3 * recorder.n_forces),
             "u": (rows, N_BASE + recorder.n_observed),
             "v": (rows, recorder.n_observed),
             "frame_steps": (n_planned,),

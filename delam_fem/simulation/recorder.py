@@ -18,6 +18,12 @@ and the work of the force follow by
 
     V = (V - F f·u) + F f·u,   W_force = Σ mean(F) Δ(f·u) = Δ(F f·u) - Σ mean(f·u) ΔF          (E3)
 
+A further force F with the loads f (`Operators.n_forces`) does the work
+
+    W_force = Σ mean(F) Δ(f·u)                                                               (E4)
+
+of which the base takes Σ mean(F) f·r Δq where u = w + r q (`BaseCoupling.shift`), as E2 has it.
+
 Here m, c, k are the base columns of M, C, K. For small steps this work tends to the integral of the
 support reaction times q'.
 
@@ -222,6 +228,10 @@ class Columns(NamedTuple):
 
 
 _NONE = Columns.room(0, 0)
+NO_FORCES = np.zeros(0)
+"""What there is of further forces where there are none."""
+NO_TABLE = np.zeros((0, 0))
+"""Their table."""
 
 
 class Jumps:
@@ -320,7 +330,8 @@ class PeriodRecord:
     """The record of one period at every step.
 
     Attributes:
-        base_states: (q, q', q'') of the base, shape (N + 1, 3).
+        base_states: (q, q', q'') of the base, then of each further force, shape
+            (N + 1, 3 + 3 n_forces).
         u: `seen_u` at each step, start included, shape (N + 1, 3 + n_probes + n_sensors).
         v: `seen_v` at each step, start included, shape (N + 1, n_probes + n_sensors).
         frame_steps: steps at which the whole state is recorded (the frames), increasing.
@@ -333,6 +344,7 @@ class PeriodRecord:
         n_steps: number of computed steps.
         is_divided: which steps were divided near contact, shape (N + 1,).
         flows: sums over the divided steps, for the work of the base; see `add_flows`.
+        force_flows: works of further forces over the divided steps, shape (n_forces,) [J].
         effort: numbers of steps and contacts, in the order of `EFFORT`, of steps that are counted
             one by one.
         ticks_per_step: r, the number of fine steps (ticks) in a step.
@@ -353,6 +365,7 @@ class PeriodRecord:
     n_steps: int = 0
     is_divided: ByteArray = field(default_factory=lambda: np.zeros(0, np.uint8))
     flows: FloatArray = field(default_factory=lambda: np.zeros(4))
+    force_flows: FloatArray = field(default_factory=lambda: np.zeros(0))
     effort: list[int] = field(default_factory=lambda: [0] * len(EFFORT))
     ticks_per_step: int = 1
     resting: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
@@ -428,13 +441,15 @@ class Recorder:
         ledger: rows with the columns `LEDGER`, shape (n_periods, 10) [J].
         impulse: sum of impulses, number of impulses on pairs, and energy added by the impacts that
             gain energy, within each period, shape (n_periods, 3) [N s, -, J].
+        works: works of further forces within each period, shape (n_periods, n_forces) [J].
         effort: numbers of steps and contacts within each period, in the order of `EFFORT`, shape
             (n_periods, 5).
         refine: r, the number of fine steps in a step.
         round_off: round-off of the strain energy over the square of the largest displacement [N/m].
         window_periods: number of last periods whose records are kept.
         frame_steps: steps of a period at which the whole state is recorded (the frames).
-        coupling: corner terms of the base, and whether a force drives, as compiled code reads them.
+        coupling: corner terms of the base, whether a force drives, and f·r of further forces (E4),
+            as compiled code reads them.
     """
 
     def __init__(
@@ -445,6 +460,7 @@ class Recorder:
         n_sensors: int = 0,
         *,
         round_off: float = 0.0,
+        forces_shift: FloatArray = NO_FORCES,
     ) -> None:
         """Allocate the rows of all periods.
 
@@ -454,11 +470,15 @@ class Recorder:
             n_probes: number of probes, which are recorded at every step.
             n_sensors: number of functionals of sensors, which are recorded behind the probes.
             round_off: see `energy_round_off`.
+            forces_shift: f·r of each further force, shape (n_forces,), whose rows are the last of
+                the sensors.
         """
         self._parts = (base, n_probes, n_sensors)
+        self._forces_shift = forces_shift
+        self.n_forces = int(forces_shift.size)
         self._span = span
         self.round_off = round_off
-        self.coupling = np.array([*base.corner, base.is_force])
+        self.coupling = np.array([*base.corner, base.is_force, *forces_shift])
         self.time_step = span.time_step
         self.n_observed = n_probes + n_sensors
         self.is_forced = base.is_force
@@ -471,6 +491,7 @@ class Recorder:
         self.envelope = np.full((n, 2, n_probes), np.nan)
         self.ledger = np.full((n, len(LEDGER)), np.nan)
         self.impulse = np.full((n, 3), np.nan)
+        self.works = np.full((n, self.n_forces), np.nan)
         self.effort = np.zeros((n, len(EFFORT)), dtype=np.int64)
         self.window_periods = max(1, span.window_periods)
         self._window: deque[PeriodRecord] = deque(maxlen=self.window_periods)
@@ -478,11 +499,13 @@ class Recorder:
         ticks = np.arange(1, span.frames_per_period + 1) * span.steps_per_period
         self.frame_steps = np.rint(ticks / max(span.frames_per_period, 1)).astype(np.int64)
         if n:
-            none = np.zeros((1, N_BASE + n_probes))  # loads the code before the first period
-            record = PeriodRecord(none, none, none, self.frame_steps, none[0])
+            none = np.zeros((1, N_BASE + self.n_observed))  # loads the code before the first period
+            of_drives = np.zeros((1, 3 + 3 * self.n_forces))
+            record = PeriodRecord(of_drives, none, none, self.frame_steps, none[0])
             record.is_divided = np.zeros(1, np.uint8)
+            record.force_flows = np.zeros(self.n_forces)
             self._write(0, none, none, record, np.zeros((2, len(LEVEL))))
-            self.strobe[0] = self.envelope[0] = self.ledger[0] = np.nan
+            self.strobe[0] = self.envelope[0] = self.ledger[0] = self.works[0] = np.nan
 
     @property
     def window(self) -> deque[PeriodRecord]:
@@ -512,14 +535,22 @@ class Recorder:
         """Return a recorder of one period of the same quantities."""
         base, n_probes, n_sensors = self._parts
         span = replace(self._span, periods=1, window_periods=1)
-        return Recorder(base, span, n_probes, n_sensors, round_off=self.round_off)
+        return Recorder(
+            base,
+            span,
+            n_probes,
+            n_sensors,
+            round_off=self.round_off,
+            forces_shift=self._forces_shift,
+        )
 
     def open(self, stepper: Stepper, base_states: FloatArray) -> PeriodRecord:
         """Return a new record of a period that begins at the present state.
 
         Args:
             stepper: stepper with the state.
-            base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
+            base_states: (q, q', q'') of the base, then of each further force, at the steps of the
+                period, shape (N + 1, 3 + 3 n_forces).
         """
         rows = self.steps_per_period + 1
         n_observed = self.n_observed
@@ -530,6 +561,7 @@ class Recorder:
             self.frame_steps,
             _level(stepper),
             is_divided=np.zeros(rows, np.uint8),
+            force_flows=np.zeros(self.n_forces),
             ticks_per_step=self.refine,
             resting=np.array(stepper.resting, dtype=np.bool_),
         )
@@ -561,11 +593,11 @@ class Recorder:
         self, k: int, u: FloatArray, v: FloatArray, record: PeriodRecord, levels: FloatArray
     ) -> bool:
         """Write strobe, envelope and ledger of a period; return whether it stayed in bounds."""
-        base_states = record.base_states.view()
-        base_states.flags.writeable = False  # as where it repeats: Numba compiles for one type
-        of_base = base_states, self.coupling, self.time_step, record.is_divided, record.flows
+        base_states, forces = in_tables(record.base_states)
+        of_steps = self.coupling, self.time_step, record.is_divided, record.flows
+        of_base = base_states, *of_steps, forces, record.force_flows
         gained = np.array([record.impact, record.released])
-        rows = self.strobe[k], self.envelope[k], self.ledger[k]
+        rows = self.strobe[k], self.envelope[k], self.ledger[k], self.works[k]
         return bool(_write_period(u, v, levels, of_base, gained, rows, self.limit))
 
     def complete(self, whole: Callable[[FloatArray], FloatArray]) -> None:
@@ -603,6 +635,26 @@ class Recorder:
         )
 
 
+def in_tables(base_states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the table of the base and that of further forces, as compiled code reads them.
+
+    They are read-only, as a table that repeats is: Numba compiles for one type.
+
+    Args:
+        base_states: see `PeriodRecord`, shape (k, 3 + 3 n_forces).
+
+    Returns:
+        (q, q', q'') of the base, shape (k, 3); the same of forces, shape (k, 3 n_forces).
+    """
+    if base_states.shape[1] == 3:
+        base, forces = base_states.view(), NO_TABLE
+    else:
+        base, forces = map(np.ascontiguousarray, np.split(base_states, [3], axis=1))
+    base.flags.writeable = False
+    forces.flags.writeable = False
+    return base, forces
+
+
 def energy_round_off(operators: Operators | DistributedOperators) -> float:
     """Return the round-off of the strain energy over the square of the largest displacement [N/m].
 
@@ -633,13 +685,13 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
         v: rows of `PeriodRecord.v` at the same steps.
         levels: energies at the start and at the end (`LEVEL`), shape (2, 6).
         of_base: (q, q', q'') at these steps; coupling, Δt, divided steps and sums over them, as
-            `write_ledger` needs them.
+            `write_ledger` needs them; table of further forces, and their works over divided steps.
         gained: energies that impacts, and switching springs, have added, shape (2,) [J].
-        rows: those of the period in `Recorder.strobe`, `envelope` and `ledger`.
+        rows: those of the period in `Recorder.strobe`, `envelope`, `ledger` and `works`.
         limit: gap or displacement beyond which a motion counts as diverged [m].
     """
-    base_states, coupling, time_step, is_divided, sums = of_base
-    strobe, envelope, ledger = rows
+    base_states, coupling, time_step, is_divided, sums, forces, force_flows = of_base
+    strobe, envelope, ledger, works = rows
     last = u.shape[0] - 1
     largest = 0.0
     is_finite = True
@@ -659,6 +711,20 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
             if value > largest or value != value:
                 largest = value
     write_ledger(ledger, levels, u, base_states, coupling, time_step, is_divided, sums, gained)
+    for j in range(works.size):  # E4
+        reading = u.shape[1] - works.size + j
+        work = force_flows[j]
+        carried = 0.0
+        for row in range(1, last + 1):
+            mean = 0.5 * (forces[row, 3 * j] + forces[row - 1, 3 * j])
+            carried += mean * (base_states[row, 0] - base_states[row - 1, 0])
+            if not is_divided[row]:
+                work += mean * (u[row, reading] - u[row - 1, reading])
+        carried *= coupling[4 + j]
+        works[j] = work + carried
+        ledger[3] -= carried
+        ledger[4] += works[j]
+        ledger[9] -= work
     for value in ledger:
         is_finite &= math.isfinite(value)
     return is_finite and largest < limit

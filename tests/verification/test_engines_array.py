@@ -52,7 +52,7 @@ FACTORS: dict[str, Sequence[Any]] = {
     "refine_velocity": [0.02, 0.0],
     "mass": ["consistent", "lumped"],
     "damping": ["two-mode", "stiffness", "mass"],
-    "drive": ["base", "force"],
+    "drive": ["base", "force", "base and force", "forces"],
     "restitution": [0.5, 0.0, 1.0],
 }  # fmt: skip
 ENDS = {
@@ -86,7 +86,7 @@ CONSTRAINTS = [
     {  # nothing holds it that could move
         "operator": "fn",
         "requires": ["structure", "drive"],
-        "evaluate": lambda cell: cell["structure"][0] != "free" or cell["drive"] == "force",
+        "evaluate": lambda cell: cell["structure"][0] != "free" or cell["drive"].startswith("force"),
     },
 ]
 
@@ -113,20 +113,23 @@ def case_of(cell: dict[str, Any]) -> Case:
     """Return the case of a cell: few elements and periods, and contact from the first period on."""
     (law, scheme, impulse), (name, points, elements) = cell["method"], cell["structure"]
     is_apart = name == "apart"
-    base = preset("paper" if is_apart else "embedded")
-    data = base.model_dump(exclude_unset=True, exclude_none=True)
+    data = preset("paper" if is_apart else "embedded").model_dump(exclude_unset=True, exclude_none=True)
     frequency, steps = (1.6, 400) if is_apart else (60.0, 400)
     if scheme == "central-difference":
         steps = 8000 if is_apart else 2000
-    force = {"lamina": data["lamina"][1]["name"], "position": 0.3}
+    lower, upper, *_ = (lamina["name"] for lamina in data["lamina"])
+    base = {"kind": "harmonic", "amplitude": 0.01 if is_apart else 3.5e-4, "frequency": frequency}
+    force = {"kind": "force", "amplitude": 0.1 if is_apart else 1.0, "frequency": frequency}
+    force |= {"lamina": upper, "position": 0.3}
+    other = {"kind": "force", "amplitude": 0.2, "frequency": 2.0 * frequency}
+    other |= {"lamina": lower, "position": 0.17}
     drives = {
-        "base": {"kind": "harmonic", "amplitude": 0.01 if is_apart else 3.5e-4},
-        "force": {"kind": "force", "amplitude": 0.1 if is_apart else 1.0, **force},
-    }
+        "base": base, "force": force, "base and force": [other, base], "forces": [force, other],
+    }  # fmt: skip
     data |= {
         "mesh": {"elements": elements},
         "damping": {"rayleigh": cell["damping"]},
-        "excitation": drives[cell["drive"]] | {"frequency": frequency},
+        "excitation": drives[cell["drive"]],
         "contact": {
             "law": law, "impulse": impulse, "restitution": cell["restitution"],
             "points_per_element": points, "threshold_velocity": 1e-2,
@@ -174,6 +177,7 @@ def assert_same(cell: dict[str, Any], H: FloatArray, petsc: Recorder, compiled: 
         assert np.abs(energies - same).max(initial=0.0) <= SAME * np.abs(petsc.ledger).max()
     exchanged = np.abs(petsc.ledger).max()
     assert np.abs(compiled.ledger - petsc.ledger).max() < SAME * exchanged
+    assert np.abs(compiled.works - petsc.works).max(initial=0.0) < SAME * exchanged
     law, hits = cell["method"][0], petsc.impulse[:, 1].sum()
     assert (hits > 0) == (law.startswith("newton") and cell["structure"][0] != "bonded")
     if cell["method"][1] != "central-difference":  # its ledger is of the order of the step

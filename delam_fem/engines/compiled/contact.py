@@ -272,7 +272,7 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
         for j in range(3):
             load += system.base[j * size + i] * base[2 - j]
         if system.has_load:
-            load -= system.load[i]
+            load -= memory.load[i]
         X[R * size + i] = -load
     if memory.counts[N_SPRINGS]:
         _spring_loads(system, law, memory, 1.0, 0.0, lk.V, memory.residual)

@@ -39,6 +39,7 @@ from delam_fem.simulation.recorder import (
     Jumps,
     PeriodRecord,
     Recorder,
+    in_tables,
 )
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
@@ -53,7 +54,8 @@ class BlockArrays:
 
     Attributes:
         n_slots: number of slots.
-        base_states: (q, q', q'') of the base at the steps of each period, shape (N + 1, 3).
+        base_states: (q, q', q'') of the base, then of each further force, at the steps of each
+            period, shape (N + 1, 3 + 3 n_forces).
         addresses: addresses of the members of `OF_BLOCK`.
     """
 
@@ -76,7 +78,7 @@ class BlockArrays:
         self.levels = np.empty((n_periods + 1, len(LEVEL)))
         self.ends = np.zeros((n_periods, 3), dtype=np.int64)
         self.addresses = [getattr(self, name).ctypes.data for name in OF_BLOCK]
-        self.base_states = np.zeros((rows, 3))
+        self.base_states = np.zeros((rows, 3 + 3 * engine.system.n_forces))
         self._n = 0
 
     def has_room(self, n_periods: int) -> bool:
@@ -132,7 +134,7 @@ EVENTS, HITS = 4096, 16384
 """Room in the buffers for events and for hits, besides that of one step; full ones are enlarged."""
 
 _PLACES = {name: place for name, (place, _) in View(PeriodBuffers).members.items()}
-_OF_BLOCK = [_PLACES[name] for name in ("n_slots", "base_states", *OF_BLOCK)]
+_OF_BLOCK = [_PLACES[name] for name in ("n_slots", "base_states", "forces", *OF_BLOCK)]
 _OF_EVENTS = (
     *("event_tick", "event_size", "event_energy"),
     *("hit", "impulse", "rate_pre", "rate_post"),
@@ -216,7 +218,8 @@ class Compiled(Engine):
         coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
         self.system = fine
         self.unknowns = built[-1][1]
-        self.memory = state.memory(fine.size, operators.n_pairs)
+        self.memory = state.memory(fine.size, operators.n_pairs, operators.n_forces)
+        self.memory.load[:] = fine.load
         corner = np.array(operators.base.corner, dtype=float)
         self._problem = Problem(coarse, middle, fine, law, self.memory, corner)
         self._problem_table = packed(self._problem)
@@ -246,7 +249,9 @@ class Compiled(Engine):
         memory = self.memory
         fields = self._fields()
         internal = state.internal
-        memory.base[:] = base_state
+        memory.base[:] = base_state[:3]
+        memory.force[:] = base_state[3::3]
+        memory.load[:] = self.system.load + memory.force @ self.system.forces
         memory.X[:] = 0.0
         if internal is not None and internal.shape == fields.shape and self.system.is_modal:
             is_own = np.array_equal(self.unknowns.outward(internal), state.motion)
@@ -277,8 +282,9 @@ class Compiled(Engine):
         first = recorder.n_closed
         block = self._block(recorder, n_periods)
         block.base_states = np.ascontiguousarray(base_states)
+        tables = in_tables(block.base_states)
         self._table[_OF_BLOCK] = [
-            block.n_slots, block.base_states.ctypes.data, *block.addresses
+            block.n_slots, *(table.ctypes.data for table in tables), *block.addresses
         ]  # fmt: skip
         self.memory.counts[[N_EVENTS, N_HITS]] = 0
         run = partial(self._run, self.address, self._address, first)
@@ -327,11 +333,13 @@ class Compiled(Engine):
             limit=recorder.limit,
             coupling=recorder.coupling,
             frame_steps=recorder.frame_steps,
-            base_states=block.base_states,
+            base_states=in_tables(block.base_states)[0],
+            forces=in_tables(block.base_states)[1],
             **arrays,
             strobe=recorder.strobe,
             envelope=recorder.envelope,
             ledger=recorder.ledger,
+            works=recorder.works,
             impulses=recorder.impulse,
             effort=recorder.effort,
         )

@@ -457,6 +457,7 @@ def _transformed(o: Operators) -> tuple[Operators, InnerModes] | None:
         sensors=sensors,
         load=None if o.load is None else _product(o.load[None], Phi)[0],
         equilibrium=o.equilibrium,
+        n_forces=o.n_forces,
     )
     return modal, InnerModes(np.asarray(Phi, dtype=float), dual)
 
@@ -505,8 +506,11 @@ def _modes(K: FloatArray, M: FloatArray) -> tuple[Long, Long]:
 
 
 @njit
-def advance(system, X, base_state):  # type: ignore[no-untyped-def]
-    """Compute the candidate state of a step in modes (G1 to G3 of system.py); return zᵀ C z."""
+def advance(system, X, base_state, loads):  # type: ignore[no-untyped-def]
+    """Compute the candidate state of a step in modes (G1 to G3 of system.py); return zᵀ C z.
+
+    `loads` are constant loads and those of further forces.
+    """
     q, dq, ddq = base_state
     size, scheme, base, p_start = system.size, system.scheme, system.base, P * system.size
     diagonals = system.modal
@@ -530,7 +534,7 @@ def advance(system, X, base_state):  # type: ignore[no-untyped-def]
         right = fma(minus * load(diagonals, 2 * size + i), fma(ahead, v, u), right)
         right = fma(minus * c, v, right)
         if system.has_load:
-            right = right + load(system.load, i)
+            right = right + load(loads, i)
         a = right * load(diagonals, i)
         after = fma(to_v, a, v)
         z = fma(rho, v, after)

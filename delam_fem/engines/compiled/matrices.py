@@ -135,8 +135,10 @@ class System(NamedTuple):
         modal: diagonals of A⁻¹, C and K in modes, shape (3 size,); empty otherwise.
         is_touching: whether some pairs are closed at rest, so that contact lasts.
         points: the pairs by cells; empty unless `is_within`.
-        has_load: whether there are constant loads.
-        load: these loads, shape (size,).
+        has_load: whether there are constant loads or further forces.
+        load: the constant loads, shape (size,).
+        n_forces: number of further forces.
+        forces: loads of a unit of each, shape (n_forces, size).
     """
 
     size: int
@@ -173,6 +175,8 @@ class System(NamedTuple):
     points: Points
     has_load: bool
     load: FloatArray
+    n_forces: int
+    forces: FloatArray
     coarseness: int = 0
 
 
@@ -300,8 +304,10 @@ def _system(
         modal=_diagonals(mass, damping, stiffness, scheme) if is_modal else _NOTHING,
         is_touching=o.is_touching,
         points=NO_POINTS,
-        has_load=o.load is not None,
+        has_load=o.load is not None or o.n_forces > 0,
         load=simd_chains.flat(to @ (np.zeros(o.n_dofs) if o.load is None else o.load)),
+        n_forces=o.n_forces,
+        forces=np.ascontiguousarray((to @ o.forces).T),
     )
 
 

@@ -392,10 +392,11 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
 
 
 @njit(forceinline=True)
-def step(system, X, base_state, keeps):  # type: ignore[no-untyped-def]
+def step(system, X, base_state, loads, keeps):  # type: ignore[no-untyped-def]
     """Compute a candidate state in lane order; return zᵀ C z and the smallest gap.
 
-    `base_state` is (q, q', q'') of the base at θ. For `keeps` see `finish`.
+    `base_state` is (q, q', q'') of the base at θ; `loads` are constant loads and those of further
+    forces there. For `keeps` see `finish`.
     """
     q, dq, ddq = base_state
     size = system.size
@@ -414,7 +415,7 @@ def step(system, X, base_state, keeps):  # type: ignore[no-untyped-def]
     k = k + 4
     force1 = fma(by_q, load(base, k), fma(by_dq, load(base, d), by_ddq * load(base, m)))
     first = force0, force1
-    constant = system.has_load, splat(dt), system.load
+    constant = system.has_load, splat(dt), loads
     if system.is_diagonal_load:
         h_field = U
         eliminate_diagonal(X, size, c, system.load_tape, system.solution, first, constant)

@@ -151,6 +151,13 @@ class Memory(NamedTuple):
         effort: numbers of steps and contacts (`recorder.EFFORT`), shape (5,).
         totals: energies so far: dissipated, damped in contacts, by impacts, released by springs,
             shape (4,) [J].
+        force: present further forces, shape (n_forces,) [N].
+        ahead: the same at the end of the step, shape (n_forces,) [N].
+        held: the same before a step that may be undone, shape (n_forces,) [N].
+        load: constant loads and those of further forces within the step, shape (size,).
+        reading: further forces and what they moved at the end of the last small step, shape
+            (2 n_forces,).
+        force_flows: works of further forces over divided steps, shape (n_forces,) [J].
         counts: numbers of springs, of filled entries in the buffers for events, hits and frames,
             and of pairs at rest with the θ-scheme; in modes, whether `present_gap` and
             `present_rate` are those of the state; slot of the period, and numbers of events and
@@ -178,6 +185,12 @@ class Memory(NamedTuple):
     near: npt.NDArray[np.uint8]
     seen: FloatArray
     flows: FloatArray
+    force: FloatArray
+    ahead: FloatArray
+    held: FloatArray
+    load: FloatArray
+    reading: FloatArray
+    force_flows: FloatArray
     effort: IntArray
     totals: FloatArray
     counts: IntArray
@@ -220,9 +233,11 @@ class PeriodBuffers(NamedTuple):
         n_events, n_hits: sizes of the event buffers.
         time_step: Δt of a coarse step [s].
         limit: gap or displacement beyond which a motion counts as diverged [m].
-        coupling: see `recorder.write_ledger`, shape (4,).
+        coupling: see `recorder.write_ledger`, shape (4 + n_forces,).
         frame_steps: steps whose state is kept, shape (n_frames,).
         base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
+        forces: values and two derivatives of further forces at each step, shape (N + 1,
+            3 n_forces).
         u: m_b·u, c_b·u, k_b·u and the probes of u at each step, shape (n_slots, N + 1, 3 +
             n_observed).
         v: the probes of v at each step, shape (n_slots, N + 1, n_observed).
@@ -240,7 +255,7 @@ class PeriodBuffers(NamedTuple):
             each of shape (n_events,).
         hit, impulse, rate_pre, rate_post: values of the hits of all impacts one after the other,
             each of shape (n_hits,).
-        strobe, envelope, ledger, impulses, effort: the rows of all periods of the run; see
+        strobe, envelope, ledger, works, impulses, effort: the rows of all periods of the run; see
             `simulation.recorder.Recorder`.
     """
 
@@ -258,6 +273,7 @@ class PeriodBuffers(NamedTuple):
     coupling: FloatArray
     frame_steps: IntArray
     base_states: FloatArray
+    forces: FloatArray
     u: FloatArray
     v: FloatArray
     is_divided: npt.NDArray[np.uint8]
@@ -277,11 +293,12 @@ class PeriodBuffers(NamedTuple):
     strobe: FloatArray
     envelope: FloatArray
     ledger: FloatArray
+    works: FloatArray
     impulses: FloatArray
     effort: IntArray
 
 
-def memory(size: int, n_pairs: int) -> Memory:
+def memory(size: int, n_pairs: int, n_forces: int = 0) -> Memory:
     """Allocate the memory of a problem; the state is at rest."""
     return Memory(
         X=aligned_zeros(N_FIELDS * size),
@@ -290,6 +307,12 @@ def memory(size: int, n_pairs: int) -> Memory:
         near=np.zeros(n_pairs, dtype=np.uint8),
         seen=np.zeros(3),
         flows=np.zeros(4),
+        force=np.zeros(n_forces),
+        ahead=np.zeros(n_forces),
+        held=np.zeros(n_forces),
+        load=aligned_zeros(size),
+        reading=np.zeros(2 * n_forces),
+        force_flows=np.zeros(n_forces),
         effort=np.zeros(5, dtype=np.int64),
         totals=np.zeros(4),
         counts=np.zeros(9, dtype=np.int64),

@@ -61,7 +61,7 @@ def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
         load += row_product(system.stiffness, i, X, lk.Y * size)
         load += row_product(system.damping, i, X, size)
         if system.has_load:
-            load -= system.load[i]
+            load -= memory.load[i]
         X[lk.R * size + i] = -load
     algebra.substitute(X, size, system.band, lk.R, lk.A)
     for i in range(size):
@@ -146,6 +146,52 @@ def mix_base(system, base, new):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
+def aim_forces(system, memory, log, step, share, time_step):  # type: ignore[no-untyped-def]
+    """Write the further forces at the end of a step, or a share of it, to `ahead`."""
+    width = 3 * system.n_forces
+    for j in range(system.n_forces):
+        end = step * width + 3 * j
+        if share == 1.0:
+            memory.ahead[j] = log.forces[end]
+        else:
+            start = end - width
+            before = log.forces[start], log.forces[start + 1], log.forces[start + 2]
+            after = log.forces[end], log.forces[end + 1], log.forces[end + 2]
+            memory.ahead[j] = base_within(before, after, share, time_step)[0]
+
+
+@njit
+def _load_forces(system, memory):  # type: ignore[no-untyped-def]
+    """Write the loads at θ within a step to `load`, and take over the forces at its end."""
+    after = system.scheme.theta
+    before = 1.0 - after
+    size = system.size
+    for i in range(size):
+        memory.load[i] = system.load[i]
+    for j in range(system.n_forces):
+        force = after * memory.ahead[j] + before * memory.force[j]
+        memory.force[j] = memory.ahead[j]
+        for i in range(size):
+            memory.load[i] += force * system.forces[j * size + i]
+
+
+@njit
+def _see_forces(system, memory, is_first):  # type: ignore[no-untyped-def]
+    """Note the further forces and what they moved; add the works since the last time."""
+    n = system.n_forces
+    size = system.size
+    for j in range(n):
+        moved = 0.0
+        for i in range(size):
+            moved += system.forces[j * size + i] * memory.X[i]
+        if not is_first:
+            mean = 0.5 * (memory.force[j] + memory.reading[j])
+            memory.force_flows[j] += mean * (moved - memory.reading[n + j])
+        memory.reading[j] = memory.force[j]
+        memory.reading[n + j] = moved
+
+
+@njit(forceinline=True)
 def _base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
     """Write m_b·u, c_b·u, k_b·u to out[first:]."""
     if system.is_chained:
@@ -200,11 +246,13 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
     X = memory.X
     predicted = look_ahead(system, law, memory, is_clear)
     base_state = mix_base(system, memory.base, new_base)
+    if system.n_forces:
+        _load_forces(system, memory)
     if system.is_chained:  # z is needed for springs, and where impulses may change the step
         keeps = predicted <= 0.0 or memory.counts[N_SPRINGS] > 0
-        flow, smallest = lk.step(system, X, base_state, keeps)
+        flow, smallest = lk.step(system, X, base_state, memory.load, keeps)
     elif system.is_modal:
-        flow = inner_points.advance(system, X, base_state)
+        flow = inner_points.advance(system, X, base_state, memory.load)
         smallest = np.inf
         memory.counts[IS_SEEN] = 0
         if law.kind != MOREAU:
@@ -380,6 +428,8 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
     for i in range(n_kept):
         memory.kept[i] = X[i]
     old_base = base[0], base[1], base[2]
+    for j in range(system.n_forces):
+        memory.held[j] = memory.force[j]
     flow, smallest = advance(system, law, memory, new_base, was_clear)
     is_clear = _is_clear(system, memory, reach)
     if (not is_clear and _mark_near(system, memory, -reach, level, log.slow)) or is_near:
@@ -387,6 +437,8 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
             X[i] = memory.kept[i]
         memory.counts[IS_SEEN] = 0
         base[0], base[1], base[2] = old_base
+        for j in range(system.n_forces):
+            memory.force[j] = memory.held[j]
         return NEAR, False
     return end_step(system, law, memory, log, tick, flow, smallest), is_clear
 
@@ -405,6 +457,8 @@ def _account(system, memory, before, after, share):  # type: ignore[no-untyped-d
     """Add the work of the base over a small step to `flows`."""
     seen_before = see_base(system, memory)
     add_flows(memory.flows, seen_before, memory.seen, before, after, share)
+    if system.n_forces:
+        _see_forces(system, memory, False)
 
 
 @njit
@@ -439,11 +493,14 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
     is_first = True
     is_clear = False
     see_base(fine, memory)
+    if fine.n_forces:
+        _see_forces(fine, memory, True)
     # m middle steps; each that is undone becomes r/m fine ones; ticks count fine steps from the
     # start of the period
     for j in range(1, m + 1):
         after = _base_in(log.base_states, step, j / m, dt)
         if m > 1:
+            aim_forces(fine, memory, log, step, j / m, dt)
             ticks = (step - 1) * r + j * (r // m)
             status, is_clear = _leap(middle, law, memory, log, after, MIDDLE, ticks, is_clear)
             if status == COMPLETED:
@@ -455,6 +512,7 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
                 return status
         for tick in range((j - 1) * (r // m) + 1, j * (r // m) + 1):
             after = _base_in(log.base_states, step, tick / r, dt)
+            aim_forces(fine, memory, log, step, tick / r, dt)
             event = counts[N_EVENTS]
             status = _fine_step(fine, law, memory, log, after, (step - 1) * r + tick, floor)
             if status != COMPLETED:
@@ -473,6 +531,7 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
 def _step_of_one_size(p, log, step, was_clear):  # type: ignore[no-untyped-def]
     """Make a step that is never divided; return how it ends, see `_fine_step`, and False."""
     new_base = base_at(log.base_states, step)
+    aim_forces(p.fine, p.memory, log, step, 1.0, 0.0)
     return _fine_step(p.fine, p.law, p.memory, log, new_base, step, -log.limit), False
 
 
@@ -486,6 +545,7 @@ def _step_of_three_sizes(p, log, step, was_clear):  # type: ignore[no-untyped-de
     law = p.law
     memory = p.memory
     new_base = base_at(log.base_states, step)
+    aim_forces(p.fine, memory, log, step, 1.0, 0.0)
     tick = step * log.refine
     status, is_clear = _leap(p.coarse, law, memory, log, new_base, COARSE, tick, was_clear)
     if status == COMPLETED:
@@ -578,6 +638,9 @@ def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
     totals[IMPACT] = totals[RELEASED] = 0.0
     for i in range(4):
         memory.flows[i] = 0.0
+    for j in range(p.fine.n_forces):
+        memory.force_flows[j] = 0.0
+        memory.force[j] = log.forces[3 * j]
     for i in range(5):
         memory.effort[i] = 0
     for i in range(3):
@@ -636,15 +699,19 @@ def _end_period(p, log, first_period, j, n_steps):  # type: ignore[no-untyped-de
     v = carray(log.v, (log.n_slots, n_rows, width))[slot, : n_steps + 1]
     base_states = carray(log.base_states, (n_rows, 3))
     is_divided = carray(log.is_divided, (log.n_slots, n_rows))[slot]
-    coupling = carray(log.coupling, (4,))
+    n_forces = p.fine.n_forces
+    coupling = carray(log.coupling, (4 + n_forces,))
+    forces = carray(log.forces, (n_rows, 3 * n_forces))
+    force_flows = carray(memory.force_flows, (n_forces,))
     flows = carray(memory.flows, (4,))
     rows = (
         carray(log.strobe, (k + 1, 2, log.n_probes))[k],
         carray(log.envelope, (k + 1, 2, log.n_probes))[k],
         carray(log.ledger, (k + 1, 10))[k],
+        carray(log.works, (k + 1, n_forces))[k],
     )
     gained = memory.totals[IMPACT], memory.totals[RELEASED]
-    of_base = base_states, coupling, log.time_step, is_divided, flows
+    of_base = base_states, coupling, log.time_step, is_divided, flows, forces, force_flows
     levels = carray(log.levels, (j + 2, 6))[j:]
     return write_period(u, v, levels, of_base, gained, rows, log.limit)
 

@@ -67,12 +67,13 @@ class Dynamics:
         self.is_touching = o.is_touching
         self._absolute_H = matrix(abs(o.gap_matrix), MPI.COMM_SELF)
         n = o.n_own
-        base = np.column_stack([o.base.stiffness, o.base.damping, o.base.mass])
-        if o.load is not None:  # constant loads: a fourth column, whose number is always 1
+        base = np.column_stack([o.base.stiffness, o.base.damping, o.base.mass, -o.forces])
+        if o.load is not None:  # constant loads: a last column, whose number is always 1
             base = np.column_stack([base, -o.load])
         memory = np.zeros(3 * o.n_own + base.shape[1])
-        memory[3 * o.n_own + 3 :] = 1.0
-        # u, v, a and (q, q', q'') of the base in one memory, so that one product sees them all
+        memory[3 * o.n_own + 3 + o.n_forces :] = 1.0
+        self._n_forces = o.n_forces
+        # u, v, a, (q, q', q'') of the base and the forces in one memory: one product sees them all
         parts = memory, memory[: 2 * n], memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n]
         self._all, self._motion, self.u, self.v, self.a = map(linear_algebra.vector_in, parts)
         self._drive = linear_algebra.vector_in(memory[3 * n :])
@@ -87,7 +88,7 @@ class Dynamics:
             linear_algebra.RankSums(o.n_pairs, MPI.COMM_SELF) for _ in range(2)
         )
         self._base_table: FloatArray | None = None
-        self._base_states: Sequence[BaseState] = [[0.0, 0.0, 0.0]]
+        self._base_states: Sequence[BaseState] = [[0.0] * (3 + 3 * o.n_forces)]
         self._step = 0
         self._make_views()
         self._dissipated = self.contact_damped = 0.0
@@ -126,7 +127,8 @@ class Dynamics:
         """Begin a period; return the given states as lists.
 
         Args:
-            base_states: q, q', q'' of the base at the start and at each step, shape (k, 3). The
+            base_states: q, q', q'' of the base, and of further forces, at the start and at each
+                step, shape (k, 3 + 3 n_forces). The
                 lists of a read-only table are kept for the next period, as they cost as much as a
                 quarter of its steps.
         """
@@ -138,9 +140,18 @@ class Dynamics:
         self._see()  # as a run does that continues from a file
         return self._base_rows
 
+    def _set_forces(self, base_state: BaseState) -> BaseState:
+        """Set the further forces of a state of the drives; return that of the base."""
+        drive = self._drive_memory
+        for j in range(self._n_forces):
+            drive[3 + j] = base_state[3 + 3 * j]
+        return base_state[:3]
+
     def _add_base(self, base_state: BaseState) -> None:
-        """Add the load of a motion of the base to the residual."""
+        """Add the load of a motion of the base, and of further forces, to the residual."""
         drive, residual = self._drive_memory, self._residual
+        if self._n_forces:
+            base_state = self._set_forces(base_state)
         drive[0], drive[1], drive[2] = base_state
         self._base_columns.multAdd(self._drive, residual, residual)
 
@@ -171,6 +182,8 @@ class Dynamics:
         v, residual, point, load = self.v, self._residual, self._point, self._load
         if stack is not None:
             drive = self._drive_memory
+            if self._n_forces:
+                base_state = self._set_forces(base_state)
             drive[0], drive[1], drive[2] = base_state
             stack.mult(self._all, residual)
             return
@@ -255,7 +268,7 @@ class Dynamics:
     def _see(self) -> None:
         """Compute gaps, rates, `seen_u` and `seen_v`; what changes the state ends with this."""
         if self._probe_shift is not None:
-            q, dq, _ = self._base_states[self._step]
+            q, dq = self._base_states[self._step][:2]
             n = self._probe_shift.size
             self._at_rest.array[-2 * n : -n] = q * self._probe_shift
             self._at_rest.array[-n:] = dq * self._probe_shift
@@ -312,7 +325,7 @@ class Dynamics:
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
         base = self.operators.base
-        q, dq, _ = self._base_states[self._step]
+        q, dq = self._base_states[self._step][:2]
         self._M.mult(self.v, self._load)
         with np.errstate(invalid="ignore", over="ignore"):  # the outcome tells of such a motion
             local_sums = [float(base.mass.dot(self.v.array)), self._load.dot(self.v)]

@@ -192,14 +192,17 @@ class RefinedSteps(StepByStep):
         m = self.refinement.middle
         first = (step - 1) * r
         is_first = True
-        within = base_rows(tuple(rows[step - 1]), tuple(rows[step]), r, self.time_step).tolist()
-        ends += [*s.seen_base.tolist(), *within[0], 0.0]
+        within = _parts_of(rows[step - 1], rows[step], r, self.time_step)
+        n_forces = s.operators.n_forces
+        forces = np.array([within[0][3::3], s.seen_u[-n_forces:]]) if n_forces else None
+        ends += [*s.seen_base.tolist(), *within[0][:3], 0.0]
         for last in range(r // m, r + 1, r // m):
             start = last - r // m
             if m > 1:
                 if self._leap(MIDDLE, within[start], within[last], record, first + last) is None:
                     record.effort[1] += 1
                     self._observe(within[last], 1.0 / m, ends)
+                    self._account(record, within[last], forces)
                     continue
             s.use(FINE)
             for tick in range(start + 1, last + 1):
@@ -214,6 +217,7 @@ class RefinedSteps(StepByStep):
                     record.effort[3] += 1
                     record.effort[4] += not near[hit].all()
                 self._observe(within[tick], 1.0 / r, ends)
+                self._account(record, within[tick], forces)
         return True
 
     def _ask(self, record: PeriodRecord, tick: int, smallest_gap: float) -> IntArray:
@@ -229,4 +233,34 @@ class RefinedSteps(StepByStep):
     def _observe(self, base_state: BaseState, share: float, ends: list[float]) -> None:
         """Note the end of a small step, a share of a coarse one, for the work of the base."""
         self.stepper.finish_step()
-        ends += [*self.stepper.seen_base.tolist(), *base_state, share]
+        ends += [*self.stepper.seen_base.tolist(), *base_state[:3], share]
+
+    def _account(
+        self, record: PeriodRecord, base_state: BaseState, forces: FloatArray | None
+    ) -> None:
+        """Add the work of further forces over a small step to the record.
+
+        Args:
+            record: record of the period.
+            base_state: state of the drives at its end.
+            forces: the forces and what they moved at its start, shape (2, n_forces); changed to
+                those at its end. None: there are none.
+        """
+        if forces is None:
+            return
+        after = np.array([base_state[3::3], self.stepper.seen_u[-forces.shape[1] :]])
+        record.force_flows += 0.5 * (after[0] + forces[0]) * (after[1] - forces[1])
+        forces[:] = after
+
+
+def _parts_of(before: BaseState, after: BaseState, r: int, time_step: float) -> list[list[float]]:
+    """Return the states of the drives where r equal parts of a step begin and end."""
+    if len(before) == 3:
+        rows: list[list[float]] = base_rows(tuple(before), tuple(after), r, time_step).tolist()
+        return rows
+    drives = [
+        base_rows(tuple(before[k : k + 3]), tuple(after[k : k + 3]), r, time_step)
+        for k in range(0, len(before), 3)
+    ]
+    joined: list[list[float]] = np.hstack(drives).tolist()
+    return joined

@@ -305,14 +305,22 @@ class MoreauJean(Dynamics):
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
         self.resting = self._none_resting
         self._motion.copy(self._motion_start)
-        (q, dq, ddq), old_share = self._base_states[self._step], 1.0 - theta
+        before, old_share = self._base_states[self._step], 1.0 - theta
         self._step += 1
-        new_q, new_dq, new_ddq = self._base_states[self._step]
-        between = (
-            theta * new_q + old_share * q,
-            theta * new_dq + old_share * dq,
-            theta * new_ddq + old_share * ddq,
-        )
+        after = self._base_states[self._step]
+        between: BaseState
+        if self._n_forces:
+            between = [
+                theta * new + old_share * old for new, old in zip(after, before, strict=True)
+            ]
+        else:  # faster
+            q, dq, ddq = before
+            new_q, new_dq, new_ddq = after
+            between = (
+                theta * new_q + old_share * q,
+                theta * new_dq + old_share * dq,
+                theta * new_ddq + old_share * ddq,
+            )
         # K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt
         if self._damping is None:
             self._find_residual(between, self._now.stack, theta * dt)

@@ -47,6 +47,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import Excitation, places_of
 from delam_fem.case.gap import initial_gap, opening_at_rest
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
@@ -580,7 +581,7 @@ def pair_weights(case: Case, layout: Layout) -> FloatArray | None:
 
 
 def completed(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
-    """Return the structure with stops, impactors, drive, start and sensors of a case.
+    """Return the structure with stops, impactors, drives, start and sensors of a case.
 
     Args:
         structure: the structure of the case, as it is discretised.
@@ -592,7 +593,7 @@ def completed(structure: Structure, case: Case, strain: StrainRows | None = None
     r = structure.operators.base.shift
     count = structure.layout.n_impactors
     if strain is None or (r is None and not count):
-        return with_sensors(structure, case, strain)
+        return with_forces(with_sensors(structure, case, strain), case)
 
     def shifted(*place: Any) -> sp.csr_matrix:
         row = strain(*place)
@@ -601,32 +602,61 @@ def completed(structure: Structure, case: Case, strain: StrainRows | None = None
             base = base + sp.csr_matrix(free @ r[:n, None])
         return sp.hstack([free, sp.csr_matrix((1, count)), base], format="csr")
 
-    return with_sensors(structure, case, shifted)
+    return with_forces(with_sensors(structure, case, shifted), case)
 
 
 def driven(structure: Structure, case: Case) -> Structure:
     """Return the structure with the drive of a case: the motion of its base, or a force at a point.
 
+    Forces at further places follow: see `with_forces`.
+
     Raises:
         CaseError: the point of the force is held, so that the force has no effect.
     """
-    excitation = case.excitation
     operators = structure.operators
-    name = getattr(excitation, "lamina", None)
-    position = getattr(excitation, "position", None)
-    if excitation.acts_on == "base" or name is None or position is None or operators.base.is_force:
+    if case.excitation.acts_on == "base" or operators.base.is_force:
         return structure
+    load = _load_of(structure, places_of(case.excitation)[0][0])
+    return replace(structure, operators=replace(operators, base=BaseCoupling.force(load)))
+
+
+def with_forces(structure: Structure, case: Case) -> Structure:
+    """Return the structure with the forces that act besides its drive, as last rows of sensors.
+
+    Args:
+        structure: the structure with its drive and its sensors.
+        case: the case.
+
+    Raises:
+        CaseError: the point of a force is held, so that the force has no effect.
+    """
+    o = structure.operators
+    loads = [_load_of(structure, one) for one, *_ in places_of(case.excitation)[1:]]
+    if not loads:
+        return structure
+    sensors = sp.vstack([o.sensors, sp.csr_matrix(np.array(loads))], format="csr")
+    return replace(structure, operators=replace(o, sensors=sensors, n_forces=len(loads)))
+
+
+def _load_of(structure: Structure, given: Excitation) -> FloatArray:
+    """Return the loads on the own dofs by a unit of a force, shape (n_own,) [N/N].
+
+    Raises:
+        CaseError: its point is held.
+    """
     layout = structure.layout
+    name = getattr(given, "lamina", None) or ""
+    position = float(getattr(given, "position", None) or 0.0)
     part = layout.parts[layout.names.index(name)]
-    load = point_load(layout, part, position, operators.n_dofs)
-    reading = layout.reading
-    comm = None if reading is None else reading.comm  # ranks may have the point, or none of it
+    load = point_load(layout, part, position, structure.operators.n_dofs)
+    comm = None if layout.reading is None else layout.reading.comm
+    # ranks may have the point, or none of it
     if not (load.any() if comm is None else any(comm.allgather(bool(load.any())))):
         raise CaseError(
             f"excitation.position: expected a point that can move, given {position!r} m, where "
             f"lamina {name} is held"
         )
-    return replace(structure, operators=replace(operators, base=BaseCoupling.force(load)))
+    return load
 
 
 def added_mass(

@@ -377,7 +377,7 @@ class PeriodicProblem:
         """Return a recorder that keeps some states of each period."""
         span = replace(self.span, frames_per_period=frames)
         o = self.operators
-        return Recorder(o.base, span, o.n_probes, o.n_sensors)
+        return Recorder(o.base, span, o.n_probes, o.n_sensors, forces_shift=o.forces_shift)
 
     @cached_property
     def table(self) -> Callable[[float], FloatArray]:

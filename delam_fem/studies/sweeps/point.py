@@ -75,6 +75,7 @@ from delam_fem.api import (
     nodal,
     offered,
     one_period,
+    places_of,
     session_of,
     set_initial,
     settling_summary,
@@ -835,7 +836,10 @@ def assembly_key(case: Case) -> str:
     It contains the whole case except `NOT_ASSEMBLED`, so a new section or key is included by
     itself.
     """
-    drive = (case.excitation.acts_on, *(getattr(case.excitation, k, None) for k in _OF_THE_POINT))
+    drive = [
+        (one.acts_on, *(getattr(one, k, None) for k in _OF_THE_POINT))
+        for one, *_ in places_of(case.excitation)
+    ]
     dofs = case.contact.impulse if case.model.is_continuum else ""  # see model/solids/unknowns.py
     has_weights = case.stop or case.impactor or case.has_stiffnesses
     weights = case.spring if has_weights else ""  # of pairs, see model/contacts.py

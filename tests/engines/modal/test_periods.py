@@ -17,10 +17,10 @@ def mass_at_stop(compliance: float, creep: float, gap: float = 0.0) -> Reduced:
         squares=np.array([1e-12]), damping=np.zeros(1),
         creep=np.array([creep]), gap_modes=np.ones((1, 1)),
         compliance=np.full((1, 1, 1), compliance),
-        gap0=np.array([gap]), gap_drive=np.zeros(1), loads=np.zeros((3, 1)), base_mass=0.0,
-        base_damping=0.0,
+        gap0=np.array([gap]), gap_drive=np.zeros((1, 1)), loads=np.zeros((3, 1)),
+        force_loads=np.zeros((0, 1)), base_mass=0.0, base_damping=0.0,
         probes=sp.csr_matrix((0, 1)), shapes=np.ones((1, 1)), residual=np.zeros((1, 1, 1)),
-        drive=np.zeros(1), sag=np.zeros(1), sag_energy=0.0,
+        drive=np.zeros((1, 1)), sag=np.zeros(1), sag_energy=0.0,
     )  # fmt: skip
 
 
