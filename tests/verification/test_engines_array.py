@@ -86,7 +86,9 @@ CONSTRAINTS = [
     {  # nothing holds it that could move
         "operator": "fn",
         "requires": ["structure", "drive"],
-        "evaluate": lambda cell: cell["structure"][0] != "free" or cell["drive"].startswith("force"),
+        "evaluate": lambda cell: (
+            cell["structure"][0] != "free" or cell["drive"].startswith("force")
+        ),
     },
 ]
 
@@ -113,7 +115,9 @@ def case_of(cell: dict[str, Any]) -> Case:
     """Return the case of a cell: few elements and periods, and contact from the first period on."""
     (law, scheme, impulse), (name, points, elements) = cell["method"], cell["structure"]
     is_apart = name == "apart"
-    data = preset("paper" if is_apart else "embedded").model_dump(exclude_unset=True, exclude_none=True)
+    data = preset("paper" if is_apart else "embedded").model_dump(
+        exclude_unset=True, exclude_none=True
+    )
     frequency, steps = (1.6, 400) if is_apart else (60.0, 400)
     if scheme == "central-difference":
         steps = 8000 if is_apart else 2000

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.api import Case, CaseError, drive, parts_of, preset, save_case
+from delam_fem.api import Case, CaseError, drive, parts_of, places_of, preset, save_case
 
 SLOW = {"kind": "harmonic", "frequency": 2.0, "amplitude": 1e-3}
 FAST = {"kind": "harmonic", "frequency": 3.25, "acceleration": 2.0}
@@ -61,6 +61,20 @@ def test_the_common_period_is_that_of_all(drives: Any, period: float, turns: int
     assert f"common period {period:.6g} s" in case.title
 
 
+def test_each_place_has_a_course_and_the_base_is_the_first() -> None:
+    case = with_drives(PUSH, BLOW | {"position": 0.2}, SLOW, PUSH | {"frequency": 3.0},
+                       time={"step": 1e-3, "duration": 1.0})  # fmt: skip
+    places = [[one.kind for one in group] for group in places_of(case.excitation)]
+    assert places == [["harmonic"], ["force", "force"], ["hammer"]]
+    assert case.excitation.acts_on == "base"
+    t = np.linspace(0.0, 3.0, 301)
+    table = drive(case.excitation).states(t)
+    assert table.shape == (301, 9)
+    both = 0.05 * (np.sin(4.0 * np.pi * t) + np.sin(6.0 * np.pi * t))
+    assert table[:, 3] == pytest.approx(both, abs=1e-12)
+    assert with_drives(PUSH, PUSH | {"position": 0.2}).excitation.acts_on == "force"
+
+
 def test_an_irrational_ratio_has_no_period_and_needs_a_duration() -> None:
     irrational = FAST | {"frequency": 2.0 * math.sqrt(2.0)}
     with pytest.raises(CaseError, match=r"time.duration: missing, but required"):
@@ -99,8 +113,6 @@ def test_a_table_among_them_is_found_beside_the_file(tmp_path: Path) -> None:
 
 
 REFUSED: list[tuple[tuple[dict[str, Any], ...], str]] = [
-    ((SLOW, PUSH), r"excitation.2: expected all drives at one place.*thin at 0.3 m"),
-    ((PUSH, PUSH | {"position": 0.2}), r"excitation.2: expected all drives at one place"),
     ((SLOW, {"kind": "none"}), 'no "none" among several'),
     ((SLOW, FAST | {"frequency": -1.0}), r"excitation.2.frequency: expected a positive number"),
     ((SLOW, {"kind": "several"}), r"excitation.2.kind: expected 'harmonic'.*'none', given"),
