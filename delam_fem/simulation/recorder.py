@@ -647,7 +647,8 @@ def in_tables(base_states: FloatArray) -> tuple[FloatArray, FloatArray]:
         (q, q', q'') of the base, shape (k, 3); the same of forces, shape (k, 3 n_forces).
     """
     if base_states.shape[1] == 3:
-        base, forces = base_states.view(), NO_TABLE
+        base = base_states.view()
+        forces = NO_TABLE
     else:
         base, forces = map(np.ascontiguousarray, np.split(base_states, [3], axis=1))
     base.flags.writeable = False

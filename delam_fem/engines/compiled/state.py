@@ -153,7 +153,7 @@ class Memory(NamedTuple):
             shape (4,) [J].
         force: present further forces, shape (n_forces,) [N].
         ahead: the same at the end of the step, shape (n_forces,) [N].
-        held: the same before a step that may be undone, shape (n_forces,) [N].
+        undone_force: the same before a step that may be undone, shape (n_forces,) [N].
         load: constant loads and those of further forces within the step, shape (size,).
         reading: further forces and what they moved at the end of the last small step, shape
             (2 n_forces,).
@@ -187,7 +187,7 @@ class Memory(NamedTuple):
     flows: FloatArray
     force: FloatArray
     ahead: FloatArray
-    held: FloatArray
+    undone_force: FloatArray
     load: FloatArray
     reading: FloatArray
     force_flows: FloatArray
@@ -309,7 +309,7 @@ def memory(size: int, n_pairs: int, n_forces: int = 0) -> Memory:
         flows=np.zeros(4),
         force=np.zeros(n_forces),
         ahead=np.zeros(n_forces),
-        held=np.zeros(n_forces),
+        undone_force=np.zeros(n_forces),
         load=aligned_zeros(size),
         reading=np.zeros(2 * n_forces),
         force_flows=np.zeros(n_forces),

@@ -429,7 +429,7 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
         memory.kept[i] = X[i]
     old_base = base[0], base[1], base[2]
     for j in range(system.n_forces):
-        memory.held[j] = memory.force[j]
+        memory.undone_force[j] = memory.force[j]
     flow, smallest = advance(system, law, memory, new_base, was_clear)
     is_clear = _is_clear(system, memory, reach)
     if (not is_clear and _mark_near(system, memory, -reach, level, log.slow)) or is_near:
@@ -438,7 +438,7 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
         memory.counts[IS_SEEN] = 0
         base[0], base[1], base[2] = old_base
         for j in range(system.n_forces):
-            memory.force[j] = memory.held[j]
+            memory.force[j] = memory.undone_force[j]
         return NEAR, False
     return end_step(system, law, memory, log, tick, flow, smallest), is_clear
 

@@ -305,7 +305,8 @@ class MoreauJean(Dynamics):
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
         self.resting = self._none_resting
         self._motion.copy(self._motion_start)
-        before, old_share = self._base_states[self._step], 1.0 - theta
+        before = self._base_states[self._step]
+        old_share = 1.0 - theta
         self._step += 1
         after = self._base_states[self._step]
         between: BaseState
