@@ -109,17 +109,18 @@ def test_drives_have_their_places_in_results() -> None:
 
 
 def test_a_force_where_nothing_moves_is_refused() -> None:
-    held = PROBE | {"position": 0.0}
+    immobile = PROBE | {"position": 0.0}
     with pytest.raises(CaseError, match="a point that can move"):
-        df.run(case_of(BASE, held))
+        df.run(case_of(BASE, immobile))
 
 
 def test_a_reduced_model_knows_all_places(tmp_path: Path) -> None:
     case = case_of(BASE, PUSH, PROBE)
     file, _ = reduced_case(case, modes=12).save(tmp_path)
     keys = {"model.kind": "modes", "model.file": str(file)}
-    whole, modes = field(df.run(case)), field(df.run(case.with_overrides(keys)))
-    assert modes == pytest.approx(whole, abs=1e-3 * np.abs(whole).max())
+    full = field(df.run(case))
+    modes = field(df.run(case.with_overrides(keys)))
+    assert modes == pytest.approx(full, abs=1e-3 * np.abs(full).max())
     moved = case.with_overrides({**keys, "excitation.3.position": 0.2})
     with pytest.raises(CaseError, match=r"excitation at place 3\.position: expected 0\.17"):
         df.run(moved)
@@ -128,7 +129,7 @@ def test_a_reduced_model_knows_all_places(tmp_path: Path) -> None:
 @pytest.mark.parametrize("engine", ["petsc", "compiled"])
 def test_a_run_with_several_places_goes_on_bit_for_bit(tmp_path: Path, engine: Any) -> None:
     case = case_of(BASE, PUSH, PROBE, **{"time.periods": 14})
-    whole = df.run(case, engine)
+    complete = df.run(case, engine)
 
     def interrupt(period: int, periods: int) -> None:
         if period == 10:
@@ -137,7 +138,7 @@ def test_a_run_with_several_places_goes_on_bit_for_bit(tmp_path: Path, engine: A
     cut = df.run(case, engine, directory=tmp_path, progress=interrupt)
     assert cut.summary["outcome"] == "interrupted"
     again = df.run(case, engine, directory=tmp_path, resume=True)
-    assert again.history.equals(whole.history)
+    assert again.history.equals(complete.history)
 
 
 SCRIPT = """
