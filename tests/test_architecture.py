@@ -84,3 +84,19 @@ def test_the_glossary_is_short() -> None:
     rows = re.findall(r"^\| (?!word )[^|]+ \|", TEXT.split("## Glossary")[1], re.MULTILINE)
     words = [word for row in rows for word in row.strip("| ").split(",")]
     assert 20 < len(rows) <= 40 and len(set(words)) == len(words)
+
+
+def test_files_that_texts_name_exist() -> None:
+    """A path below one of the folders, in the package, in scripts and in documents."""
+    path = re.compile(
+        r"\b(?:tests|scripts|docs|delam_fem|meshes)/[\w./-]+\.(?:py|md|toml|csv|sh)\b"
+    )
+    texts = [*PACKAGE.rglob("*.py"), *(ROOT / "scripts").rglob("*.py"), *ROOT.glob("*.md")]
+    texts += [page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts]
+    named = {
+        (str(text.relative_to(ROOT)), name)
+        for text in texts
+        for name in path.findall(text.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 100
+    assert {(text, name) for text, name in named if not (ROOT / name).is_file()} == set()

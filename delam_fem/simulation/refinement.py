@@ -26,7 +26,7 @@ from delam_fem.system.caches import kept, njit
 from delam_fem.system.errors import require, require_number
 
 SAFETY = 2.0
-"""Safety s of F1; tests/verification/test_refinement.py shows what other values do."""
+"""Safety s of F1; tests/simulation/test_refinement.py shows what other values do."""
 MISSED = 0.05
 """Share of unforeseen contacts (`recorder.EFFORT`) above which a run warns."""
 
