@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         Contact as Contact,
         InitialGap as InitialGap,
         Lamina as Lamina,
+        Sensor as Sensor,
     )
     from delam_fem.case.tables import (
         DAY as DAY,
@@ -163,6 +164,7 @@ if TYPE_CHECKING:
     from delam_fem.model.mesh import node_coordinates as node_coordinates
     from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
     from delam_fem.model.reduction import reduced_case as reduced_case
+    from delam_fem.model.responses import of_channels as of_channels
     from delam_fem.model.solids.meshing import cells_along as cells_along, solid_mesh as solid_mesh
     from delam_fem.model.stops_sensors import struck as struck, with_sensors as with_sensors
     from delam_fem.numerics import (
@@ -292,7 +294,7 @@ _HOMES = {
     "case.gap": "initial_gap",
     "case.identity": "belong content_of identity require_same",
     "case.keys": "tables",
-    "case.sections": "Contact InitialGap Lamina",
+    "case.sections": "Contact InitialGap Lamina Sensor",
     "case.tables": "DAY TableColumns heading read_columns",
     "case.toml": "Data apply_overrides message read_toml shown toml_text",
     "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
@@ -317,6 +319,7 @@ _HOMES = {
     "model.operators": "BaseCoupling Operators",
     "model.massless": "Reduced reduce",
     "model.reduction": "reduced_case",
+    "model.responses": "of_channels",
     "model.solids.meshing": "cells_along solid_mesh",
     # Motions
     "engines.cost": (

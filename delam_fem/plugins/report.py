@@ -57,6 +57,7 @@ class Report:
             writes its numbers itself.
         files: names of files in the folder that the study has written itself.
         case: case that the page shows and case.toml holds; None: neither.
+        fitted: case that fits a measurement, which `fitted/case.toml` holds; None: there is none.
         is_sweep: whether the folder is that of a sweep, whose own case.toml stays.
         title: title of the page; empty: there is no page.
         tables: tables at the end of the page.
@@ -70,6 +71,7 @@ class Report:
     numbers: Mapping[str, Any] | None
     files: Sequence[str] = ()
     case: Case | None = None
+    fitted: Case | None = None
     is_sweep: bool = False
     title: str = ""
     tables: Sequence[Table] = ()
@@ -83,11 +85,14 @@ class Report:
         directory = Path(directory)
         if self.case is not None and not self.is_sweep:
             save_case(self.case, directory)
+        fitted = [] if self.fitted is None else [save_case(self.fitted, directory / "fitted")]
         written = [path for name in self.files if (path := directory / name).exists()]
         drawn = []
         if self.numbers is not None:
             written.append(write_json(directory / f"{self.name}.json", self.numbers))
-        links = [html.Paragraph(html.Link(path.name, path.name)) for path in written]
+        written += fitted
+        names = [str(path.relative_to(directory)) for path in written]
+        links = [html.Paragraph(html.Link(name, name)) for name in names]
         for name, (draw, caption) in self.pictures.items():
             path = directory / f"{name}.png"
             written.append(save_figure(draw, path))

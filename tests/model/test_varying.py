@@ -17,7 +17,7 @@ from delam_fem.api import Case, lowest
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.reference import matrices
-from delam_fem.studies.identification.identify import value_of
+from delam_fem.studies.identification.unknowns import value_of
 from delam_fem.studies.sweeps.grid import unit_of
 
 L, B, H, E, RHO = 0.5, 0.02, 0.002, 7e10, 2700.0

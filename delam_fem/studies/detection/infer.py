@@ -44,7 +44,7 @@ from delam_fem.studies.detection.population import (
     population,
 )
 from delam_fem.studies.detection.study import Infer, Scan
-from delam_fem.studies.identification.identify import Unknown, drawn, uncertain_keys
+from delam_fem.studies.identification.unknowns import Unknown, drawn, uncertain_keys
 from delam_fem.studies.signals.scan import ComplexArray, Shapes, shapes_of, surface_of
 
 COMPONENTS = 3

@@ -16,12 +16,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from delam_fem.api import (
     Case,
@@ -31,205 +28,27 @@ from delam_fem.api import (
     FloatArray,
     Report,
     RunContext,
-    Table,
     beams,
-    network,
     of_references,
     require,
     statistics,
-    style,
 )
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.identification.fit import ResponseFit, has_responses, of_responses
+from delam_fem.studies.identification.posterior import described
 from delam_fem.studies.identification.study import Identify
+from delam_fem.studies.identification.unknowns import (
+    Unknown,
+    drawn,
+    require_values,
+    uncertain_keys,
+    value_of,
+)
 from delam_fem.studies.signals import reading
 from delam_fem.studies.signals.scan import amplitudes
 from delam_fem.studies.sweeps.dataset import remove_results
-from delam_fem.studies.sweeps.grid import Sweep, unit_of
+from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.run import completed, sweep_cost
-
-EVERY = "lamina.*."
-"""Start of a key that stands for the same key of all laminae."""
-STIFFNESS = (0.9, 1.1)
-"""Multiples of the stiffness of the laminae that a rig may have."""
-DAMPING = (0.5, 2.0)
-"""Multiples of the damping ratio that a rig may have."""
-CLAMP = (50.0, 5000.0)
-"""Rotational stiffness that the clamps of a rig may have, in units of EI/L."""
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """A key whose value is not known, with its range.
-
-    Attributes:
-        key: key of the case; `lamina.*.KEY` is KEY of all laminae.
-        low: lowest value.
-        high: highest value.
-        is_relative: whether low and high are multiples of the value that the case has.
-    """
-
-    key: str
-    low: float
-    high: float
-    is_relative: bool = False
-
-    @classmethod
-    def parse(cls, text: str) -> Unknown:
-        """Return the unknown of a text such as "gap.exponent=1:3" or "lamina.thin.width=0.9x:1.1x".
-
-        Raises:
-            CaseError: the text has another form, or its values do not rise.
-        """
-        key, _, bounds = text.partition("=")
-        parts = bounds.split(":")
-        is_relative = all(part.endswith("x") for part in parts)
-        try:
-            low, high = (float(part.removesuffix("x") if is_relative else part) for part in parts)
-        except ValueError:
-            low = high = math.nan
-        require(bool(key) and low < high, "unknown", "KEY=LOW:HIGH with LOW below HIGH", text)
-        return cls(key, low, high, is_relative)
-
-    def keys(self, case: Case) -> tuple[str, ...]:
-        """Return the keys of a case that have this value, one or one for each lamina."""
-        if not self.key.startswith(EVERY):
-            return (self.key,)
-        return tuple(self.key.replace("*", lamina.name, 1) for lamina in case.lamina)
-
-
-def require_values(unknowns: Sequence[Unknown]) -> None:
-    """Raise a CaseError if a sought key is given by multiples of the value of the case."""
-    for unknown in unknowns:
-        if unknown.is_relative:
-            raise CaseError(
-                f"unknown: {unknown.key}: expected values of the key, given multiples of its own; "
-                "only --uncertain takes them"
-            )
-
-
-def value_of(case: Case, key: str) -> float:
-    """Return the number of a case at a key; NaN where there is none."""
-    value: object = case
-    for part in key.split("."):
-        if isinstance(value, tuple):
-            numbered = enumerate(value, start=1)
-            value = next(
-                (e for n, e in numbered if part in (str(n), getattr(e, "name", None))), None
-            )
-        else:
-            value = getattr(value, part, None)
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
-def drawn(unknowns: Sequence[Unknown], case: Case, n: int, seed: int) -> dict[str, FloatArray]:
-    """Return n values of each key, equally likely on a logarithmic scale.
-
-    Raises:
-        CaseError: a lowest value is not above 0.
-    """
-    rng = np.random.default_rng(seed)
-    samples = {}
-    for unknown in unknowns:
-        if not unknown.low > 0.0:
-            raise CaseError(
-                f"uncertain: {unknown.key}: expected values above 0, given {unknown.low:g}"
-            )
-        values = unknown.low * (unknown.high / unknown.low) ** rng.uniform(size=n)
-        for key in unknown.keys(case):
-            samples[key] = values * (value_of(case, key) if unknown.is_relative else 1.0)
-    return samples
-
-
-def uncertain_keys(case: Case, given: Sequence[str] | None) -> tuple[Unknown, ...]:
-    """Return the keys in which a rig may differ from its case: the given ones, or `of_rig`."""
-    return of_rig(case) if given is None else tuple(map(Unknown.parse, given))
-
-
-def of_rig(case: Case) -> tuple[Unknown, ...]:
-    """Return the keys in which a rig usually differs from its case: stiffness, damping, clamps."""
-    has_stiffness = any(lamina.bending_stiffness is not None for lamina in case.lamina)
-    modulus = "bending_stiffness" if has_stiffness else "young_modulus"
-    unknowns = [
-        Unknown(f"{EVERY}{modulus}", *STIFFNESS, is_relative=True),
-        Unknown(f"{EVERY}damping_ratio", *DAMPING, is_relative=True),
-    ]
-    is_clamped = "clamped" in (case.support.kind("start"), case.support.kind("end"))
-    if not case.is_apart and is_clamped:
-        section = network(case, np.array([0.0, case.length])).section(
-            tuple(range(len(case.lamina)))
-        )
-        low, high = (factor * section[0] / case.length for factor in CLAMP)
-        unknowns.append(Unknown("support.rotational_stiffness", low, high))
-    return tuple(unknowns)
-
-
-BINS = 24
-"""Number of bars of a histogram."""
-TAIL = 0.005
-"""Share of the samples beyond either end of an axis."""
-PANEL = 2.2
-"""Size of a panel [in]."""
-
-
-def posterior_figure(
-    posterior: statistics.Posterior, labels: Sequence[str], truth: list[float] | None
-) -> Figure:
-    """Draw the histogram of each unknown and the scatter of each pair.
-
-    Args:
-        posterior: the sample.
-        labels: unknowns in the order of the columns, in words with their units.
-        truth: their values in a synthetic measurement; None: not known.
-    """
-    n = len(labels)
-    # axes that hold nearly all samples and the truth
-    low = posterior.quantile(TAIL)
-    high = posterior.quantile(1.0 - TAIL)
-    if truth is not None:
-        low = np.minimum(low, truth)
-        high = np.maximum(high, truth)
-    margin = 0.08 * (high - low)  # no end of the samples is an edge of a bar
-    low = low - margin
-    high = high + margin
-    figure = Figure(figsize=(PANEL * n, PANEL * n))
-    axes = figure.subplots(n, n, squeeze=False)
-    for i, row in enumerate(labels):
-        for j, column in enumerate(labels):
-            panel = axes[i, j]
-            if j > i:
-                figure.delaxes(panel)
-                continue
-            panel.set_xlim(low[j], high[j])
-            values = posterior.samples[:, j]
-            if i == j:
-                edges = np.linspace(low[j], high[j], BINS + 1)
-                panel.hist(values, edges, weights=posterior.weights, color=style.BLUE, alpha=0.7)
-                for end in posterior.interval(0.9)[j]:
-                    panel.axvline(end, color=style.BLUE, linestyle=":")
-                panel.set_yticks([])
-            else:
-                sizes = 12.0 * posterior.weights / posterior.weights.max()
-                panel.scatter(values, posterior.samples[:, i], s=sizes, color=style.BLUE, alpha=0.5)
-                panel.set_ylim(low[i], high[i])
-                if truth is not None:
-                    panel.axhline(truth[i], color=style.VERMILLION, linewidth=0.8)
-            if truth is not None:
-                panel.axvline(truth[j], color=style.VERMILLION, linewidth=0.8)
-            panel.set_xlabel(column)
-            panel.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
-            if j == 0 and i > 0:
-                panel.set_ylabel(row)
-    red = "" if truth is None else "; red: the truth"
-    figure.suptitle(f"posterior; dotted: central 90 %{red}")
-    figure.tight_layout()
-    return figure
-
-
-def label_of(unknown: Unknown, case: Case) -> str:
-    """Return the last part of the key of an unknown in words, with its unit."""
-    unit = unit_of(unknown.keys(case)[0], case)
-    words = unknown.key.rsplit(".", 1)[-1].replace("_", " ")
-    return f"{words}\n[{'–' if unit == '1' else unit}]"
 
 
 def measured_histories(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
@@ -530,11 +349,6 @@ def _discrepancy(
     return np.asarray(share * change[complete[chosen]])
 
 
-HEADING = ("key", "median", "90 % interval", "prior", "identified", "truth", "covered")
-SEPARATED = 0.5
-"""Two unknowns with a larger correlation than this are hardly separated."""
-
-
 @dataclass(frozen=True)
 class Identification(Finding):
     """Posterior of the unknowns of an experiment from a measurement.
@@ -563,53 +377,15 @@ class Identification(Finding):
         return self.experiment.truth if self.is_synthetic else None
 
     @property
-    def prior(self) -> FloatArray:
-        """Central 90 % interval of each unknown before the measurement, shape (n_unknowns, 2)."""
-        low, high = self.experiment.bounds.T
-        return np.stack([low + 0.05 * (high - low), high - 0.05 * (high - low)], axis=1)
-
-    @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal."""
-        experiment, posterior, truth = self.experiment, self.posterior, self.truth
-        middle = posterior.quantile(0.5)
-        interval = posterior.interval(0.9)
-        correlation = posterior.correlation()
-        keys = experiment.unknowns
-        is_identified = posterior.is_identified(self.prior)
-        entries: dict[str, dict[str, Any]] = {}
-        rows = []
-        for k, unknown in enumerate(keys):
-            entries[unknown.key] = {
-                "median": middle[k],
-                "interval_90": interval[k],
-                "prior": [unknown.low, unknown.high],
-                "identified": bool(is_identified[k]),
-                "truth": None if truth is None else truth[k],
-                "coverage_of_90": None if self.coverage is None else self.coverage[k],
-            }
-            covered = "" if self.coverage is None else f"{100.0 * self.coverage[k]:.0f} %"
-            known = "" if truth is None else f"{truth[k]:.4g}"
-            span = f"{interval[k, 0]:.4g} … {interval[k, 1]:.4g}"
-            prior = f"{unknown.low:g} … {unknown.high:g}"
-            word = "yes" if is_identified[k] else "no"
-            rows.append((unknown.key, f"{middle[k]:.4g}", span, prior, word, known, covered))
-        pairs = [
-            f"{keys[j].key} and {keys[i].key} (correlation {correlation[i, j]:+.2f})"
-            for i in range(len(keys))
-            for j in range(i)
-            if abs(correlation[i, j]) > SEPARATED
-        ]
-        sentences = [f"These motions hardly separate {'; '.join(pairs)}."] if pairs else []
-        if lost := [keys[k].key for k in np.flatnonzero(~is_identified)]:
-            sentences.append(
-                f"These motions do not identify {', '.join(lost)}: the 90 % interval is more than "
-                f"{statistics.IDENTIFIED:g} times as wide as that of the prior."
-            )
-        text = " ".join(sentences) or "These motions separate the unknowns."
+        experiment = self.experiment
+        words = described(
+            experiment.case, experiment.unknowns, self.posterior, self.truth, self.coverage
+        )
         numbers = {
-            "unknowns": entries,
-            "correlation": correlation,
+            "unknowns": words.entries,
+            "correlation": self.posterior.correlation(),
             "frequencies_hz": experiment.frequencies,
             "channels": experiment.names,
             "noise": experiment.noise,
@@ -618,15 +394,28 @@ class Identification(Finding):
             "uncertain": [asdict(unknown) for unknown in experiment.uncertain],
             "mismatch": self.mismatch,
         }
-        labels = [label_of(unknown, experiment.case) for unknown in experiment.unknowns]
-        draw = partial(posterior_figure, posterior, labels, truth)
+        text = words.sentence
         return Report(
             name="identification",
             numbers=numbers,
             case=experiment.case,
-            tables=[Table(f"identification of {experiment.case.name}", HEADING, rows)],
+            fitted=self.fitted,
+            tables=[words.table],
             sentences=[f"{text} {self.mismatch}" if self.mismatch else text],
-            pictures={"posterior": (draw, "")},
+            pictures={"posterior": (words.figure, "")},
+        )
+
+    @property
+    def fitted(self) -> Case:
+        """The case with the medians of the unknowns."""
+        middle = self.posterior.quantile(0.5).tolist()
+        case = self.experiment.case
+        return case.with_overrides(
+            {
+                key: value
+                for unknown, value in zip(self.experiment.unknowns, middle, strict=True)
+                for key in unknown.keys(case)
+            }
         )
 
 
@@ -741,8 +530,45 @@ def _experiment(case: Case, options: Identify) -> Experiment:
     )  # fmt: skip
 
 
-def compute(case: Case, options: Identify, context: RunContext) -> Identification:
+def _is_of_responses(options: Identify) -> bool:
+    """Return whether the measurements are frequency responses.
+
+    Raises:
+        CaseError: only some of them are, or what goes with them is missing.
+    """
+    are = [has_responses(path) for path in options.measured or ()]
+    if any(are) and (not all(are) or options.frequency):
+        raise CaseError(
+            "identify keys: expected either frequency responses, as measure response writes them, "
+            "or motions with --frequency, given both; identify from one after the other"
+        )
+    if not any(are) and not options.frequency:
+        raise CaseError(
+            "identify keys: expected --frequency of motions, or --measured with frequency "
+            "responses, which measure response writes, given neither"
+        )
+    if options.band is not None:
+        require(any(are), "band", "none without frequency responses", options.band)
+        require(
+            len(options.band) == 2 and 0.0 <= options.band[0] < options.band[1], "band",
+            "LOW,HIGH with LOW below HIGH", options.band,
+        )  # fmt: skip
+    return any(are)
+
+
+def compute(case: Case, options: Identify, context: RunContext) -> Identification | ResponseFit:
     """Identify with options of a user."""
+    if _is_of_responses(options):
+        return of_responses(
+            case,
+            options.measured or (),
+            tuple(map(Unknown.parse, options.unknown)),
+            uncertain_keys(case, options.uncertain),
+            names=options.channel or (),
+            band=options.band,
+            seed=options.seed,
+            progress=context.progress,
+        )
     return identify(
         _experiment(case, options),
         context.folder,
@@ -758,6 +584,8 @@ def compute(case: Case, options: Identify, context: RunContext) -> Identificatio
 
 def cost(case: Case, options: Identify, workers: int | None) -> tuple[str, Cost]:
     """Return the name and the cost of an identification."""
+    if _is_of_responses(options):
+        return "fit of responses", Cost(0.0, 0.0, 0.0)
     experiment = _experiment(case, options)
     n_motions = len(options.frequency)
     count = n_motions * (options.simulations + TIMES_FINER * min(FINER, options.simulations))

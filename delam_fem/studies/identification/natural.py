@@ -26,8 +26,13 @@ from delam_fem.api import (
     elastic,
     style,
 )
-from delam_fem.studies.identification.identify import Unknown, drawn, require_values, uncertain_keys
 from delam_fem.studies.identification.study import Natural
+from delam_fem.studies.identification.unknowns import (
+    Unknown,
+    drawn,
+    require_values,
+    uncertain_keys,
+)
 from delam_fem.studies.signals.reading import read_measured
 
 QUANTILES = (0.05, 0.5, 0.95)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from delam_fem.api import Flag, Options, Study
 
 if TYPE_CHECKING:
+    from delam_fem.studies.identification.fit import ResponseFit
     from delam_fem.studies.identification.identify import Identification
     from delam_fem.studies.identification.natural import Followed
     from delam_fem.studies.identification.resonance import Found
@@ -33,14 +34,16 @@ class Resonance(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Identify(Options):
-    """Identify keys of a case from clapping motions, as a joint posterior.
+    """Identify keys of a case from frequency responses or clapping motions.
 
     Attributes:
         unknown: a key that is sought; repeatable.
-        frequency: frequency of a motion [Hz]; repeatable.
+        frequency: frequency of a motion [Hz]; repeatable; none for frequency responses.
         channel: a channel that is measured, of the tips, base, contacts and sensors of a run; the
             first one gives the phase; repeatable (default: the tips of all laminae).
-        measured: channels of a motion, one file per frequency; by default the case simulates them.
+        measured: what measure response has written, of any number of records without contact; or
+            channels of a motion, one file per frequency, which by default the case simulates.
+        band: lowest and highest frequency of responses, LOW,HIGH [Hz] (default: what is driven).
         noise: standard deviation of a sample, of all channels or repeated for each (SI).
         uncertain: in what the rig may differ from the case; 0.9x:1.1x are multiples of the case's
             own value; repeatable (default: stiffness ± 10 %, damping 0.5x:2x, clamps that yield).
@@ -51,9 +54,10 @@ class Identify(Options):
 
     common = ("workers", "resume", "overwrite", "dry_run", "yes")
     unknown: Annotated[tuple[str, ...], RIG]
-    frequency: tuple[float, ...]
+    frequency: tuple[float, ...] = ()
     channel: Annotated[tuple[str, ...] | None, Flag(metavar="NAME")] = None
     measured: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE")] = None
+    band: Annotated[tuple[float, ...] | None, Flag(metavar="LOW,HIGH", is_joined=True)] = None
     noise: Annotated[tuple[float, ...], Flag(least=0)] = (1e-4,)
     uncertain: Annotated[tuple[str, ...] | None, RIG] = None
     simulations: Annotated[int, Flag(least=100)] = 2000
@@ -87,7 +91,7 @@ HOME = "delam_fem.studies.identification"
 RESONANCE: Study[Resonance, Found] = Study(
     Resonance, f"{HOME}.resonance:identified", "Data", "identify resonance", has_checkpoints=True
 )
-IDENTIFY: Study[Identify, Identification] = Study(
+IDENTIFY: Study[Identify, Identification | ResponseFit] = Study(
     Identify,
     f"{HOME}.identify:compute",
     "Data",

@@ -477,6 +477,8 @@ def with_estimates(
     about = {
         "units": ratios[0] if len(set(ratios)) == 1 else "see response_units",
         "long_name": f"frequency response to {names[first]}",
+        "excitation": names[first],
+        "excitation_units": units[first],
     }
     data = data.assign_coords(
         frequency=("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),

@@ -25,13 +25,8 @@ from calibration.row import OWN, Row
 import delam_fem as df
 from delam_fem.api import FloatArray, beams, statistics
 from delam_fem.studies.identification import identify
-from delam_fem.studies.identification.identify import (
-    Experiment,
-    Unknown,
-    drawn,
-    mismatch,
-    of_rig,
-)
+from delam_fem.studies.identification.identify import Experiment, mismatch
+from delam_fem.studies.identification.unknowns import Unknown, drawn, of_rig
 
 CASE = {
     "time.mass": "lumped",

@@ -23,7 +23,7 @@ from delam_fem.studies.detection import infer
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.population import Population, population
 from delam_fem.studies.detection.study import Infer
-from delam_fem.studies.identification.identify import drawn, of_rig
+from delam_fem.studies.identification.unknowns import drawn, of_rig
 from delam_fem.studies.signals.scan import surface_of
 
 NOISE_DB, LOUD_DB, N_LINES = 40.0, 30.5, 14

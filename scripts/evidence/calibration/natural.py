@@ -20,7 +20,7 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.api import Case, assemble, elastic
-from delam_fem.studies.identification.identify import drawn, of_rig
+from delam_fem.studies.identification.unknowns import drawn, of_rig
 from delam_fem.studies.signals.writing import write_measured
 
 LEVEL = 0.9

@@ -19,7 +19,7 @@ from calibration.row import OWN, Row
 import delam_fem as df
 from delam_fem.studies.detection.indices import FALSE_CALLS
 from delam_fem.studies.detection.tap import index, lengths, limits, noisy, taps
-from delam_fem.studies.identification.identify import of_rig
+from delam_fem.studies.identification.unknowns import of_rig
 
 LEVELS = (40.0, 30.0, 20.0)
 """Noise [dB]."""

@@ -12,7 +12,7 @@ from measurements import write_csv
 import delam_fem as df
 from delam_fem import CaseError
 from delam_fem.api import Case
-from delam_fem.studies.identification.identify import drawn, of_rig
+from delam_fem.studies.identification.unknowns import drawn, of_rig
 from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.writing import write_measured
 

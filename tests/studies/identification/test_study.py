@@ -12,12 +12,10 @@ from delam_fem.numerics.statistics import Posterior, uniform
 from delam_fem.studies.identification.identify import (
     Experiment,
     Identification,
-    Unknown,
-    drawn,
     identify,
     measured_histories,
-    of_rig,
 )
+from delam_fem.studies.identification.unknowns import Unknown, drawn, of_rig
 from delam_fem.studies.sweeps.point import probe_motion
 
 CASE = {

@@ -1,0 +1,134 @@
+"""`identify keys` from frequency responses: a delamination's end, damping, a support.
+
+A clamped stack of two laminae with a delamination that is open at rest, and a spring at its tip.
+Its base is driven from 20 to 1,020 Hz in 400 lines, a tip and an accelerometer are measured with
+noise of 1 or 5 % of each line.
+
+Sought are the end of the delamination, the damping ratio of both laminae, and the stiffness of the
+spring. Truths are drawn from their priors, and, *as modelled*, with what the command takes for
+uncertain: stiffness of the laminae (± 10 %), clamps that yield, and gains of the sensors (2 %). The
+responses are those of the model with twice as many elements. The note has the median width of the
+intervals as a share of the prior, and how often the program said that the rig is not its model; a
+measurement without stated noise does not say so.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from calibration.row import OWN, Row
+
+from delam_fem.api import Case, FloatArray, assemble, of_channels
+from delam_fem.studies.identification.fit import of_responses
+from delam_fem.studies.identification.unknowns import Unknown, drawn, of_rig
+from delam_fem.studies.signals.writing import write_measured
+
+LEVEL = 0.9
+TRUTHS = 20
+NOISE = (0.01, 0.05)
+LAMINA = {"length": 0.3, "width": 0.02, "density": 2700.0, "young_modulus": 7e10,
+          "damping_ratio": 0.01}  # fmt: skip
+CASE = Case(
+    name="stack",
+    lamina=[{"name": "lower", "thickness": 0.002, **LAMINA},
+            {"name": "upper", "thickness": 0.0015, **LAMINA}],
+    support=[{"start": "clamped"}, {"side": "end", "kind": "spring", "stiffness": 2000.0}],
+    delamination=[{"between": ["lower", "upper"], "start": 0.10, "end": 0.2, "opening": 1e-3}],
+    sensor=[{"name": "acc", "quantity": "acceleration", "lamina": "upper", "position": 0.15}],
+    mesh={"elements": 30}, contact={"law": "newton"},
+    excitation={"kind": "harmonic", "amplitude": 1e-6, "frequency": 20.0},
+)  # fmt: skip
+KEYS = {
+    "delamination.1.end": (0.16, 0.24),
+    "lamina.*.damping_ratio": (0.005, 0.02),
+    "support.2.stiffness": (1000.0, 4000.0),
+}
+CHANNELS = {"tip lower": ("tip_lower", "m", "displacement"), "acc": ("acc", "m/s2", "acceleration")}
+FREQUENCY = np.linspace(20.0, 1020.0, 400)
+
+
+def measured(
+    path: Path, keys: dict[str, float], noise: float, gains: dict[str, float],
+    rng: np.random.Generator,
+) -> Path:  # fmt: skip
+    """Write the responses of a rig as `measure response` does."""
+    rig = CASE.with_overrides({"mesh.elements": 60, **keys})
+    s = 2j * np.pi * FREQUENCY
+    channels = of_channels(assemble(rig, needs_dolfinx=False), rig, s)
+    names = ["base", *CHANNELS]
+    rows = []
+    for name, (channel, _, _) in CHANNELS.items():
+        H = gains.get(name, 1.0) * channels[channel] / s**2
+        parts = rng.standard_normal((2, H.size))
+        rows.append(H + noise * np.abs(H) * (parts[0] + 1j * parts[1]))
+    time = 1e-3 * np.arange(16.0)
+    data = xr.Dataset(
+        {name: ("time", time) for name in ("sensor_base", "tip", "sensor_acc")},
+        coords={"time": time, "frequency": FREQUENCY, "output": names[1:], "channel": names},
+        attrs={"title": "measurement", "schema": "delam_fem measurement", "notes": ""},
+    )
+    about = {"units": "see response_units", "excitation": "base", "excitation_units": "m/s2"}
+    data["response"] = (("frequency", "output"), np.array(rows).T, about)
+    rows_of = {
+        "variable": ["sensor_base", "tip", "sensor_acc"],
+        "units": ["m/s2", "m", "m/s2"],
+        "quantity": ["acceleration", "displacement", "acceleration"],
+        "position": [np.nan, np.nan, 0.15],
+        "lamina": ["", "lower", "upper"],
+        "source": ["a", "b", "c"],
+    }
+    for name, values in rows_of.items():
+        data[f"channel_{name}"] = ("channel", values)
+    return write_measured(data, path)
+
+
+def truths(number: int, rig: str, count: int) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Return keys of the rigs and gains of their sensors, shape (count, 2)."""
+    rng = np.random.default_rng([57, number])
+    keys = {key: rng.uniform(low, high, count) for key, (low, high) in KEYS.items()}
+    ratio = keys.pop("lamina.*.damping_ratio")
+    keys |= {f"lamina.{name}.damping_ratio": ratio for name in ("lower", "upper")}
+    others = drawn(of_rig(CASE), CASE, count, 100 + number)
+    gains = np.ones((count, len(CHANNELS)))
+    modulus = {key: 7e10 for key in others if key.endswith("young_modulus")}
+    if rig == OWN:
+        gains = np.exp(0.02 * rng.standard_normal(gains.shape))
+        keys |= {key: values for key, values in others.items() if "damping" not in key}
+    elif rig.startswith("EI"):
+        factor = 1.05 if "+" in rig else 0.95
+        keys |= {key: np.full(count, factor * value) for key, value in modulus.items()}
+    elif rig.startswith("soft"):
+        soft = 2.0 * of_rig(CASE)[-1].low
+        keys["support.rotational_stiffness"] = np.full(count, soft)
+    elif rig.startswith("sensor"):
+        gains[:, 1] = 1.02
+    return keys, gains
+
+
+def rows(is_long: bool, folder: Path) -> list[Row]:
+    """Return the rows of the page."""
+    unknowns = tuple(Unknown(key, *ends) for key, ends in KEYS.items())
+    rigs = (OWN, "EI + 5 %", "EI − 5 %", "soft clamp (k L/EI = 100)", "sensor + 2 %")
+    result = []
+    count = TRUTHS if is_long else 3
+    for number, rig in enumerate(rigs if is_long else rigs[:1]):
+        inside = dict.fromkeys(KEYS, 0)
+        widths: dict[str, list[float]] = {key: [] for key in KEYS}
+        keys, gains = truths(number, rig, count)
+        for k in range(count):
+            rng = np.random.default_rng([58, number, k])
+            mine = {key: float(values[k]) for key, values in keys.items()}
+            of_sensors = dict(zip(CHANNELS, gains[k].tolist(), strict=True))
+            path = measured(folder / f"{number}-{k}.nc", mine, NOISE[k % 2], of_sensors, rng)
+            found = of_responses(CASE, [path], unknowns, of_rig(CASE))
+            ends = found.posterior.interval(LEVEL)
+            for (key, prior), (low, high) in zip(KEYS.items(), ends.tolist(), strict=True):
+                truth = mine[key.replace("*", "lower")]
+                inside[key] += low <= truth <= high
+                widths[key].append((high - low) / (prior[1] - prior[0]))
+        for key in KEYS:
+            note = f"{100.0 * np.median(widths[key]):.2g} % of the prior"
+            result.append(Row(f"{key}, 90 % interval", rig, LEVEL, inside[key], count, note=note))
+    return result
