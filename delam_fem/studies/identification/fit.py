@@ -56,6 +56,8 @@ POWERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 """Factors s of a quantity over the displacement."""
 OF_DRIVE = {"m": 0, "m/s": 1, "m/s2": 2, "N": 0}
 """The same of a drive by its unit."""
+OF_PLACE = "fitted-"
+"""Start of the names of sensors at measured places."""
 GAIN = 0.02
 """Standard deviation of the gain of a sensor [-]."""
 UNIFORM = 1.0 / np.sqrt(12.0)
@@ -234,7 +236,8 @@ def read(
         if name in data and variable == "response":
             known = data[name].to_numpy().T / np.sqrt(2.0)  # of one part of two
             deviation = np.where(np.isfinite(deviation), deviation, known)
-    values, deviation = values[rows][:, counts], deviation[rows][:, counts]
+    values = values[rows][:, counts]
+    deviation = deviation[rows][:, counts]
     for row, of_row in zip(values, deviation, strict=True):
         if np.isfinite(of_row).all():  # of few periods or realisations, it scatters itself
             of_row[:] = np.sqrt(_near(of_row**2, np.square(np.abs(row))))
@@ -260,16 +263,20 @@ def _channel(
             return ((name, 0) if sensor.quantity == quantity else None), case
     if lamina not in {of_case.name for of_case in case.lamina} or quantity not in POWERS:
         return None, case
-    if np.isfinite(position):
-        name = f"fitted{len(case.sensor)}"
-        place = Sensor(name=name, quantity="displacement", lamina=lamina, position=position)
-        return (name, POWERS[quantity]), case.model_copy(update={"sensor": (*case.sensor, place)})
-    if name.startswith("tip"):
-        return (f"tip_{lamina}", POWERS[quantity]), case
-    return None, case
+    if not np.isfinite(position):
+        if not name.startswith("tip"):
+            return None, case
+        layout = assemble(case, needs_dolfinx=case.model.is_continuum).layout
+        probe = layout.probes[layout.names.index(lamina)]
+        if probe.name == "tip":
+            return (f"tip_{lamina}", POWERS[quantity]), case
+        position = float(layout.parts[probe.part].x[probe.point])  # which no mesh moves
+    name = f"{OF_PLACE}{len(case.sensor)}"
+    place = Sensor(name=name, quantity="displacement", lamina=lamina, position=position)
+    return (name, POWERS[quantity]), case.model_copy(update={"sensor": (*case.sensor, place)})
 
 
-class Model:
+class ResponseModel:
     """Responses of a case with its unknowns, beside the measured ones.
 
     Attributes:
@@ -290,7 +297,7 @@ class Model:
         self.parameters = (*parameters, *[gain] * self.n_gains)
         self.measured = [row for file in files for row in file.values]
 
-    def thinned(self) -> Model:
+    def thinned(self) -> ResponseModel:
         """Return the model with at most `THIN` lines of each file."""
         files = []
         for file in self.files:
@@ -301,7 +308,9 @@ class Model:
                     values=file.values[:, chosen], deviation=file.deviation[:, chosen],
                 )
             )  # fmt: skip
-        return Model(self.case, files, self.parameters[: len(self.parameters) - self.n_gains])
+        return ResponseModel(
+            self.case, files, self.parameters[: len(self.parameters) - self.n_gains]
+        )
 
     def case_at(self, places: FloatArray, overrides: dict[str, object] | None = None) -> Case:
         """Return the case with the unknowns at places."""
@@ -371,7 +380,7 @@ def _parts(rows: Sequence[beams.ComplexArray]) -> FloatArray:
     return np.concatenate([part for row in rows for part in (row.real, row.imag)], axis=-1)
 
 
-def _logarithms(model: Model, places: FloatArray) -> FloatArray:
+def _logarithms(model: ResponseModel, places: FloatArray) -> FloatArray:
     """Return the logarithm of modelled over measured responses, and what is left of the prior."""
     rows = [
         np.log(row / np.where(measured == 0.0, row, measured))
@@ -380,7 +389,7 @@ def _logarithms(model: Model, places: FloatArray) -> FloatArray:
     return np.concatenate([_parts(rows), model.of_prior(places)])
 
 
-def _slopes_of_logarithms(model: Model, places: FloatArray) -> FloatArray:
+def _slopes_of_logarithms(model: ResponseModel, places: FloatArray) -> FloatArray:
     """Return the derivative of `_logarithms`, shape (n_values, n_parameters)."""
     rows = [
         slope / row
@@ -389,13 +398,13 @@ def _slopes_of_logarithms(model: Model, places: FloatArray) -> FloatArray:
     return np.vstack([_parts(rows).T, model.prior])
 
 
-def _deviations(model: Model, rows: Sequence[beams.ComplexArray]) -> list[FloatArray]:
+def _deviations(model: ResponseModel, rows: Sequence[beams.ComplexArray]) -> list[FloatArray]:
     """Return σ of each line of each row: what is left near it, and at least what is known."""
     known = [row for file in model.files for row in file.deviation]
     deviations = []
-    for row, measured, given in zip(rows, model.measured, known, strict=True):
+    for row, measured, stated in zip(rows, model.measured, known, strict=True):
         near = _near(0.5 * np.square(np.abs(row - measured)), np.square(np.abs(row)))
-        least = np.maximum(np.nan_to_num(given), LEAST_SHARE * np.abs(measured))
+        least = np.maximum(np.nan_to_num(stated), LEAST_SHARE * np.abs(measured))
         deviations.append(np.sqrt(np.maximum(near, least**2)) + 1e-300)
     return deviations
 
@@ -426,13 +435,13 @@ def _weights(deviations: Sequence[FloatArray]) -> FloatArray:
     return 1.0 / np.concatenate([np.tile(sigma, 2) for sigma in deviations])
 
 
-def _left(model: Model, places: FloatArray, *, weights: FloatArray) -> FloatArray:
+def _left(model: ResponseModel, places: FloatArray, *, weights: FloatArray) -> FloatArray:
     """Return what is left of responses and prior, in standard deviations (F2)."""
     misfit = weights * (_parts(model.responses(places)) - _parts(model.measured))
     return np.concatenate([misfit, model.of_prior(places)])
 
 
-def _slopes_of_left(model: Model, places: FloatArray, *, weights: FloatArray) -> FloatArray:
+def _slopes_of_left(model: ResponseModel, places: FloatArray, *, weights: FloatArray) -> FloatArray:
     """Return the derivative of `_left`, shape (n_values, n_parameters)."""
     return np.vstack([(weights * _parts(model.slopes(places))).T, model.prior])
 
@@ -455,7 +464,7 @@ class Fit:
         lost: sentence on what the model does not explain; empty: it explains all.
     """
 
-    model: Model
+    model: ResponseModel
     places: FloatArray
     covariance: FloatArray
     rows: list[beams.ComplexArray]
@@ -481,12 +490,15 @@ class Fit:
     def case(self) -> Case:
         """The fitted case, without the sensors of measured places."""
         fitted = self.model.case_at(self.places)
-        sensors = tuple(s for s in fitted.sensor if not s.name.startswith("fitted"))
+        sensors = tuple(s for s in fitted.sensor if not s.name.startswith(OF_PLACE))
         return fitted.model_copy(update={"sensor": sensors})
 
 
 def _found(
-    model: Model, bounds: tuple[FloatArray, FloatArray], seed: int, progress: Progress | None
+    model: ResponseModel,
+    bounds: tuple[FloatArray, FloatArray],
+    seed: int,
+    progress: Progress | None,
 ) -> FloatArray:
     """Return places near the maximum of the posterior, by the logarithm of the responses."""
     n_keys = len(model.parameters) - model.n_gains
@@ -509,7 +521,7 @@ def _found(
     return np.asarray(led(min(nearest, key=lambda one: float(one.cost)).x, LONGEST).x)
 
 
-def fitted(model: Model, seed: int, progress: Progress | None = None) -> Fit:
+def fitted(model: ResponseModel, seed: int, progress: Progress | None = None) -> Fit:
     """Return the fit of a model to its measured responses.
 
     Args:
@@ -536,7 +548,7 @@ def fitted(model: Model, seed: int, progress: Progress | None = None) -> Fit:
 
 
 def _covariance(
-    model: Model,
+    model: ResponseModel,
     places: FloatArray,
     rows: Sequence[beams.ComplexArray],
     deviations: Sequence[FloatArray],
@@ -563,7 +575,10 @@ def _covariance(
 
 
 def _refined(
-    model: Model, places: FloatArray, covariance: FloatArray, deviations: Sequence[FloatArray]
+    model: ResponseModel,
+    places: FloatArray,
+    covariance: FloatArray,
+    deviations: Sequence[FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
     """Return places and covariance without what twice as many elements change.
 
@@ -582,16 +597,16 @@ def _refined(
     return places + shift, covariance + 0.25 * np.diag(shift**2)
 
 
-def _lost(model: Model, rows: Sequence[beams.ComplexArray]) -> str:
+def _lost(model: ResponseModel, rows: Sequence[beams.ComplexArray]) -> str:
     """Return a sentence on responses of which more is left than their noise; or nothing."""
     sentences = []
     names = [(file, name) for file in model.files for name in file.names]
     known = [row for file in model.files for row in file.deviation]
-    for (file, name), row, measured, given in zip(names, rows, model.measured, known, strict=True):
-        if not np.isfinite(given).all() or not given.any():
+    for (file, name), row, measured, stated in zip(names, rows, model.measured, known, strict=True):
+        if not np.isfinite(stated).all() or not stated.any():
             continue
         ratio = np.sqrt(0.5 * np.abs(row - measured) ** 2) / np.maximum(
-            given, LEAST_SHARE * np.abs(measured)
+            stated, LEAST_SHARE * np.abs(measured)
         )
         size = float(np.sqrt(np.mean(np.minimum(ratio, 1e6) ** 2)))
         if size > UNEXPLAINED:
@@ -754,6 +769,6 @@ def of_responses(
         responses, with_channels = read(path, with_channels, names, band)
         measured.append(responses)
     parameters = parameters_of(case, unknowns, uncertain)
-    fit = fitted(Model(with_channels, measured, parameters), seed, progress)
+    fit = fitted(ResponseModel(with_channels, measured, parameters), seed, progress)
     posterior = fit.posterior(len(unknowns), seed)
     return ResponseFit(case, unknowns, uncertain, fit, posterior)
