@@ -75,7 +75,7 @@ def test_keys_come_from_the_responses_of_an_exact_beam_and_the_fitted_case_runs(
 ) -> None:
     """What was not measured is not identified: the upper lamina, and the gap."""
     measured = responses(tmp_path)
-    found = df.identify(CASE, tmp_path / "fit", measured=(measured,), unknown=UNKNOWN)
+    finding = df.identify(CASE, tmp_path / "fit", measured=(measured,), unknown=UNKNOWN)
     numbers = json.loads((tmp_path / "fit" / "identification.json").read_text())
     for key, truth in zip(UNKNOWN, (EI, D), strict=False):
         entry = numbers["unknowns"][key.partition("=")[0]]
@@ -94,7 +94,7 @@ def test_keys_come_from_the_responses_of_an_exact_beam_and_the_fitted_case_runs(
     fitted = df.load_case(tmp_path / "fit" / "fitted" / "case.toml")
     assert fitted.lamina[0].bending_stiffness == pytest.approx(EI, rel=0.01)
     assert fitted.name == CASE.name and not fitted.sensor
-    assert found.posterior.samples.shape[1] == len(UNKNOWN)
+    assert finding.posterior.samples.shape[1] == len(UNKNOWN)
 
 
 @pytest.mark.slow
@@ -105,9 +105,9 @@ def test_a_rig_of_another_kind_is_not_the_model(tmp_path: Path) -> None:
     case = Case(**(heavy.model_dump(exclude_unset=True, exclude_none=True) | {
         "point_mass": [{"lamina": "lower", "mass": 0.01, "position": 0.2}],
     }))  # fmt: skip
-    found = df.identify(case, measured=(measured,), unknown=(UNKNOWN[0],), uncertain=())
-    assert found.report.numbers is not None
-    assert "not this model" in str(found.report.numbers["mismatch"])
+    finding = df.identify(case, measured=(measured,), unknown=(UNKNOWN[0],), uncertain=())
+    assert finding.report.numbers is not None
+    assert "not this model" in str(finding.report.numbers["mismatch"])
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
