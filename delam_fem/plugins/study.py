@@ -212,7 +212,10 @@ class Study(Generic[Chosen, Found]):
         from delam_fem.model.discretise import require_kind
 
         if case.impactor and not self.takes_impactors:
-            raise CaseError(f"impactor: {self.name}: expected none, given {len(case.impactor)}")
+            raise CaseError(
+                f"impactor: {self.name}: expected none, as their blows need not repeat, given "
+                f"{len(case.impactor)}"
+            )
         if self.needs and not getattr(case, self.needs):
             raise CaseError(f"{self.name}: expected a case with [[{self.needs}]], given none")
         if self.takes is not None:

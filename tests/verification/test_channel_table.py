@@ -18,10 +18,12 @@ import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.io import loadmat
+from support import refusal
 
 import delam_fem as df
 from delam_fem.results.figures.run import Plots
 from delam_fem.studies.diagrams import DiagramName, diagram
+from delam_fem.studies.identification.identify import Experiment, Unknown
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.studies.orbits.run import PeriodicOrbit
 
@@ -224,6 +226,14 @@ class TestOscillator:
         shift = (overlay.offset - (PERIODS - 10.3) / FREQUENCY) * FREQUENCY
         assert (shift + 0.5) % 1.0 - 0.5 == pytest.approx(0.0, abs=1e-3)
 
+    @pytest.mark.slow
+    def test_identify(self, what: str, fitted: np.ndarray) -> None:
+        """What a fit reads of a channel are its harmonics."""
+        first, second = np.abs(fitted[[*CHANNELS].index(what), :2])
+        lines = 2.0 * np.abs(np.fft.rfft(of_window(what))) / (4 * STEPS)
+        assert first == pytest.approx(lines[4], rel=CLOSE)
+        assert second == pytest.approx(lines[8], abs=CLOSE * lines[4])
+
     def test_response(self, what: str) -> None:
         """What is three times the force has the response 3, in its own unit over N."""
         from delam_fem.studies.signals.responses import with_responses
@@ -261,6 +271,18 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
 
 
 @pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    return harmonics_of(CASE, FREQUENCY, [*CHANNELS.values()], tmp_path_factory.mktemp("fitted"))
+
+
+def harmonics_of(case: df.Case, frequency: float, names: list[str], folder: Path) -> np.ndarray:
+    """Return the harmonics of channels that a fit reads, shape (n_channels, HARMONICS)."""
+    unknown = Unknown("lamina.one.damping_ratio", 0.001, 0.5)
+    rig = Experiment(case, (frequency,), (unknown,), 1.0, channels=tuple(names))
+    return rig.simulate(np.array([rig.truth]), folder, executor="serial")[0, 0]
+
+
+@pytest.fixture(scope="module")
 def found() -> PeriodicOrbit:
     few = Perturbations(copies=4)
     return df.orbit(CASE, settle=60, perturbations=few, channels=[*CHANNELS.values()])
@@ -284,6 +306,34 @@ def test_strain_in_summary_record_and_overlay(tmp_path: Path) -> None:
                header="time [s],gauge [µm/m]", comments="")  # fmt: skip
     (channel,) = df.overlay(result, tmp_path / "g.csv").channels
     assert abs(channel.gain) == pytest.approx(1.0, abs=5e-3)
+
+
+@pytest.mark.slow
+def test_strain_in_converge_sweep_orbit_and_fit(tmp_path: Path) -> None:
+    study = df.converge(
+        BENT, tmp_path / "refined", laws=["newton@newmark"], of=["gauge:amplitude"],
+        steps=(100, 200, 400), limit_steps=0, periods=2, workers=1,
+    )  # fmt: skip
+    for level in study.refinement.along_steps(study.refinement.methods[0], 4):
+        assert study.value(level, "gauge:amplitude") == pytest.approx(STRAIN, rel=2e-3)
+    (first, *_) = harmonics_of(BENT, 0.1, ["gauge"], tmp_path / "fitted")[0]
+    assert abs(first) == pytest.approx(STRAIN, rel=2e-3)
+    few = Perturbations(copies=4)
+    orbit = df.orbit(BENT, settle=10, perturbations=few, channels=["gauge"])
+    assert np.ptp(orbit.histories["gauge"]) / 2.0 == pytest.approx(STRAIN, rel=2e-3)
+    assert orbit.numbers["channels"]["gauge"]["units"] == "1"
+
+
+@pytest.mark.slow
+def test_a_fit_reads_the_impulse_of_an_impactor(tmp_path: Path) -> None:
+    """One impulse I in two periods has the amplitude I / T at each harmonic."""
+    (row,) = np.abs(harmonics_of(BLOW, 20.0, ["contact_impactor 1"], tmp_path))
+    np.testing.assert_allclose(row, IMPULSE / BLOW.period, rtol=1e-3)
+
+
+def test_blows_that_need_not_repeat_are_not_refined() -> None:
+    said = refusal(lambda: df.converge(BLOW, of=["contact_impactor 1"]))
+    assert "impactor" in said and "need not repeat" in said
 
 
 def test_an_impactor_in_summary_and_record(tmp_path: Path) -> None:

@@ -238,17 +238,36 @@ class Convergence(Finding):
         away = self.error(level, None if is_limit else finest)
         if level not in levels[:-2]:
             return away, math.nan
+        noise = self.noise(level, finest)
+        return away, self.beyond(levels, by, noise)[0] + noise
+
+    def beyond(self, levels: Sequence[Level], by: str, noise: float) -> tuple[float, float]:
+        """Return how far the finest of three levels or more is from the limit, and the order.
+
+        Args:
+            levels: levels that refine `by` "steps", "elements" or "points", from coarse to fine.
+            by: what they refine.
+            noise: what `noise` returns.
+
+        Returns:
+            Both [-], see `interval`. The distance is infinite if errors do not shrink.
+        """
         first, second = (self.error(a, b) for a, b in pairwise(levels[-3:]))
-        noise = NOISE * (self._noise(level, finest) + self._noise(finest, finest))
         a, b, c = (1.0 / getattr(one, by) for one in levels[-3:])
         # the second difference if errors were proportional to the size
         at_first_order = first * (b - c) / (a - b)
         if second <= max(noise, at_first_order):  # a small difference may be chance
-            return away, max(second, at_first_order) / (b / c - 1.0) + noise
+            return max(second, at_first_order) / (b / c - 1.0), 1.0
         order = statistics.observed_orders([a, b, c], [first + second, second, 0.0])[0]
         is_shrinking = order >= statistics.LOWEST_ORDER
-        left = second / ((b / c) ** order - 1.0) if is_shrinking else math.inf
-        return away, left + noise
+        return second / ((b / c) ** order - 1.0) if is_shrinking else math.inf, order
+
+    def noise(self, level: Level, finest: Level) -> float:
+        """Return what the scatter of periods makes uncertain in a distance from the finest level.
+
+        It is `NOISE` standard errors of the means, in the units of `error`.
+        """
+        return NOISE * (self._noise(level, finest) + self._noise(finest, finest))
 
     def _noise(self, level: Level, reference: Level) -> float:
         """Return the largest standard error of judged numbers of a level, in units of `_scale`."""
@@ -533,7 +552,33 @@ def verdict(found: Convergence) -> str:
             f"again, and the impulses per period ({count} at T/{refinement.limit_steps}) grow with "
             "1/Δt"
         )
-    return f"No run is known to be within {goal}: {reason}."
+    return f"No run is known to be within {goal}: {reason}{_outlook(found, chosen)}."
+
+
+def _outlook(found: Convergence, chosen: Level) -> str:
+    """Return what would bring a run within `GOAL`; empty where that is not known.
+
+    Steps are those at which the error of the finest level falls below `GOAL` with its order.
+    """
+    (method,) = (one for one in found.refinement.methods if one.name == chosen.method)
+    levels = _line(found, method, chosen, "steps")
+    if len(levels) < 3 or _directions(found.refinement) != ["steps"]:
+        return ""
+    finest = levels[-1]
+    noise = found.noise(chosen, finest)
+    if noise > GOAL / 2.0:
+        share = f"{100.0 * noise:.2g} %"
+        remedy = ": take more --periods" * (finest.periods == found.refinement.periods)
+        return f"; {share} of that are the scatter of {finest.periods} periods{remedy}"
+    left, order = found.beyond(levels, "steps", noise)
+    if not (math.isfinite(left) and left > 0.0):
+        return ""
+    doublings = max(math.ceil(math.log2(left / GOAL) / order), 0)
+    steps = finest.steps * 2**doublings
+    return (
+        f"; errors shrink with order {order:.1f}, so that about {steps} steps per period are "
+        "enough, which two finer runs beside it would show"
+    )
 
 
 def _directions(refinement: RefinementStudy) -> list[Direction]:

@@ -90,7 +90,7 @@ class Statistic:
     @property
     def heading(self) -> str:
         """Symbol and unit as a heading."""
-        return f"{self.symbol} [{self.unit}]"
+        return f"{self.symbol} [{self.unit or '–'}]"
 
 
 IMPULSE = Statistic("modal_impulse", "Σ p φ1", "mN s", 1e3)

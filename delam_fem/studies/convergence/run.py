@@ -60,7 +60,7 @@ from delam_fem.studies.convergence.refinement import (
     refinement_warnings,
     usual_methods,
 )
-from delam_fem.studies.convergence.study import Converge
+from delam_fem.studies.convergence.study import CONVERGE, Converge
 
 _log = logging.getLogger(__name__)
 
@@ -173,6 +173,7 @@ def converge(
         CaseError: the study is not valid, or the folder holds another one.
     """
     case = find_case(case)
+    CONVERGE.require_fit(case)
     directory = directory or Path("runs") / f"{case.name}-converge"
     case_mesh = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
     refinement = RefinementStudy(

@@ -81,6 +81,31 @@ def test_an_acceleration_at_a_place_that_is_hit_has_no_limit(tmp_path: Path) -> 
     assert "a1 rms" in said
 
 
+@pytest.mark.parametrize("order", [1.0, 0.7])
+def test_steps_that_are_enough_are_named(order: float, tmp_path: Path) -> None:
+    """A number 1 + c N^-p is within 1 % from N = (100 c)^(1/p) on; steps double from the finest."""
+    study = df.converge(
+        oscillator(), tmp_path, of=["a1:rms"], steps=(16, 32, 64), periods=4, workers=1
+    )
+    name = study.refinement.methods[0].name
+    enough = 700.0
+    for result in study.results.values():
+        method, _, steps = result.key.split()
+        value = 1.0 + 0.01 * (enough / int(steps)) ** order
+        result.statistics["a1:rms"] = (value, 0.0)
+        assert method in (name, "none")
+    assert f"order {order:.1f}, so that about 1024 steps per period" in verdict(study)
+
+
+def test_periods_that_scatter_are_named(tmp_path: Path) -> None:
+    study = df.converge(
+        oscillator(), tmp_path, of=["a1:rms"], steps=(16, 32, 64), periods=4, workers=1
+    )
+    for result in study.results.values():
+        result.statistics["a1:rms"] = (1.0, 0.05)
+    assert "scatter of 4 periods: take more --periods" in verdict(study)
+
+
 def test_channels_that_no_level_has_are_refused(tmp_path: Path) -> None:
     for name in ("tip_two", "a1:median", "contact_stop 2"):
         said = refusal(partial(refined, tmp_path, name))
