@@ -90,6 +90,7 @@ def three_laminae(**overrides: object) -> Recorded:
             steps_per_period=STEPS,
             refine=1,
             is_forced=False,
+            n_forces=0,
             time_step=case.time_step,
             n_closed=PERIODS,
             strobe=strobe,
