@@ -255,7 +255,9 @@ def _run_case(
     mpi.hold(comm)
     mpi.end_with_any(comm)
     beyond = _beyond_case(structure, initial, other)
-    structure = discretise.assemble(case, comm=comm) if structure is None else structure
+    if structure is None:
+        sharing = comm if engine == "petsc" else MPI.COMM_SELF
+        structure = discretise.assemble(case, comm=sharing)
     told = quality.unresolved_blows(case, structure)
     for text in told:
         _log.warning(text)

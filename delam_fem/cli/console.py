@@ -413,9 +413,6 @@ class _Lasting(io.FileIO):
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses of the command."""
 
-PATIENCE = 3.0
-"""Time after which another process than the first tells its error [s]."""
-
 LONGEST = 1000
 """Longest line of a message, in characters."""
 
@@ -469,7 +466,6 @@ def explained(error: BaseException) -> tuple[str, int] | None:
 
 def fail(text: str, status: int) -> NoReturn:
     """Print a message to stderr and exit with a status."""
-    let_the_first_speak()
     lines = [_shortened(line) for line in f"delam-fem: {text}".splitlines()]
     tell("\n".join(lines))
     _command_log.info("exit status %d: %s", status, " ".join(lines))
@@ -481,15 +477,6 @@ def _shortened(line: str) -> str:
     printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
     half = LONGEST // 2
     return printable if len(printable) <= LONGEST else f"{printable[:half]} … {printable[-half:]}"
-
-
-def let_the_first_speak() -> None:
-    """Wait a moment unless this is the first process of mpirun, which ends all after an error.
-
-    An error that all processes have is therefore told once.
-    """
-    if _rank():
-        time.sleep(PATIENCE)
 
 
 def _rank() -> int:

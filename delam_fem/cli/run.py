@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -26,19 +23,16 @@ from delam_fem.cli.console import (
     Yes,
     case_of,
     error_console,
-    explained,
     fail,
-    let_the_first_speak,
     progress,
     say,
-    tell,
 )
+from delam_fem.cli.ranks import entered_by_first
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.engines.session import EngineName
     from delam_fem.results.folder import Result
-    from delam_fem.system.mpi import MPI
 
 
 def film_command(
@@ -88,9 +82,6 @@ STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED, "fa
 
 HINT = {"diverged": "", "interrupted": "; --resume goes on from there", "failed": ""}
 """Advice for each outcome; for a run that diverged or failed, the log has reason and advice."""
-
-LOOK = 0.02
-"""Time between two looks whether the other processes have ended their work [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -156,42 +147,37 @@ def run_command(
     is_first = comm.rank == 0  # mpirun may have started several processes
     if not is_first:
         logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
-    with ended_together(comm):
-        claim = claimed(
-            folder,
-            inputs=[*case.files.values(), *case_files],
-            may_hold_results=resume or overwrite or bool(extend),
-            is_replacing=overwrite,
-        )
-        with claim if is_first else nullcontext():
-            if dry_run:
-                return
-            if resume and not path_in(folder).exists() and is_complete(folder, case, engine):
-                outcome = "completed"
-                _log.info("%s has the complete result: nothing is left to do", folder)
-            else:
-                from delam_fem.pipeline import run
-                from delam_fem.results.schema import contact_heading, contact_rows, rows
+    claim = claimed(
+        folder,
+        inputs=[*case.files.values(), *case_files],
+        may_hold_results=resume or overwrite or bool(extend),
+        is_replacing=overwrite,
+    )
+    with entered_by_first(comm, claim):
+        if dry_run:
+            return
+        if resume and not path_in(folder).exists() and is_complete(folder, case, engine):
+            outcome = "completed"
+            _log.info("%s has the complete result: nothing is left to do", folder)
+        else:
+            from delam_fem.pipeline import run
+            from delam_fem.results.schema import contact_heading, contact_rows, rows
 
-                wished = {"extend": extend, "checkpoint_seconds": seconds}
-                options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
-                options |= {"engine": chosen, "resume": resume, "overwrite": overwrite}
-                is_silent = quiet or not is_first
-                with progress(error_console(is_silent), case.steps_per_period) as report:
-                    result = run(case, directory=folder, progress=report, comm=comm, **options)
-                paths = _saved(result, folder, figures) if is_first else []
-                numbers = rows(result.summary, [lamina.name for lamina in case.lamina])
-                tables: list[Any] = [
-                    (f"case {case.name}", ("", "value"), [row[:2] for row in numbers])
-                ]
-                if touched := contact_rows(result.summary):
-                    tables.append(("contacts", contact_heading(), touched))
-                say(is_silent, paths, tables=tables)
-                outcome = str(result.history.attrs["outcome"])
-            if comm.size > 1:  # wait for all processes without keeping a core busy
-                request = comm.Ibarrier()
-                while not request.Test():
-                    time.sleep(LOOK)
+            wished = {"extend": extend, "checkpoint_seconds": seconds}
+            options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
+            options |= {"engine": chosen, "resume": resume, "overwrite": overwrite}
+            is_silent = quiet or not is_first
+            with progress(error_console(is_silent), case.steps_per_period) as report:
+                result = run(case, directory=folder, progress=report, comm=comm, **options)
+            paths = _saved(result, folder, figures) if is_first else []
+            numbers = rows(result.summary, [lamina.name for lamina in case.lamina])
+            tables: list[Any] = [(f"case {case.name}", ("", "value"), [row[:2] for row in numbers])]
+            if touched := contact_rows(result.summary):
+                tables.append(("contacts", contact_heading(), touched))
+            say(is_silent, paths, tables=tables)
+            outcome = str(result.history.attrs["outcome"])
+    if outcome != "completed" and not is_first:
+        raise typer.Exit(STATUS[outcome])
     if outcome != "completed":
         fail(f"{outcome}; the results so far are in {folder}{HINT[outcome]}", STATUS[outcome])
 
@@ -222,23 +208,6 @@ def _saved(result: Result, directory: Path, figures: bool) -> list[Path]:
                 f"{path_in(directory)}: make room, then --resume writes the results",
                 error.filename,
             ) from error
-        raise
-
-
-@contextmanager
-def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
-    """End all processes of mpirun if one of them fails; the others would wait forever."""
-    try:
-        yield
-    except BaseException as error:
-        if comm.size > 1:
-            explanation = explained(error)
-            if explanation is None:
-                _log.critical("process %d failed", comm.rank, exc_info=True)
-            else:
-                let_the_first_speak()
-                tell(f"delam-fem: {explanation[0]}")
-            comm.Abort(FAILED if explanation is None else explanation[1])
         raise
 
 

@@ -511,12 +511,13 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         comm: the communicator.
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
-        is_shared_order: whether the order of the dofs is the same for any number of ranks.
+        order: number of each own dof in an order that does not depend on the number of ranks, shape
+            (n_own,); None: there is none.
     """
 
     comm: MPI.Intracomm = field(kw_only=True)
     is_uncoupled: bool = False
-    is_shared_order: bool = False
+    order: IntArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
@@ -594,7 +595,7 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         equilibrium=o.equilibrium,
         n_forces=o.n_forces,
         comm=comm,
-        is_shared_order=True,
+        order=np.arange(local_rows.start, local_rows.stop),
     )
 
 

@@ -366,16 +366,22 @@ class Dynamics:
 
     @property
     def n_shares(self) -> int:
-        """Number of ranks that the order of the dofs depends on; 1: it depends on none."""
-        return 1 if self.operators.is_shared_order else self.comm.size
+        """Number of ranks that the order of gathered values depends on; 1: it depends on none."""
+        return self.comm.size if self.operators.order is None else 1
 
     def gather(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of the own dofs, the last axis (collective)."""
-        return gather(share, self.comm)
+        values, order = gather(share, self.comm), self.operators.order
+        if order is None or self.comm.size == 1:
+            return values
+        result = np.empty_like(values)
+        result[..., np.concatenate(self.comm.allgather(order))] = values
+        return result
 
     def scatter(self, of_all: FloatArray) -> FloatArray:
         """Return the values of the own dofs among those of all dofs, the last axis."""
-        return of_all[..., self.operators.own]
+        order = self.operators.order
+        return of_all[..., self.operators.own if order is None else order]
 
     def destroy(self) -> None:
         """Free all PETSc objects."""

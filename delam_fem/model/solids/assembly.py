@@ -11,6 +11,7 @@ What a beam has at its points, a solid reads from its middle lines (`body.py`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
+from delam_fem.contact.laws import SCHEMES
 from delam_fem.model import operators as distributed
 from delam_fem.model.beams import closed_form, network
 from delam_fem.model.beams.network import completed, layout_of, parts_of
@@ -61,14 +63,15 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
 
     Args:
         case: the case; its model is "plane-stress" or "solid".
-        comm: communicator that shares the dofs. With stops, impactors and initial states, which
-            need the dofs of a whole lamina, every rank assembles all of them; the operators are
-            spread afterwards (`operators.spread`).
+        comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
+            every rank, and spread afterwards (`operators.spread`): stops, impactors and initial
+            states, limits of stability, massless contact points.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
-    if case.stop or case.impactor or case.initial:
+    is_explicit = math.isfinite(SCHEMES[case.time.scheme].courant)
+    if case.stop or case.impactor or case.initial or is_explicit or case.is_massless:
         comm = MPI.COMM_SELF
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
@@ -168,7 +171,7 @@ def _operators(
         return Operators(mass, damping, stiffness, near_null=unknowns.rigid_motions, **further)
     mass, damping, stiffness = (distributed.matrix(rows, comm) for rows in taken)
     distributed.with_near_null(stiffness, unknowns.rigid_motions)
-    further["is_uncoupled"] = is_uncoupled
+    further |= {"is_uncoupled": is_uncoupled, "order": unknowns.order}
     return DistributedOperators(mass, damping, stiffness, comm=comm, **further)
 
 

@@ -27,6 +27,7 @@ of the same lamina that share it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,11 @@ from delam_fem.model.solids.mesh import (
 )
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.mpi import MPI
+
+SAME = 1e-9
+"""Share of the extent of the mesh within which nodes and shapes of cells are the same."""
+INSIDE = 0.382
+"""Where nodes of grids lie between such places, in parts of their distance: not at an edge."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +177,41 @@ class Solid:
         asked = self.comm.alltoall([nodes[owner == rank] for rank in range(self.comm.size)])
         answers = self.comm.alltoall([own[some - self.first_node] for some in asked])
         return np.concatenate(answers)[np.argsort(np.argsort(owner, kind="stable"))]
+
+    def extremes(self, of_cells: IntArray) -> tuple[IntArray, IntArray]:
+        """Return the lowest and highest of the numbers of cells at each own node (collective).
+
+        Args:
+            of_cells: a number of each input cell, shape (n_cells,).
+        """
+        n = self.n_own_nodes
+        ghosts = self.space.dofmap.index_map.ghosts.astype(np.int64)
+        low = np.full(n + ghosts.size, np.iinfo(np.int64).max)
+        high = np.full(n + ghosts.size, -1, dtype=np.int64)
+        numbers = of_cells[self.input_cell]
+        for nodes in self.local_nodes.T:
+            np.minimum.at(low, nodes, numbers)
+            np.maximum.at(high, nodes, numbers)
+        for nodes, lowest, highest in self.comm.allgather((ghosts, low[n:], high[n:])):
+            local = nodes - self.first_node
+            is_local = (local >= 0) & (local < n)
+            np.minimum.at(low, local[is_local], lowest[is_local])
+            np.maximum.at(high, local[is_local], highest[is_local])
+        return low[:n], high[:n]
+
+    @cached_property
+    def place(self) -> IntArray:
+        """Place of each global node in an order that any number of ranks has (collective).
+
+        Nodes are ordered by body, then by x, y and z. Nodes on both sides of a delamination, where
+        the mesh may have no distance, are ordered by lamina. Shape (n_nodes,).
+        """
+        body, _ = self.extremes(self.mesh.bodies)
+        lamina, _ = self.extremes(self.mesh.lamina)
+        extent = np.maximum(np.ptp(self.mesh.points, axis=0), np.finfo(np.float64).tiny)
+        box = np.floor(self.coordinates / (SAME * extent) + INSIDE).astype(np.int64)
+        keys = np.column_stack([lamina, box[:, ::-1], body])  # the last one counts first
+        return np.argsort(np.lexsort(np.concatenate(self.comm.allgather(keys)).T))
 
     def of_cells(self, values: FloatArray) -> Any:
         """Return a coefficient that is constant in each cell.

@@ -34,7 +34,9 @@ exact arithmetic K_d = Tᵀ K T. Columns are found in cells whose edges are upri
 in meshes of triangles, T = 1. Nodes that are held keep their displacements.
 
 The free dofs are ordered body by body, and in each body along x, then upwards and across. The
-matrices of slender laminae are then narrow bands. On several ranks each one orders its own dofs.
+matrices of slender laminae are then narrow bands. On several ranks each one orders its own dofs,
+and knows their numbers in the order of a single rank. They mean the same there: no choice of a
+node depends on the ranks.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ from delam_fem.case.sections import ENDS, PointSupport
 from delam_fem.model import _dolfinx, operators
 from delam_fem.model.beams.network import clusters, holds, network, node_at
 from delam_fem.model.mesh import NODE_TOLERANCE, edges
-from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import SAME, Solid
 from delam_fem.model.solids.mesh import TENSOR, SolidMesh, jacobians_of
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -126,7 +128,7 @@ def _inside(case: Case, solid: Solid, support: PointSupport) -> Iterator[Held]:
     Raises:
         CaseError: a mesh from a file has no nodes there.
     """
-    lowest, highest = _of_nodes(solid, solid.mesh.lamina)
+    lowest, highest = solid.extremes(solid.mesh.lamina)
     position = support.position or 0.0
     is_there = np.abs(solid.coordinates[:, X] - position) <= NODE_TOLERANCE * case.length
     numbers = solid.first_node + np.flatnonzero(is_there)
@@ -148,7 +150,7 @@ def _inside(case: Case, solid: Solid, support: PointSupport) -> Iterator[Held]:
         along = solid.dim * chosen + X
         yield Held(across, np.ones(chosen.size), np.zeros(chosen.size), none, lamina)
         if support.kind == "clamped":
-            first = np.full(chosen.size, along[0])
+            first = np.full(chosen.size, along[np.argmin(solid.place[chosen])])
             yield Held(along, np.zeros(chosen.size), np.ones(chosen.size), first, lamina)
 
 
@@ -195,12 +197,10 @@ def _at(solid: Solid, nodes: IntArray, axis: float | None = None, lamina: int = 
     place = np.full(dofs.size, -1, dtype=np.int64)
     if axis is not None:
         turn[X::dim] = axis - solid.fetched(solid.coordinates, nodes)[:, Y]
-        place[X::dim] = dofs[X]
+        place[X::dim] = dim * nodes[np.argmin(solid.place[nodes])] + X
     return Held(dofs, base, turn, place, np.full(dofs.size, lamina, dtype=np.int64))
 
 
-_SAME = 1e-9
-"""Share of the extent of the mesh within which nodes and shapes of cells are the same."""
 _ROUND_OFF = 1e-12
 """Sums of derivatives below this share of the largest derivative are zero."""
 _MOST_ENTRIES = 4_000_000
@@ -231,8 +231,9 @@ class NodeColumns:
         a, b = np.concatenate(solid.comm.allgather(_links(solid)), axis=1)
         graph = sp.csr_matrix((np.ones(a.size, dtype=np.int8), (a, b)), shape=(n, n))
         _, column = connected_components(graph, directed=False)
-        _, first = np.unique(column, return_index=True)
-        reference = first[column]
+        by_place = np.argsort(solid.place)
+        _, first = np.unique(column[by_place], return_index=True)
+        reference = by_place[first][column]
         is_held = np.isin(column, column[held])
         reference[is_held] = np.flatnonzero(is_held)
         return cls(solid, np.asarray(reference, dtype=np.int64))
@@ -332,7 +333,7 @@ def _links(solid: Solid) -> IntArray:
     local = solid.local_nodes[: solid.n_own_cells]
     along = np.array([axis for axis in range(solid.dim) if axis != 1])
     at = solid.space.tabulate_dof_coordinates()[:, along]
-    close = _SAME * np.ptp(solid.mesh.points, axis=0)[along]
+    close = SAME * np.ptp(solid.mesh.points, axis=0)[along]
     nodes = solid.nodes_of(solid.input_cell[: solid.n_own_cells])
     links = []
     for b in range(1, local.shape[1]):
@@ -351,7 +352,7 @@ def _alike(
     extent = np.ptp(points, axis=0)
     # two cells are alike if their corners agree, which nodes share a reference, and where in the
     # cell that reference is: three tables of whole numbers, one row a cell
-    shapes = np.round((corners - corners[:, :1]) / (_SAME * extent)).reshape(len(corners), -1)
+    shapes = np.round((corners - corners[:, :1]) / (SAME * extent)).reshape(len(corners), -1)
     first = (references[:, :, None] == references[:, None, :]).argmax(axis=2)
     at_home = (references[:, :, None] == nodes[:, None, :]) @ (1 + np.arange(nodes.shape[1]))
     keys = np.concatenate([shapes.astype(np.int64), first, at_home], axis=1)
@@ -457,6 +458,7 @@ class Unknowns:
         held: the held dofs of the solid.
         own: the dof of the solid that each free dof of this rank stands for, shape (n_own,). At a
             pinned end it gives its place to phi.
+        order: number of each free dof of this rank on a single rank, increasing, shape (n_own,).
         first: number of the first free dof of this rank.
         n_free: number of free dofs of all ranks.
         column_of: number of the free dof that stands for each dof in `held.place`, -1: none,
@@ -466,6 +468,7 @@ class Unknowns:
     columns: NodeColumns
     held: Held
     own: IntArray
+    order: IntArray
     first: int
     n_free: int
     column_of: IntArray
@@ -483,15 +486,20 @@ class Unknowns:
         columns = NodeColumns.none(solid) if columns is None else columns
         every = dim * solid.first_node + np.arange(dim * solid.n_own_nodes)
         is_kept = ~np.isin(every, np.setdiff1d(held.dofs, held.place))
-        order = _order(solid)
+        own_places = solid.place[solid.first_node :][: solid.n_own_nodes]
+        places = (dim * own_places[:, None] + np.arange(dim)).ravel()
+        order = np.argsort(places)
         local_dofs = every[order][is_kept[order]]
-        counts = comm.allgather(local_dofs.size)
+        local_places = places[order][is_kept[order]]
+        places_of_ranks = comm.allgather(local_places)
+        counts = [each.size for each in places_of_ranks]
         first = sum(counts[: comm.rank])
+        order_of_all = np.searchsorted(np.sort(np.concatenate(places_of_ranks)), local_places)
         turning = np.flatnonzero(np.isin(local_dofs, held.place))
         number = dict(zip(local_dofs[turning].tolist(), (first + turning).tolist(), strict=True))
         everywhere = {d: k for piece in comm.allgather(number) for d, k in piece.items()}
         column_of = np.array([everywhere.get(int(d), -1) for d in held.place], dtype=np.int64)
-        return cls(columns, held, local_dofs, first, sum(counts), column_of)
+        return cls(columns, held, local_dofs, order_of_all, first, sum(counts), column_of)
 
     @property
     def solid(self) -> Solid:
@@ -511,7 +519,7 @@ class Unknowns:
     @property
     def parts(self) -> IntArray:
         """Number of the lamina of each own free dof, or SHARED, shape (n_own,)."""
-        low, high = _of_nodes(self.solid, self.solid.mesh.lamina)
+        low, high = self.solid.extremes(self.solid.mesh.lamina)
         of_nodes = np.where(low == high, low, SHARED)
         nodes = self.own // self.solid.dim
         result = of_nodes[nodes - self.solid.first_node]
@@ -671,35 +679,7 @@ class Unknowns:
 
     def _by_lamina(self, values: FloatArray) -> FloatArray:
         """Return the sum of own dofs' values over each lamina, over all ranks (collective)."""
-        low, _ = _of_nodes(self.solid, self.solid.mesh.lamina)
+        low, _ = self.solid.extremes(self.solid.mesh.lamina)
         count = int(self.solid.mesh.lamina.max()) + 1
         local_sums = np.bincount(np.repeat(low, self.solid.dim), values, minlength=count)
         return np.asarray(np.sum(self.solid.comm.allgather(local_sums), axis=0))
-
-
-def _order(solid: Solid) -> IntArray:
-    """Return this rank's dofs in their order: by body, then by x, y, z, then by component."""
-    body, _ = _of_nodes(solid, solid.mesh.bodies)
-    extent = np.maximum(np.ptp(solid.mesh.points, axis=0), np.finfo(np.float64).tiny)
-    at = np.round(solid.coordinates / (_SAME * extent))
-    nodes = np.lexsort([*at.T[::-1], body])
-    dim = solid.dim
-    return np.asarray((dim * nodes[:, None] + np.arange(dim)).ravel())
-
-
-def _of_nodes(solid: Solid, of_cells: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the lowest and highest of the numbers `of_cells` at each own node (collective)."""
-    n = solid.n_own_nodes
-    ghosts = solid.space.dofmap.index_map.ghosts.astype(np.int64)
-    low = np.full(n + ghosts.size, np.iinfo(np.int64).max)
-    high = np.full(n + ghosts.size, -1, dtype=np.int64)
-    numbers = of_cells[solid.input_cell]
-    for nodes in solid.local_nodes.T:
-        np.minimum.at(low, nodes, numbers)
-        np.maximum.at(high, nodes, numbers)
-    for nodes, lowest, highest in solid.comm.allgather((ghosts, low[n:], high[n:])):
-        local = nodes - solid.first_node
-        is_local = (local >= 0) & (local < n)
-        np.minimum.at(low, local[is_local], lowest[is_local])
-        np.maximum.at(high, local[is_local], highest[is_local])
-    return low[:n], high[:n]
