@@ -372,7 +372,7 @@ class Dynamics:
     def gather(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of the own dofs, the last axis (collective)."""
         values, order = gather(share, self.comm), self.operators.order
-        if order is None or self.comm.size == 1:
+        if order is None or self.comm.size == 1 or not values.size:
             return values
         result = np.empty_like(values)
         result[..., np.concatenate(self.comm.allgather(order))] = values
