@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from delam_fem.cli.console import (
-    BAD_INPUT,
     CaseArgument,
     Folder,
     Overrides,
@@ -23,8 +22,8 @@ from delam_fem.cli.console import (
     require_one,
     say,
     table,
-    tell,
 )
+from delam_fem.cli.endings import BAD_INPUT, tell
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:

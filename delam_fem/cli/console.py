@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from delam_fem.cli.endings import BAD_INPUT, explained, tell
 from delam_fem.cli.ranks import Use, launched, on_ranks
 from delam_fem.system.errors import CaseError
 
@@ -320,11 +321,6 @@ def shown(level: int, log_file: Path | None) -> Iterator[None]:
             handler.close()
 
 
-def tell(text: str) -> None:
-    """Write a line to stderr; above a progress bar if there is one, which replaces `sys.stderr`."""
-    sys.stderr.write(f"{text}\n")
-
-
 class _Screen(logging.Handler):
     """Handler that writes to stderr, each text once, however many processes say it."""
 
@@ -410,9 +406,6 @@ class _Lasting(io.FileIO):
         return size
 
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses of the command."""
-
 LONGEST = 1000
 """Longest line of a message, in characters."""
 
@@ -445,23 +438,6 @@ def reported(quiet: bool, verbose: bool, log_file: Path | None) -> Iterator[None
             if isinstance(error, OSError):
                 _log.debug("an input or output failed here", exc_info=True)
             fail(*explanation)
-
-
-def explained(error: BaseException) -> tuple[str, int] | None:
-    """Return the message and the exit status for an error; None for a defect of the program."""
-    if isinstance(error, CaseError):
-        return str(error), BAD_INPUT
-    fenicsx = ("dolfinx", "ufl", "petsc4py", "mpi4py")
-    if isinstance(error, ModuleNotFoundError) and error.name in fenicsx:
-        from delam_fem.model.discretise import INSTALL
-
-        return f"{error.name} is not installed, but needed here: {INSTALL}", BAD_INPUT
-    if isinstance(error, MemoryError):
-        return f"not enough memory ({error or 'no more is to be had'})", FAILED
-    if isinstance(error, OSError):
-        reason = error.strerror or str(error)
-        return f"{error.filename or 'input or output'}: {reason}", FAILED
-    return ("interrupted", INTERRUPTED) if isinstance(error, KeyboardInterrupt) else None
 
 
 def fail(text: str, status: int) -> NoReturn:

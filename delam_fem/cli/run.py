@@ -10,9 +10,6 @@ import typer
 
 from delam_fem.cli.cases import show_case
 from delam_fem.cli.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
     CaseArgument,
     DryRun,
     Folder,
@@ -27,7 +24,7 @@ from delam_fem.cli.console import (
     progress,
     say,
 )
-from delam_fem.cli.ranks import entered_by_first
+from delam_fem.cli.endings import DONE, FAILED, INTERRUPTED, entered_by_first
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:

@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from delam_fem.cli.console import (
-    FAILED,
-    INTERRUPTED,
     CaseArgument,
     DryRun,
     Folder,
@@ -34,8 +32,8 @@ from delam_fem.cli.console import (
     say,
     table,
     take,
-    tell,
 )
+from delam_fem.cli.endings import FAILED, INTERRUPTED, tell
 from delam_fem.plugins.options import Flag, Options, flags_of
 from delam_fem.system.docstrings import meanings, summary
 from delam_fem.system.errors import CaseError

@@ -12,9 +12,6 @@ import typer
 
 from delam_fem.cli.cases import show_sweep
 from delam_fem.cli.console import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
     DryRun,
     Folder,
     Overrides,
@@ -28,8 +25,8 @@ from delam_fem.cli.console import (
     progress,
     require_one,
     say,
-    tell,
 )
+from delam_fem.cli.endings import DONE, FAILED, INTERRUPTED, tell
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ PROGRAM = """
 import json
 import numpy as np
 import delam_fem as df
-from delam_fem.cli.ranks import ended_together
+from delam_fem.cli.endings import ended_together
 
 failures = []
 

@@ -11,7 +11,7 @@ SCRIPT = """
 import os, signal
 import numpy as np
 import delam_fem as df
-from delam_fem.cli.ranks import ended_together
+from delam_fem.cli.endings import ended_together
 
 ROUND_OFF = 1e-8  # of 2 cm; bending is a small difference of large forces in a sheet of 1 mm
 

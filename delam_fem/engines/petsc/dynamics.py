@@ -371,7 +371,8 @@ class Dynamics:
 
     def gather(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of the own dofs, the last axis (collective)."""
-        values, order = gather(share, self.comm), self.operators.order
+        values = gather(share, self.comm)
+        order = self.operators.order
         if order is None or self.comm.size == 1 or not values.size:
             return values
         result = np.empty_like(values)

@@ -176,7 +176,7 @@ ON_RANKS = """
 import json
 import numpy as np
 import delam_fem as df
-from delam_fem.cli.ranks import ended_together
+from delam_fem.cli.endings import ended_together
 
 case = df.Case(**json.loads(arguments[0]))
 with ended_together(comm):
