@@ -32,6 +32,7 @@ from delam_fem.case.excitation import (
 )
 from delam_fem.case.sections import (
     EDGE_TOLERANCE,
+    EDGES,
     ENDS,
     POINT_LENGTH,
     Contact,
@@ -549,6 +550,7 @@ class Case(Section):
                 "for a bonded stack, or [support] alone for one without delaminations",
             )
         self._check_placed_supports()
+        self._check_plate()
         kinds = [self.support.kind("start"), self.support.kind("end")]
         if self.support.rotational_stiffness is not None and (
             self.model.is_continuum or "clamped" not in kinds
@@ -626,6 +628,73 @@ class Case(Section):
                 )
             taken.append(place)
 
+    def _check_plate(self) -> None:
+        """Check that what plates alone have is that of a plate, and that it fits its width."""
+        is_solid = self.model.kind == "solid" or self.model.file is not None
+        of_plates = {"mesh.across": self.mesh.across is not None}
+        for number, delamination in enumerate(self.delamination, start=1):
+            of_plates[f"delamination.{number}.across"] = delamination.across is not None
+        for number, support in enumerate(self.support.placed, start=1):
+            of_plates[f"support.{number}.side"] = support.is_edge
+        for key, is_there in of_plates.items():
+            if not is_there or self.is_plate:
+                continue
+            if not is_solid:
+                expected = 'expected only with model.kind = "solid"'
+                raise inconsistent(key, f'{expected}, of a plate, given "{self.model.kind}"')
+            raise inconsistent(
+                key, "expected only of a plate: give mesh.across, the number of cells across it"
+            )
+        if not self.is_plate:
+            return
+        if self.gap is not None:
+            raise inconsistent("gap", "expected [[delamination]] tables of a plate, given a gap")
+        self._check_sizes_of_plate()
+
+    def _check_sizes_of_plate(self) -> None:
+        """Check that a plate has one width, that patches lie in it, and that edges exist."""
+        first = self.lamina[0]
+        for lamina in self.lamina if self.mesh.file is None else ():
+            if "width" in lamina.profiles or lamina.width != first.width:
+                raise inconsistent(
+                    f"lamina.{lamina.name}.width",
+                    f"expected one number for all laminae of a plate, given {lamina.width!r}",
+                )
+        half = 0.5 * max(lamina.mean("width") for lamina in self.lamina)
+        for number, patch in enumerate(self.delamination, start=1):
+            if patch.across is not None and max(np.abs(patch.across)) > half * (
+                1.0 + EDGE_TOLERANCE
+            ):
+                raise inconsistent(
+                    f"delamination.{number}.across",
+                    f"expected places from {-half:g} to {half:g} m, the edges of the plate, given "
+                    f"{[*patch.across]}",
+                )
+        for number, support in enumerate(self.support.placed, start=1):
+            if self.mesh.file is None and support.side not in (None, *EDGES):
+                raise inconsistent(
+                    f"support.{number}.side",
+                    f"expected one of {', '.join(EDGES)}, or a group of facets with mesh.file, "
+                    f"given {support.side!r}",
+                )
+        if self.contact.points_per_element != 1:
+            raise inconsistent(
+                "contact.points_per_element",
+                "expected 1 with plates, whose pairs are at the vertices of their cells, given "
+                f"{self.contact.points_per_element}",
+            )
+
+    @property
+    def is_plate(self) -> bool:
+        """Whether the laminae are a plate: solids with edges and patches along both axes."""
+        if self.model.kind != "solid" and self.model.file is None:
+            return False
+        has_patch = any(delamination.across is not None for delamination in self.delamination)
+        has_edge = any(support.is_edge for support in self.support.placed)
+        return self.mesh.across is not None or (
+            self.mesh.file is not None and (has_patch or has_edge)
+        )
+
     @property
     def is_of_points(self) -> bool:
         """Whether masses on springs are in place of beams."""
@@ -643,9 +712,14 @@ class Case(Section):
 
     @property
     def is_apart(self) -> bool:
-        """Whether all laminae are bodies of their own, apart over their whole length."""
+        """Whether all laminae are bodies of their own, apart over their whole length.
+
+        A plate counts as one body.
+        """
         if self.gap is not None:
             return True
+        if self.is_plate:
+            return False
         open_everywhere = {d.between for d in self.delamination if d.spans(self.length)}
         return self.support.is_cantilever and len(open_everywhere) == len(self.lamina) - 1
 
@@ -755,6 +829,8 @@ class Case(Section):
         """
         if self.is_of_points:
             return 0
+        if self.is_plate:
+            return self._n_rigid_of_plate()
         names = [lamina.name for lamina in self.lamina]
         if not self.is_apart:
             return self._n_rigid_of(names)
@@ -778,6 +854,43 @@ class Case(Section):
             return int(not x)
         rows = [[1.0, place / length] for place in x] + [[0.0, 1.0]] * bool(n_turns)
         return 2 - (int(np.linalg.matrix_rank(np.array(rows))) if rows else 0)
+
+    def _n_rigid_of_plate(self) -> int:
+        """Return the number of the six rigid motions that the edges and points of a plate leave.
+
+        A motion is a + b x r of the middle plane. A group of facets counts as a closed outline.
+        """
+        half = 0.5 * max(lamina.mean("width") for lamina in self.lamina)
+        L = self.length
+        corners = np.array([[0.0, -half], [0.0, half], [L, -half], [L, half]])
+        ends = {"start": corners[:2], "end": corners[2:], "left": corners[::2]}
+        ends["right"] = corners[1::2]
+        rows: list[FloatArray] = []
+        for side in self.support.sides:
+            kind = self.support.kind(side)
+            tables = [table for table in self.support.placed if table.side == side]
+            turns = any(table.rotational_stiffness for table in tables)
+            for x, z in ends.get(side, corners):
+                u = np.array([[1, 0, 0, 0, z, 0], [0, 1, 0, -z, 0, x], [0, 0, 1, 0, -x, 0]])
+                if kind in ("clamped", "pinned"):
+                    rows += [*u]
+                elif any(table.stiffness for table in tables):
+                    rows.append(u[1])
+            if kind == "clamped" or turns:
+                slopes = np.eye(6)[[3, 5]]
+                is_across = {"start": [1], "end": [1], "left": [0], "right": [0]}
+                rows += [*(slopes if kind == "clamped" else slopes[is_across.get(side, [0, 1])])]
+        for support in self.support.inside:
+            x = support.position or 0.0
+            for z in (-half, half):
+                if support.holds_deflections:
+                    rows.append(np.array([0, 1, 0, -z, 0, x]))
+            if support.holds_slopes:
+                rows.append(np.eye(6)[5])
+        if not rows:
+            return 6
+        scale = np.array([1.0, 1.0, 1.0, L, L, L])
+        return 6 - int(np.linalg.matrix_rank(np.array(rows) / scale))
 
     @property
     def unread(self) -> tuple[str, ...]:

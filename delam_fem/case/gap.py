@@ -68,11 +68,18 @@ def initial_gap(gap: InitialGap, x: npt.ArrayLike, length: float) -> FloatArray:
 
 
 def opening_at_rest(
-    own: Delamination | Stop, x: FloatArray, length: float, *, opens_at_start: bool = False
+    own: Delamination | Stop,
+    x: FloatArray,
+    length: float,
+    *,
+    opens_at_start: bool = False,
+    z: FloatArray | None = None,
 ) -> FloatArray:
     """Return the gap at rest at places within a delamination or a stop, shape of x [m].
 
         half-cosine:  opening cos(pi (s - 1/2)),  s = (x - start)/(end - start)
+        of a patch:   opening cos(pi r/2) of an ellipse, r from 0 in its middle to 1 at its edge;
+                      of a rectangle the product of both half-cosines
         power:        opening s^p, s from the bonded end to the open end; of a stop to its end
         file:         the table, interpolated by PCHIP
 
@@ -81,6 +88,7 @@ def opening_at_rest(
         x: places from start to end [m].
         length: length of the laminae [m].
         opens_at_start: whether the open end of the shape "power" is the start.
+        z: places across the width, shape of x [m]; None: the middle.
 
     Raises:
         CaseError: the table cannot be used.
@@ -92,6 +100,13 @@ def opening_at_rest(
         return np.asarray(
             scipy.interpolate.PchipInterpolator(*table)(np.clip(x, table[0][0], table[0][-1]))
         )
+    if isinstance(own, Delamination) and own.across is not None:
+        along, over = own.local(x, np.zeros_like(x) if z is None else z)
+        if own.is_ellipse:
+            r = np.minimum(np.hypot(along, over), 1.0)
+            return np.asarray(own.opening * np.cos(0.5 * np.pi * r))
+        half_cosines = [np.cos(0.5 * np.pi * np.clip(s, -1.0, 1.0)) for s in (along, over)]
+        return np.asarray(own.opening * half_cosines[0] * half_cosines[1])
     s = np.clip((x - own.start) / (own.end - own.start), 0.0, 1.0)
     if own.shape == "power":
         s = 1.0 - s if opens_at_start else s

@@ -66,7 +66,7 @@ from delam_fem.case.values import (
 from delam_fem.contact.laws import SCHEMES, Impulse, LawName, Scheme, SchemeName
 from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.numerics.harmonics import Kind
-from delam_fem.numerics.types import FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.system.errors import CaseError
 
 MATERIALS: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -623,19 +623,24 @@ class Mesh(Section):
     """The mesh of both laminae.
 
     Attributes:
-        elements: number of equal elements per lamina.
+        elements: number of equal elements per lamina; of a plate, of cells along x, which are finer
+            at the edges of delaminations.
+        across: number of cells across the width: the laminae are a plate (docs/plates.md).
         file: mesh file (.msh, .vtk, .vtu or .xdmf); a relative name counts from the case file.
         unit: unit of length of a mesh file: "m", "cm", "mm", "um" or "inch"; "m" if it is not
             given.
     """
 
     elements: Elements | None = None
+    across: Elements | None = None
     file: FileName | None = None
     unit: Literal["m", "cm", "mm", "um", "inch"] | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        """Check that either a number of elements or a file is given, and a unit of a file alone."""
+        """Check that either a number of elements or a file is given, and what belongs to each."""
+        if self.file is not None and self.across is not None:
+            raise inconsistent("across", "expected only beside elements, given beside file")
         if self.file is None and self.unit is not None:
             raise inconsistent("unit", "expected only beside file, of a mesh")
         if (self.elements is None) == (self.file is None):
@@ -822,24 +827,27 @@ Neighbours = Annotated[
 End = Literal["start", "end"]
 ENDS: tuple[End, End] = ("start", "end")
 """The ends of the structure, x = 0 and x = length."""
+EDGES = (*ENDS, "left", "right")
+"""The edges of a plate: those at z < 0 and z > 0 besides the ends."""
 
 
 class PointSupport(Section):
     """A support at an end, or inside the span; what holds the laminae there moves with the base.
 
     Attributes:
-        side: of a support at an end: "start" (x = 0) or "end" (x = length).
+        side: of a support at an end: "start" (x = 0) or "end" (x = length); of an edge of a plate
+            also "left" (z < 0), "right" (z > 0), or the name of a group of facets in its mesh.
         position: of a support inside the span: its x [m].
-        kind: "clamped", "pinned", "free" (of an end alone) or "spring".
+        kind: "clamped", "pinned", "free" (of an end or edge alone) or "spring".
         lamina: name of the lamina that it holds, at an end of a spring alone; all laminae, each by
             itself, if not given.
-        stiffness: stiffness of a spring [N/m]; may be 0.
+        stiffness: stiffness of a spring [N/m], of an edge of a plate as a whole; may be 0.
         rotational_stiffness: moment over slope of a spring, beside a pin, or of a clamped end that
-            yields [N m].
-        damping: damping of a spring [N s/m].
+            yields [N m]; of an edge of a plate as a whole.
+        damping: damping of a spring [N s/m], of an edge of a plate as a whole.
     """
 
-    side: End | None = None
+    side: Label | None = None
     position: Annotated[Positive, Unit("m")] | None = None
     kind: Literal["pinned", "clamped", "free", "spring"]
     lamina: Label | None = None
@@ -863,7 +871,14 @@ class PointSupport(Section):
             raise inconsistent("rotational_stiffness", f'expected none with kind = "{self.kind}"')
         if self.lamina is not None and self.side is not None and not is_spring:
             raise inconsistent("lamina", 'expected only with kind = "spring" at an end')
+        if self.lamina is not None and self.is_edge:
+            raise inconsistent("lamina", "expected none at an edge, which is held as a whole")
         return self
+
+    @property
+    def is_edge(self) -> bool:
+        """Whether it is at an edge that plates alone have."""
+        return self.side is not None and self.side not in ENDS
 
     @property
     def holds_slopes(self) -> bool:
@@ -908,46 +923,54 @@ class Support(Section):
         """The supports inside the span at which a node is held: all but springs."""
         return tuple(support for support in self.inside if support.kind != "spring")
 
-    def kind(self, end: End) -> str:
-        """Return the word for an end: "clamped", "pinned", "free" or "spring"."""
-        words = (support.kind for support in self.placed if support.side == end)
-        return next(words, getattr(self, end))
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The ends, and the other edges of a plate that tables name."""
+        named = (support.side for support in self.placed if support.side is not None)
+        return tuple(dict.fromkeys((*ENDS, *named)))
 
-    def holds(self, end: End) -> bool:
-        """Return whether an end follows the base, so that its deflection is no unknown."""
-        return self.kind(end) in ("clamped", "pinned")
+    def kind(self, side: str) -> str:
+        """Return the word for an end or edge: "clamped", "pinned", "free" or "spring"."""
+        words = (support.kind for support in self.placed if support.side == side)
+        return next(words, getattr(self, side) if side in ENDS else "free")
 
-    def turns(self, end: End) -> bool:
-        """Return whether an end can turn: it is no clamp, or one that yields."""
-        yields = any(support.rotational_stiffness for support in self.placed if support.side == end)
-        return self.kind(end) != "clamped" or yields or bool(self.clamp_stiffness(end))
+    def holds(self, side: str) -> bool:
+        """Return whether an end or edge follows the base, so that its deflection is no unknown."""
+        return self.kind(side) in ("clamped", "pinned")
 
-    def clamp_stiffness(self, end: End) -> float:
+    def turns(self, side: str) -> bool:
+        """Return whether an end or edge can turn: it is no clamp, or one that yields."""
+        yields = any(table.rotational_stiffness for table in self.placed if table.side == side)
+        return self.kind(side) != "clamped" or yields or bool(self.clamp_stiffness(side))
+
+    def clamp_stiffness(self, end: str) -> float:
         """Return the rotational stiffness of the table at an end, 0 where another counts [N m]."""
         has_another = any(
             support.rotational_stiffness for support in self.placed if support.side == end
         )
-        is_clamped = self.kind(end) == "clamped"
+        is_clamped = end in ENDS and self.kind(end) == "clamped"
         return (self.rotational_stiffness or 0.0) if is_clamped and not has_another else 0.0
 
     @property
     def is_cantilever(self) -> bool:
         """Whether the start is clamped, rigidly, and nothing else holds the laminae."""
         is_elastic = any(support.kind == "spring" for support in self.placed) or bool(self.inside)
-        return not (self.turns("start") or self.holds("end") or is_elastic)
+        others = any(self.holds(side) for side in self.sides if side != "start")
+        return not (self.turns("start") or others or is_elastic)
 
     def points(self, length: float) -> tuple[PointSupport, ...]:
-        """Return the supports with a side or a position, all with their places.
+        """Return the supports at ends or with a position, all with their places.
 
         Args:
             length: of the structure [m].
         """
-        ends = dict(zip(ENDS, (0.0, length), strict=True))
+        ends: dict[str, float] = dict(zip(ENDS, (0.0, length), strict=True))
         return tuple(
             support
             if support.side is None
             else support.model_copy(update={"position": ends[support.side]})
             for support in self.placed
+            if support.side is None or support.side in ends
         )
 
     @model_validator(mode="before")
@@ -974,8 +997,8 @@ class Support(Section):
 
     @model_validator(mode="after")
     def _one_at_each_end(self) -> Self:
-        """Check that an end has one support, or springs of different laminae."""
-        for end in ENDS:
+        """Check that an end or edge has one support, or springs of different laminae."""
+        for end in self.sides:
             at = [support for support in self.placed if support.side == end]
             if at and end in self.model_fields_set:
                 raise inconsistent(end, f'expected none beside a table with side = "{end}"')
@@ -994,18 +1017,28 @@ class Support(Section):
         data = handler(self)
         placed = data.pop("placed", ())
         for support in self.placed:
-            if support.side is not None:
+            if support.side in ENDS:
                 data.pop(support.side, None)
         return [*([data] if data else []), *placed] if placed else data
 
 
+Across = Annotated[Finite, Unit("m")]
+"""A place across the width of a plate, from its middle [m]."""
+ON_EDGE = 1e-6
+"""How far outside a delamination a place on its edge may be, in halves of its size: round-off."""
+
+
 class Delamination(Section):
-    """A stretch over which two neighbouring laminae are not bonded.
+    """A stretch over which two neighbouring laminae are not bonded; of a plate, a patch.
 
     Attributes:
         between: names of the lower and the upper lamina.
         start: where it begins [m].
         end: where it ends [m].
+        across: z of both edges of a patch in a plate [m], from the middle of the width; the whole
+            width if it is not given.
+        shape_in_plane: of a patch: "rectangle", or "ellipse" within the same four edges;
+            "rectangle" if it is not given.
         opening: largest gap at rest [m]; 0: closed.
         shape: "half-cosine" (zero at both ends) or "power" (zero at the bonded end, largest at the
             end that is open); "half-cosine" if neither shape nor file is given.
@@ -1024,6 +1057,8 @@ class Delamination(Section):
     between: Neighbours
     start: Annotated[NotNegative, Unit("m")]
     end: Annotated[Positive, Unit("m")]
+    across: tuple[Across, Across] | None = None
+    shape_in_plane: Literal["rectangle", "ellipse"] | None = None
     opening: Annotated[NotNegative, Unit("m")] = 0.0
     shape: Literal["half-cosine", "power"] | None = None
     exponent: Positive | None = None
@@ -1040,13 +1075,51 @@ class Delamination(Section):
             raise inconsistent(
                 "end", f"expected a place beyond start = {self.start!r} m, given {self.end!r}"
             )
+        if self.across is not None and not self.across[0] < self.across[1]:
+            raise inconsistent(
+                "across", f"expected two places [m], the smaller one first, given {[*self.across]}"
+            )
+        if self.across is None and self.shape_in_plane is not None:
+            raise inconsistent("shape_in_plane", "expected only beside across, of a patch")
+        if self.across is not None and (self.shape == "power" or self.file is not None):
+            key = "shape" if self.file is None else "file"
+            raise inconsistent(key, 'expected "half-cosine", the only shape of a patch')
         _require_one_shape(self)
         _require_own_numbers(self)
         return self
 
     def spans(self, length: float) -> bool:
         """Return whether the delamination reaches from one end of the structure to the other."""
-        return self.reaches(0.0, length) and self.reaches(length, length)
+        reaches_both = self.reaches(0.0, length) and self.reaches(length, length)
+        return self.across is None and reaches_both
+
+    @property
+    def is_ellipse(self) -> bool:
+        """Whether it is a patch that is an ellipse."""
+        return self.shape_in_plane == "ellipse"
+
+    def local(self, x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return coordinates from -1 at one edge to 1 at the other, along x and across.
+
+        Args:
+            x: places [m], any shape.
+            z: places across the width, the shape of x [m].
+
+        Returns:
+            Both of the shape of x; over the whole width the second is 0.
+        """
+        along = (2.0 * x - self.start - self.end) / (self.end - self.start)
+        if self.across is None:
+            return along, np.zeros_like(along)
+        low, high = self.across
+        return along, (2.0 * z - low - high) / (high - low)
+
+    def contains(self, x: FloatArray, z: FloatArray) -> BoolArray:
+        """Return which places lie in the delamination, its edges included, the shape of x."""
+        along, across = self.local(x, z)
+        if self.is_ellipse:
+            return np.asarray(np.hypot(along, across) <= 1.0 + ON_EDGE)
+        return np.asarray(np.maximum(np.abs(along), np.abs(across)) <= 1.0 + ON_EDGE)
 
     def reaches(self, end: float, length: float) -> bool:
         """Return whether an edge of the delamination is at `end` (0 or the length)."""
@@ -1091,6 +1164,9 @@ def require_fitting(
             )
         for other_number, other in enumerate(delaminations[: number - 1], start=1):
             is_beside = delamination.start <= other.end and other.start <= delamination.end
+            if delamination.across is not None and other.across is not None:
+                low, high = delamination.across
+                is_beside &= low <= other.across[1] and other.across[0] <= high
             if delamination.between == other.between and is_beside:
                 raise inconsistent(
                     f"{key}.start",

@@ -343,7 +343,7 @@ def set_key(data: Data, key: str, value: object) -> None:
         if not isinstance(table, dict | list):
             raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
     if parents == ["support"] and isinstance(table, list):  # its own keys are those of the ends
-        ends = [entry for entry in table if "position" not in entry] or [{}]
+        ends = [entry for entry in table if not {"position", "side"} & set(entry)] or [{}]
         table[:] = [*table, *(end for end in ends if end not in table)]
         table = ends[0]
     if isinstance(table, list) and parents[-1] in ("x", "value") and last.isdigit():
@@ -417,6 +417,7 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
             has_table = section == "gap" and "gap.file" in overrides
             dropped = {*choices, "tip", "root"} if has_table else set(choices)
             dropped |= {"unit"} if "mesh.elements" in overrides and section == "mesh" else set()
+            dropped |= {"across"} if "mesh.file" in overrides and section == "mesh" else set()
             for key in dropped & set(table):
                 del table[key]
     table = data.get("excitation")

@@ -29,6 +29,7 @@ from delam_fem.system.errors import CaseError
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
     from delam_fem.case.sections import (
+        Delamination,
         Impactor,
         Lamina,
         OwnContact,
@@ -282,7 +283,7 @@ _OWN_NUMBERS = ("restitution", "stiffness", "threshold_velocity")
 
 def _attached(case: Case) -> Iterator[tuple[str, str]]:
     """Yield rows of what acts on the laminae: supports, masses, stops, impactors, sensors."""
-    for number, support in enumerate(case.support.points(case.length), start=1):
+    for number, support in enumerate(case.support.placed, start=1):
         yield f"support {number}", _point_support(case, support)
     for number, mass in enumerate(case.point_mass, start=1):
         yield f"point mass {number}", f"{mass.mass:g} kg on {_place(case, mass)}"
@@ -314,6 +315,8 @@ def _attached(case: Case) -> Iterator[tuple[str, str]]:
 
 def _point_support(case: Case, support: PointSupport) -> str:
     """Return in words what a support with a side or a position is."""
+    from delam_fem.case.sections import ENDS
+
     numbers = [
         f"{value:g} {unit}"
         for value, unit in (
@@ -323,8 +326,12 @@ def _point_support(case: Case, support: PointSupport) -> str:
         )
         if value
     ]
+    if support.is_edge:
+        return ", ".join([f"{support.kind}, edge {support.side}", *numbers])
+    ends = dict(zip(ENDS, (0.0, case.length), strict=True))
+    position = support.position if support.side is None else ends[support.side]
     lamina = support.lamina or _all_laminae(case)
-    return ", ".join([f"{support.kind}, {lamina} at {support.position:g} m", *numbers])
+    return ", ".join([f"{support.kind}, {lamina} at {position:g} m", *numbers])
 
 
 def _all_laminae(case: Case) -> str:
@@ -402,16 +409,29 @@ def _window(case: Case) -> str:
 def _structure(case: Case) -> str:
     """Return in words how the laminae are joined, held and divided."""
     mesh = f"{case.mesh.elements} elements" if case.mesh.file is None else case.mesh.file.name
+    if case.mesh.across is not None:
+        mesh = f"{case.mesh.elements} x {case.mesh.across} cells"
     if case.is_of_points:
         return "points"
     if case.is_apart:
         ends = "clamped at x = 0" if case.support.is_cantilever else _ends(case)
         return f"apart, {ends}, {mesh} each"
-    delaminated = ", ".join(f"{1e3 * d.start:g} to {1e3 * d.end:g} mm" for d in case.delamination)
+    delaminated = ", ".join(map(_patch, case.delamination))
     joined = (
         "" if len(case.lamina) == 1 else f"bonded, delaminated at {delaminated or 'no place'}; "
     )
-    return f"{joined}{_ends(case)}; {mesh}"
+    kind = "a plate: " if case.is_plate else ""
+    return f"{kind}{joined}{_ends(case)}; {mesh}"
+
+
+def _patch(delamination: Delamination) -> str:
+    """Return in words where a delamination is."""
+    along = f"{1e3 * delamination.start:g} to {1e3 * delamination.end:g} mm"
+    if delamination.across is None:
+        return along
+    low, high = delamination.across
+    shape = "an ellipse in " if delamination.is_ellipse else ""
+    return f"{shape}{along} by {1e3 * low:g} to {1e3 * high:g} mm"
 
 
 def _ends(case: Case) -> str:
@@ -419,7 +439,8 @@ def _ends(case: Case) -> str:
     support = case.support
     yields = support.rotational_stiffness
     soft = "" if yields is None else f", clamps of {yields:g} N m"
-    return f"start {support.kind('start')}, end {support.kind('end')}{soft}"
+    kinds = ", ".join(f"{side} {support.kind(side)}" for side in support.sides)
+    return f"{kinds}{soft}"
 
 
 def reduce_command(

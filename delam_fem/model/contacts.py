@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from delam_fem.case.definition import ROUND_OFF, Case
-from delam_fem.case.sections import EDGE_TOLERANCE, OwnContact, has_stiffness
+from delam_fem.case.sections import EDGE_TOLERANCE, Delamination, OwnContact, has_stiffness
 from delam_fem.case.unread import is_elastic
 from delam_fem.contact.decisions import PairNumbers
 from delam_fem.model.layout import Layout, Structure
@@ -38,8 +38,15 @@ class Stretch(NamedTuple):
     start: float
     end: float
 
-    def inside(self, x: FloatArray) -> BoolArray:
-        """Return which of some places belong to the contact, the shape of x."""
+    def inside(self, x: FloatArray, z: FloatArray | None = None) -> BoolArray:
+        """Return which of some places belong to the contact, the shape of x.
+
+        Args:
+            x: places [m].
+            z: places across the width, the shape of x [m]; None: its middle.
+        """
+        if isinstance(self.table, Delamination) and self.table.across is not None:
+            return self.table.contains(x, np.zeros_like(x) if z is None else z)
         margin = EDGE_TOLERANCE * self.end
         return np.asarray((x >= self.start - margin) & (x <= self.end + margin))
 
@@ -68,9 +75,9 @@ def pairs_of_contacts(layout: Layout, case: Case) -> Iterator[tuple[str, OwnCont
     """Yield key, table and pairs of each contact of a case; a stop on both sides comes twice."""
     for interface in layout.interfaces:
         pairs = np.arange(interface.pairs.start, interface.pairs.stop)
-        x = layout.parts[interface.parts[0]].positions(interface.places)
+        at = layout.positions_of(interface)
         for stretch in stretches(case, tuple(layout.names[part] for part in interface.parts)):
-            yield stretch.key, stretch.table, pairs[stretch.inside(x)]
+            yield stretch.key, stretch.table, pairs[stretch.inside(*at)]
     tables = dict(case.contacts)
     for stop in layout.stops:
         number = stop.number - len(case.stop)

@@ -101,12 +101,15 @@ class Interface:
         places: places of the pairs along both parts as numbers of points, shape (n_pairs,); 2.25
             lies a quarter of the cell behind point 2.
         first_pair: row of the first of these pairs in the gap operator.
+        at: x and z of each pair, where they are no points in the middle of the width, shape
+            (n_pairs, 2) [m]; None: they are at `places`.
     """
 
     name: str
     parts: tuple[int, int]
     places: FloatArray
     first_pair: int = 0
+    at: FloatArray | None = None
 
     @property
     def pairs(self) -> slice:
@@ -320,6 +323,13 @@ class Layout:
             np.unique(np.concatenate([points, *[pairs.places for pairs in self.touching]]))
         )
 
+    def positions_of(self, interface: Interface) -> tuple[FloatArray, FloatArray]:
+        """Return x and z of each pair of an interface, shape (n_pairs,) each [m]."""
+        if interface.at is not None:
+            return interface.at[:, 0], interface.at[:, 1]
+        x = self.parts[interface.parts[0]].positions(interface.places)
+        return x, np.zeros_like(x)
+
     def stations_of(self, interface: Interface) -> IntArray:
         """Return the station of each pair of an interface, shape (n_pairs,)."""
         return np.searchsorted(self.stations, interface.places)
@@ -328,21 +338,27 @@ class Layout:
         """Return the station at a point."""
         return int(np.searchsorted(self.stations, float(point)))
 
-    def at_stations(self, interface: Interface, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def at_stations(
+        self, interface: Interface, of_pairs: npt.NDArray[Any], *, are_gaps: bool = False
+    ) -> npt.NDArray[Any]:
         """Arrange the values of an interface's pairs by stations.
 
         Pairs across the width of a solid share a station: of states (integers) it has the largest,
-        of other values the sum.
+        of gaps the smallest, of other values the sum.
 
         Args:
             interface: one of `interfaces`.
             of_pairs: values of all pairs of the structure, shape (…, n_pairs).
+            are_gaps: whether the values are gaps.
 
         Returns:
             Values at the stations, 0 where there is no pair, shape (…, n_stations).
         """
         result = np.zeros((*of_pairs.shape[:-1], self.stations.size), dtype=of_pairs.dtype)
         collect = np.maximum if np.issubdtype(of_pairs.dtype, np.integer) else np.add
+        if are_gaps:
+            collect = np.minimum
+            result[..., self.stations_of(interface)] = np.inf
         collect.at(result.T, self.stations_of(interface), of_pairs[..., interface.pairs].T)
         return result
 

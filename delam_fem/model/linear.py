@@ -319,6 +319,18 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
     H = H[: sum(interface.places.size for interface in layout.interfaces)]  # stops stay open
     if layout.reading is None or not H.shape[0]:
         return kept_closed(layout, n)
+    return tied(H)
+
+
+def tied(H: sp.csr_matrix) -> sp.csr_matrix:
+    """Return S whose columns span the solutions of H u = 0; see `keeping_closed`.
+
+    Raises:
+        ValueError: there are more rows than dofs that they can tie.
+    """
+    n = H.shape[1]
+    if not H.shape[0]:
+        return sp.identity(n, format="csr")
     if n <= DENSE_DOFS:
         return sp.csr_matrix(null_space(H.toarray()))
     pivots = np.empty(H.shape[0], dtype=np.int64)

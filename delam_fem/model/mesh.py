@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import logging
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,8 @@ def node_coordinates(case: Case) -> FloatArray:
     length = case.lamina[0].length
     if case.mesh.file is None:
         assert case.mesh.elements is not None
+        if case.mesh.across is not None:
+            return graded(edges(case), case.mesh.elements, "mesh.elements", _patch_edges(case, 0))
         return placed(case, case.mesh.elements)
     path = Path(case.mesh.file)
     first, *others = (
@@ -104,6 +107,65 @@ def require_edges(case: Case, x: FloatArray, source: str) -> None:
             )
 
 
+def coordinates_across(case: Case) -> FloatArray:
+    """Return z of the vertices of a plate across its width, from its middle, shape (m,) [m].
+
+    Raises:
+        CaseError: `mesh.across` is less than two for each segment.
+    """
+    assert case.mesh.across is not None
+    half = 0.5 * case.lamina[0].mean("width")
+    patch_edges = _patch_edges(case, 1)
+    inside = [z for z in patch_edges if half - abs(z) > NODE_TOLERANCE * half]
+    return graded(np.array([-half, *inside, half]), case.mesh.across, "mesh.across", patch_edges)
+
+
+def _patch_edges(case: Case, axis: int) -> list[float]:
+    """Return where the edges of patches are, increasing: x, or z with axis 1 [m]."""
+    spans = [((patch.start, patch.end), patch.across or ())[axis] for patch in case.delamination]
+    margin = NODE_TOLERANCE * case.length
+    result: list[float] = []
+    for place in sorted(edge for span in spans for edge in span):
+        if not result or place - result[-1] > margin:
+            result.append(place)
+    return result
+
+
+def graded(at: FloatArray, n: int, key: str, fine: Sequence[float]) -> FloatArray:
+    """Return the vertices of n cells with one at every given place, finer at some of these.
+
+    Each segment has cells as many as its share of the length, and at least two. Cells at the places
+    `fine` are half as long as those farthest from them.
+
+    Args:
+        at: places of vertices, increasing [m].
+        n: number of cells.
+        key: the key that gives n.
+        fine: places at which cells are short [m].
+
+    Raises:
+        CaseError: n is less than two for each segment.
+    """
+    counts = _counts(at, n, key)
+    margin = NODE_TOLERANCE * float(at[-1] - at[0])
+    is_fine = [bool(min(abs(place - x) for x in [*fine, np.inf]) <= margin) for place in at]
+    pieces = []
+    for k, count in enumerate(counts.tolist()):
+        s = np.linspace(0.0, 1.0, count + 1)[:-1]
+        if is_fine[k] and is_fine[k + 1]:
+            s = s - GRADING * np.sin(2.0 * np.pi * s) / (2.0 * np.pi)
+        elif is_fine[k]:
+            s = s - GRADING * s * (1.0 - s)
+        elif is_fine[k + 1]:
+            s = s + GRADING * s * (1.0 - s)
+        pieces.append(at[k] + (at[k + 1] - at[k]) * s)
+    return np.concatenate([*pieces, at[-1:]])
+
+
+GRADING = 1.0 / 3.0
+"""Half of the difference of the longest and the shortest cell of a segment, over their mean."""
+
+
 def placed(case: Case, n: int) -> FloatArray:
     """Return the nodes of n elements with a node at every edge, uniform where that is possible.
 
@@ -121,12 +183,28 @@ def placed(case: Case, n: int) -> FloatArray:
         at.size == 2 or np.diff(nearest).min() > 1
     ):
         return uniform
+    counts = _counts(at, n, "mesh.elements")
+    pieces = [
+        np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(at[:-1], at[1:], counts, strict=True)
+    ]
+    return np.concatenate([*pieces, [length]])
+
+
+def _counts(at: FloatArray, n: int, key: str) -> IntArray:
+    """Return how many of n cells each segment between two places has, at least two.
+
+    Raises:
+        CaseError: n is less than two for each segment.
+    """
     spans = np.diff(at)
+    if spans.size == 1:
+        return np.array([n])
     least = (
         f"at least {2 * spans.size}, two between neighbouring edges of delaminations, supports and "
         "places of tables"
     )
-    require(n >= 2 * spans.size, "mesh.elements", least, n)
+    require(n >= 2 * spans.size, key, least, n)
+    length = float(at[-1] - at[0])
     counts = np.maximum(2, np.floor(n * spans / length)).astype(np.int64)
     while counts.sum() != n:  # the coarsest segment gets one more, or the finest one fewer
         h = spans / counts
@@ -134,10 +212,7 @@ def placed(case: Case, n: int) -> FloatArray:
             counts[np.argmax(h)] += 1
         else:
             counts[np.argmin(np.where(counts > 2, h, np.inf))] -= 1
-    pieces = [
-        np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(at[:-1], at[1:], counts, strict=True)
-    ]
-    return np.concatenate([*pieces, [length]])
+    return counts
 
 
 def read_file(path: Path, unit: str | None = None) -> Any:

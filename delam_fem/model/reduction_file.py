@@ -36,8 +36,8 @@ FORMAT = 2
 _COMPARED: Mapping[str, set[str] | None] = {
     "lamina": None,
     "support": None,
-    "delamination": {"between", "start", "end"},
-    "mesh": {"elements"},
+    "delamination": {"between", "start", "end", "across", "shape_in_plane"},
+    "mesh": {"elements", "across"},
     "damping": None,
     "contact": {"points_per_element"},
     "time": {"mass"},
@@ -96,7 +96,10 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
     content["lower"] = np.array(
         [interface.parts[0] for interface in layout.interfaces], dtype=np.int64
     )
-    content |= {f"places_{k}": interface.places for k, interface in enumerate(layout.interfaces)}
+    for k, interface in enumerate(layout.interfaces):
+        content[f"places_{k}"] = interface.places
+        if interface.at is not None:
+            content[f"pairs_{k}"] = interface.at
     if o.start is not None:
         content["start"] = o.start
     write_arrays(path, content)
@@ -203,7 +206,12 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
         raise ValueError("readings of another size")
     parts = parts_of(origin, data["x"], data["dofs"], data["sections"])
     interfaces = [
-        Interface(f"{parts[k].name}-{parts[k + 1].name}", (k, k + 1), data[f"places_{number}"])
+        Interface(
+            f"{parts[k].name}-{parts[k + 1].name}",
+            (k, k + 1),
+            data[f"places_{number}"],
+            at=data.get(f"pairs_{number}"),
+        )
         for number, k in enumerate(data["lower"].tolist())
     ]
     return Structure(operators, layout_of(origin, parts, in_order(interfaces), reading))

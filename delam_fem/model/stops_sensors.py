@@ -141,8 +141,9 @@ def _words(layout: Layout, case: Case, pair: int) -> str:
     for interface in layout.interfaces:
         if interface.pairs.start <= pair < interface.pairs.stop:
             lower, upper = (layout.names[part] for part in interface.parts)
-            x = layout.parts[interface.parts[0]].positions(interface.places)
-            return f"{lower} and {upper} at x = {x[pair - interface.first_pair]:.4g} m"
+            x, z = (at[pair - interface.first_pair] for at in layout.positions_of(interface))
+            across = "" if interface.at is None else f", z = {z:.4g} m"
+            return f"{lower} and {upper} at x = {x:.4g} m{across}"
     stop = next(stop for stop in layout.stops if stop.pairs.start <= pair < stop.pairs.stop)
     number = stop.number - len(case.stop)
     other = f"stop {stop.number + 1}" if number < 0 else f"impactor {number + 1}"

@@ -84,6 +84,7 @@ class Study(Generic[Chosen, Found]):
         takes: kinds of model that it takes; None: all.
         needs: section that a case must have, such as "delamination"; empty: none.
         takes_impactors: whether a case may have impactors.
+        takes_plates: whether a case may be a plate.
         has_checkpoints: whether runs of the study keep checkpoints in `RunContext.checkpoints`.
         shares_factors: whether its command takes processes of MPI, which share the factors of a
             solid.
@@ -99,6 +100,7 @@ class Study(Generic[Chosen, Found]):
     takes: Kinds | None = None
     needs: str = ""
     takes_impactors: bool = False
+    takes_plates: bool = True
     has_checkpoints: bool = False
     shares_factors: bool = False
 
@@ -215,6 +217,11 @@ class Study(Generic[Chosen, Found]):
             raise CaseError(
                 f"impactor: {self.name}: expected none, as their blows need not repeat, given "
                 f"{len(case.impactor)}"
+            )
+        if case.is_plate and not self.takes_plates:
+            raise CaseError(
+                f"mesh.across: {self.name}: expected delaminations over the whole width, which it "
+                "looks for along a line, given a plate"
             )
         if self.needs and not getattr(case, self.needs):
             raise CaseError(f"{self.name}: expected a case with [[{self.needs}]], given none")

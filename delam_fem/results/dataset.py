@@ -71,7 +71,7 @@ def history(
     tip = layout.probes[0].point
     add(data, x=x, tip_node=layout.station_of_point(tip))
     data = data.set_coords("x")
-    at_rest = _of_interfaces(layout, gap0)
+    at_rest = _of_interfaces(layout, gap0, are_gaps=True)
     for row, interface in zip(np.atleast_2d(at_rest), layout.interfaces, strict=True):
         alone = np.delete(np.arange(x.size), layout.stations_of(interface))  # clamps, stops
         row[alone] = opening(case, layout, interface, x[alone])
@@ -212,9 +212,14 @@ def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, star
         add(data, stop_state=contact[:, layout.stops[0].first_pair :])
 
 
-def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _of_interfaces(
+    layout: Layout, of_pairs: npt.NDArray[Any], *, are_gaps: bool = False
+) -> npt.NDArray[Any]:
     """Spread values of pairs over the stations, one interface or all of them first."""
-    spread = [layout.at_stations(interface, of_pairs) for interface in layout.interfaces]
+    spread = [
+        layout.at_stations(interface, of_pairs, are_gaps=are_gaps)
+        for interface in layout.interfaces
+    ]
     if not spread:
         return np.zeros((0, *of_pairs.shape[:-1], layout.stations.size), of_pairs.dtype)
     return spread[0] if len(spread) == 1 else np.stack(spread)

@@ -534,16 +534,27 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
         CaseError: see `initial_gap` and `opening_at_rest`.
     """
     gaps = (
-        opening(
-            case, layout, interface, layout.parts[interface.parts[0]].positions(interface.places)
-        )
+        opening(case, layout, interface, *layout.positions_of(interface))
         for interface in layout.interfaces
     )
     return np.concatenate([np.zeros(0), *gaps])
 
 
-def opening(case: Case, layout: Layout, interface: Interface, x: FloatArray) -> FloatArray:
+def opening(
+    case: Case,
+    layout: Layout,
+    interface: Interface,
+    x: FloatArray,
+    z: FloatArray | None = None,
+) -> FloatArray:
     """Return the gap at rest between the laminae of an interface at x [m], 0 where it is bonded.
+
+    Args:
+        case: the case.
+        layout: of its laminae.
+        interface: between two of them.
+        x: places, shape (n,) [m].
+        z: places across the width, shape (n,) [m]; None: its middle.
 
     Raises:
         CaseError: see `initial_gap` and `opening_at_rest`.
@@ -553,12 +564,15 @@ def opening(case: Case, layout: Layout, interface: Interface, x: FloatArray) -> 
     gap = np.zeros(x.size)
     margin = EDGE_TOLERANCE * case.length
     between = tuple(layout.names[part] for part in interface.parts)
+    z = np.zeros_like(x) if z is None else z
     for delamination in case.delamination:
         if delamination.between == between:
             inside = (x >= delamination.start - margin) & (x <= delamination.end + margin)
+            if delamination.across is not None:
+                inside = delamination.contains(x, z)
             is_at_start = open_ends(delamination, case.length, case.support) == ("start",)
             gap[inside] = opening_at_rest(
-                delamination, x[inside], case.length, opens_at_start=is_at_start
+                delamination, x[inside], case.length, opens_at_start=is_at_start, z=z[inside]
             )
     return gap
 
@@ -1121,7 +1135,13 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
         M: mass of the free dofs.
         K: stiffness of the free dofs.
     """
-    S = kept_closed(layout, M.shape[0])
+    return damping_of(case, K, M, kept_closed(layout, M.shape[0]))
+
+
+def damping_of(
+    case: Case, K: sp.csr_matrix, M: sp.csr_matrix, S: sp.csr_matrix
+) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] of a stack that moves as u = S w; see `damping`."""
     frequencies, _ = elastic(S.T @ K @ S, S.T @ M @ S, 2, case.n_rigid)
     first, second = (_TWO_PI * frequencies).tolist()
     return harmonics.coefficients(_damping_ratio(case), first, second, case.damping.kind)

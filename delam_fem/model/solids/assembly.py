@@ -34,6 +34,7 @@ from delam_fem.model.layout import (
     place_of,
     probe_rows,
 )
+from delam_fem.model.linear import tied
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
 from delam_fem.model.solids import facing
@@ -87,10 +88,10 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     layout = _layout(case, unknowns, x, touching)
     M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
     M, lumped = _with_masses(M, lumped, case, layout, comm)
-    springs = _springs(case, layout)
+    springs = [*_springs(case, layout), *edge_springs(case, unknowns)]
     for row, number, k, _ in springs:
         K = _with_product(K, k, row, number, comm)
-    C, rayleigh = _damping(case, unknowns, M, K)
+    C, rayleigh = _damping(case, unknowns, M, K, H)
     for row, number, _, c in springs:
         C = _with_product(C, c, row, number, comm)
     matrices = [M, C, K]
@@ -312,6 +313,9 @@ def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float
         return []
     springs = []
     n = layout.n_numbered(0)
+    if case.is_plate:
+        support = case.support.model_copy(update={"placed": case.support.inside})
+        case = case.model_copy(update={"support": support})
     beams = closed_form.assemble(case.as_beams)
     for support, number in network.point_supports(case, beams.layout, beams.operators.n_dofs):
         part = layout.parts[number]
@@ -325,15 +329,99 @@ def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float
     return springs
 
 
+def edge_springs(case: Case, unknowns: Unknowns) -> list[tuple[sp.csr_matrix, int, float, float]]:
+    """Return the springs along the edges of a plate, as `_springs` does (collective).
+
+    Stiffness and damping are those of an edge as a whole. They are spread evenly along the middle
+    of its height: each facet has its share at the points of Gauss's rule.
+    """
+    solid, mesh = unknowns.solid, unknowns.solid.mesh
+    springs: list[tuple[sp.csr_matrix, int, float, float]] = []
+    for support in case.support.placed if case.is_plate else ():
+        of_turns = support.rotational_stiffness
+        if support.side is None or not (support.kind == "spring" or of_turns):
+            continue
+        points, cells, normals, shares = _along_edge(mesh, mesh.supports[support.side])
+        values = evaluate(solid, points, cells)
+        slope = sum(sp.diags(normals[:, i]) @ values.derivative(Y, i) for i in range(mesh.dim))
+        for rows, of_base, k, c in (
+            (slope, 0.0, of_turns, 0.0),
+            (values.displacement(Y), 1.0, support.stiffness or 0.0, support.damping),
+        ):
+            strained = gathered(sp.csr_matrix(rows), solid.comm)
+            base = sp.csr_matrix((strained @ unknowns.base - of_base)[:, None])
+            functionals = sp.hstack([strained @ unknowns.free, base], format="csr")
+            for row, share, cell in zip(functionals, shares, cells, strict=True):
+                springs.append((row, int(mesh.lamina[cell]), k * share, c * share))
+    return springs
+
+
+def _along_edge(
+    mesh: SolidMesh, facets: IntArray
+) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+    """Return points along the middle of the height of an edge of hexahedra, for integrals.
+
+    Returns:
+        Points, shape (n, 3) [m]; their cells, shape (n,); unit normals, shape (n, 3); the share of
+        the length of the edge that belongs to each, shape (n,).
+
+    Raises:
+        CaseError: the edge has other cells.
+    """
+    if mesh.cell != "hexahedron":
+        raise CaseError(f"support.side: expected hexahedra at a spring, given {mesh.cell}s")
+    cells, _ = mesh.cells_with(facets)
+    corners = mesh.points[facets]  # in tensor order
+    middle = 0.5 * (corners[..., Y].min() + corners[..., Y].max())
+    low = corners[..., Y].min(axis=1)
+    high = corners[..., Y].max(axis=1)
+    chosen = np.flatnonzero((low < middle) & (high >= middle))  # of two that meet there, the lower
+    plan = corners[chosen][:, :, [X, 2]]
+    first = plan[:, 0]
+    away = np.linalg.norm(plan - first[:, None], axis=2)
+    last = plan[np.arange(len(plan)), away.argmax(axis=1)]
+    length = np.linalg.norm(last - first, axis=1)
+    normal = np.column_stack([last[:, 1] - first[:, 1], 0.0 * length, first[:, 0] - last[:, 0]])
+    normal /= length[:, None]
+    s, weight = np.polynomial.legendre.leggauss(3)  # type: ignore[no-untyped-call]
+    s = 0.5 + 0.5 * s
+    at = first[:, None] + s[:, None] * (last - first)[:, None]
+    points = np.stack([at[..., 0], np.full(at.shape[:2], middle), at[..., 1]], axis=-1)
+    shares = 0.5 * weight * length[:, None] / length.sum()
+    count = s.size
+    return (
+        points.reshape(-1, 3),
+        np.repeat(cells[chosen], count),
+        np.repeat(normal, count, axis=0),
+        shares.ravel(),
+    )
+
+
 def _damping(
-    case: Case, unknowns: Unknowns, M: Restricted, K: Restricted
+    case: Case, unknowns: Unknowns, M: Restricted, K: Restricted, H: sp.csr_matrix
 ) -> tuple[Restricted, tuple[FloatArray, FloatArray]]:
-    """Return C = alpha M + beta K with the coefficients of each lamina, or of the stack as a beam.
+    """Return C = alpha M + beta K with the coefficients of each lamina, or of the stack.
+
+    A stack has those of its beam, a plate those of its own modes with all pairs kept closed.
+
+    Args:
+        case: the case.
+        unknowns: the free dofs.
+        M: mass.
+        K: stiffness.
+        H: gap matrix of all pairs, columns of the own free dofs.
 
     Returns:
         C; alpha and beta at the own free dofs, each of shape (n_own,).
     """
-    if case.is_apart:
+    if case.is_plate:
+        comm = unknowns.solid.comm
+        every = (sp.vstack(comm.allgather(matrix.rows), format="csr") for matrix in (K, M))
+        of_pairs = sp.hstack(comm.allgather(H), format="csr")
+        of_stack = network.damping_of(case, *every, tied(of_pairs))
+        of_lamina = np.array([of_stack] * len(case.lamina))
+        alpha, beta = np.repeat(of_lamina[:1], unknowns.n_own, axis=0).T
+    elif case.is_apart:
         laminae = range(len(case.lamina))
         if all(map(case.has_exact_modes, laminae)):
             of_lamina = np.array([case.rayleigh(i) for i in laminae])

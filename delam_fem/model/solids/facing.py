@@ -97,6 +97,12 @@ class Pairs:
         return self.lower.x[:, 0]
 
     @property
+    def plan(self) -> FloatArray:
+        """Position of each pair along the laminae and across, shape (n, 2) [m]; in 2D z = 0."""
+        across = self.lower.x[:, 2] if self.lower.x.shape[1] == 3 else np.zeros(len(self.gap))
+        return np.column_stack([self.x, across])
+
+    @property
     def weights(self) -> FloatArray:
         """Tributary length or area of each pair, shape (n,) [m or m2]."""
         return self.lower.weights
@@ -277,7 +283,7 @@ def interface(
     between: tuple[int, int],
     x: FloatArray,
     *,
-    at_points: bool = False,
+    at: FloatArray | None = None,
 ) -> Interface:
     """Return the interface of pairs at given positions; pairs at one position share a station.
 
@@ -285,15 +291,15 @@ def interface(
         parts: all parts, which share their points.
         between: numbers of the lower and the upper part.
         x: positions of the pairs, shape (n,) [m].
-        at_points: take for each pair the nearest point of the parts, for meshes whose pairs lie
-            anywhere.
+        at: x and z of pairs that lie anywhere, shape (n, 2) [m]: each has the station of the
+            nearest point of the parts. None: they are in rows.
     """
     place = places_of(parts[between[0]], x)
-    place = np.round(place) if at_points else place
+    place = np.round(place) if at is not None else place
     end = np.ceil(place)
     local = np.where(place == end, 1.0, place - end + 1.0)  # so that differences are of round-off
     name = "-".join(parts[number].name for number in between)
-    return Interface(name, between, end - 1.0 + local)
+    return Interface(name, between, end - 1.0 + local, at=at)
 
 
 def _first(hits: Hits, n_lines: int, key: FloatArray | IntArray) -> IntArray:
@@ -492,9 +498,12 @@ def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> tup
         every: the pairs of each interface.
         case: the case.
     """
-    is_file = case.mesh.file is not None
+    lie_anywhere = case.mesh.file is not None or case.is_plate
     return in_order(
-        [interface(parts, pairs.facing.parts, pairs.x, at_points=is_file) for pairs in every]
+        [
+            interface(parts, pairs.facing.parts, pairs.x, at=pairs.plan if lie_anywhere else None)
+            for pairs in every
+        ]
     )
 
 
@@ -508,7 +517,8 @@ def weights(
     whole stiffness, as in the paper, and its pairs across the width share it. None: every pair has
     the whole stiffness.
     """
-    is_whole = case.contact.points_per_element == 1 and case.mesh.file is None
+    is_structured = case.mesh.file is None and not case.is_plate
+    is_whole = case.contact.points_per_element == 1 and is_structured
     if is_whole and dim == 2:
         return None
     result: list[FloatArray] = [np.zeros(0)]
@@ -544,22 +554,24 @@ def gaps(case: Case, layout: Layout, every: Sequence[Pairs]) -> FloatArray:
         between = tuple(layout.names[i] for i in interface.parts)
         for open_place in case.delamination:
             if open_place.between == between and not _OPENINGS & open_place.model_fields_set:
-                x = pairs.x
+                x, z = pairs.plan.T
                 is_in = (x >= open_place.start) & (x <= open_place.end)
+                if open_place.across is not None:
+                    is_in = open_place.contains(x, z)
                 result[interface.pairs][is_in] = pairs.gap[is_in]
     return result
 
 
 def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> FacingPoints:
     """Return the points of the lower side at which pairs are sought."""
-    if case.mesh.file is not None:
+    if case.mesh.file is not None or case.is_plate:
         return (at_middles if mesh.cell == "tetrahedron" else at_vertices)(mesh, sides)
     lower, upper = (case.lamina[i] for i in sides.parts)
     across = None
     if mesh.dim == 3:
         half = 0.5 * min(_least_width(lower), _least_width(upper))
         across = np.linspace(-half, half, case.model.strips + 1)
-    bonded = bonded_cells(case, x)[sides.parts[0]]
+    bonded = bonded_cells(case, x)[sides.parts[0], :, 0]
     return at_places(mesh, sides, _places(bonded, x, case.contact.points_per_element), across)
 
 

@@ -154,6 +154,31 @@ class Solid:
         everywhere = self.comm.allgather(np.unique(nodes[nodes >= 0]))
         return np.asarray(np.unique(np.concatenate(everywhere)), dtype=np.int64)
 
+    def normals_on(self, facets: IntArray) -> FloatArray:
+        """Return the mean unit normals in the plane of x and z at the nodes on facets (collective).
+
+        Args:
+            facets: facets of an edge of a solid in three dimensions as vertices, shape (n, m).
+
+        Returns:
+            Nodes, increasing, and both components, shape (n_nodes, 3). Where normals differ the
+            mean is shorter than 1.
+        """
+        cells, numbers = self.mesh.cells_with(facets)
+        corners = self.mesh.points[facets]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, [0, 2]]
+        outward = corners.mean(axis=1) - self.mesh.points[self.mesh.cells[cells]].mean(axis=1)
+        normal *= np.sign(np.einsum("ki,ki->k", normal, outward[:, [0, 2]]))[:, None]
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        of_facet = np.array(_dolfinx.facet_dofs(self.space, len(FACETS[self.mesh.cell])))
+        nodes = np.take_along_axis(self.nodes_of(cells), of_facet[numbers], axis=1)
+        entries = np.column_stack([nodes.ravel(), np.repeat(normal, nodes.shape[1], axis=0)])
+        entries = np.concatenate(self.comm.allgather(entries[nodes.ravel() >= 0]))
+        every, number = np.unique(entries[:, 0], return_inverse=True)
+        sums = np.zeros((every.size, 3))
+        np.add.at(sums, number, np.column_stack([entries[:, 1:], np.ones(len(entries))]))
+        return np.column_stack([every, sums[:, :2] / sums[:, 2:]])
+
     @property
     def coordinates(self) -> FloatArray:
         """Coordinates of the nodes that this rank owns, shape (n_own_nodes, dim) [m]."""

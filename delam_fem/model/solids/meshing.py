@@ -6,6 +6,10 @@ vertices are those of `mesh.elements`, with one at every edge of a delamination.
 laminae share their vertices. Over a delamination each has its own; the vertices at its edges are
 shared.
 
+A plate has `mesh.across` cells across its width in place of strips, with vertices at the edges of
+patches along both axes. A patch that is an ellipse is a rectangle of cells whose outline is moved
+to the ellipse; the vertices around follow as a soap film does.
+
 In a file, physical groups say what is what: one for each lamina (its name) with its cells; "start"
 and "end" with the facets of the ends that are held; "LOWER-UPPER lower" and "LOWER-UPPER upper"
 with the facets of the two sides of each interface where laminae are apart.
@@ -19,10 +23,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import ENDS, Lamina
-from delam_fem.model.mesh import NODE_TOLERANCE, node_coordinates, read_file
+from delam_fem.case.sections import ENDS, ON_EDGE, Lamina
+from delam_fem.model.layout import half_ways
+from delam_fem.model.mesh import (
+    NODE_TOLERANCE,
+    coordinates_across,
+    node_coordinates,
+    read_file,
+)
 from delam_fem.model.solids.mesh import (
     FACETS,
     TENSOR,
@@ -47,9 +59,10 @@ def lattice(case: Case) -> SolidMesh:
     """
     x = node_coordinates(case)
     is_3d = case.model.kind == "solid"
+    across = None if case.mesh.across is None else coordinates_across(case)
     _require_size(case, x.size - 1, is_3d=is_3d)
-    bonded = bonded_cells(case, x)
-    if is_3d:
+    bonded = bonded_cells(case, x, across)
+    if is_3d and across is None:
         for i, (lower, upper) in enumerate(pairwise(case.lamina)):
             if bonded[i].any() and lower.width != upper.width:
                 raise CaseError(
@@ -66,34 +79,145 @@ def lattice(case: Case) -> SolidMesh:
                 )
         if any(profile.steps for profile in lamina.profiles.values()):
             _require_no_step(lamina)
-    vertices = _vertices(case, x.size, bonded, is_3d=is_3d)
+    vertices = _vertices(case, bonded, is_3d=is_3d)
     points = np.empty((1 + max(int(grid.max()) for grid in vertices), 3 if is_3d else 2))
-    bottom = np.zeros(x.size)
+    plan = None if across is None else _plan(case, x, across)
+    X = x[:, None] if plan is None else plan[0]
+    bottom = np.zeros(X.shape)
     if any("thickness" in lamina.profiles for lamina in case.lamina):  # the middle stays straight
-        heights = np.sum([lamina.along("thickness", x) for lamina in case.lamina], axis=0)
+        heights = np.sum([lamina.along("thickness", X) for lamina in case.lamina], axis=0)
         bottom = 0.5 * (heights[0] - heights)
     for lamina, grid in zip(case.lamina, vertices, strict=True):
-        thickness = lamina.along("thickness", x)
+        thickness = lamina.along("thickness", X)
         width = lamina.along("width", x)
-        y = bottom[:, None] + np.linspace(np.zeros(x.size), thickness, grid.shape[1], axis=1)
+        y = bottom[:, None] + np.linspace(np.zeros(X.shape), thickness, grid.shape[1], axis=1)
         bottom = bottom + thickness
-        z = np.linspace(-0.5 * width, 0.5 * width, grid.shape[2], axis=1)
-        if not is_3d:
-            z = np.zeros((x.size, 1))
-        axes = np.broadcast_arrays(x[:, None, None], y[:, :, None], z[:, None, :])
+        z = np.zeros((x.size, 1))
+        if is_3d:
+            z = np.linspace(-0.5 * width, 0.5 * width, grid.shape[2], axis=1)
+        if plan is not None:
+            z = plan[1]
+        axes = np.broadcast_arrays(X[:, None, :], y, z[:, None, :])
         points[grid.ravel()] = np.column_stack([axis.ravel() for axis in axes[: points.shape[1]]])
     cells = [_cells(grid) for grid in vertices]
+    places: dict[str, tuple[int | slice, ...]] = {"start": (0,), "end": (-1,)}
+    if across is not None:
+        every = slice(None)
+        places |= {"left": (every, every, 0), "right": (every, every, -1)}
     return SolidMesh(
         points,
         np.concatenate(cells),
         "hexahedron" if is_3d else "quadrilateral",
         np.repeat(np.arange(len(cells)), [len(lamina_cells) for lamina_cells in cells]),
         {
-            name: np.concatenate([_facets(grid[end]) for grid in vertices])
-            for name, end in (("start", 0), ("end", -1))
+            name: np.concatenate([_facets(grid[place]) for grid in vertices])
+            for name, place in places.items()
         },
         _sides(vertices, bonded),
     )
+
+
+def _plan(case: Case, x: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return x and z of the vertices of a plate, with outlines moved to the ellipses of patches.
+
+    The polygon of an outline has the area of its ellipse. The displacement of the other vertices
+    fulfils Laplace's equation on the grid. It is 0 at the edges of the plate, on the outlines of
+    rectangles, and where a support or a table needs a straight line.
+
+    Args:
+        case: the case.
+        x: lines of the grid along x, shape (n,) [m].
+        across: its lines across, shape (m,) [m].
+
+    Returns:
+        Shape (n, m) each [m].
+
+    Raises:
+        CaseError: an ellipse reaches an edge of the plate or the outline of another patch, or a
+            cell would be folded.
+    """
+    X, Z = (np.array(grid) for grid in np.meshgrid(x, across, indexing="ij"))
+    if not any(patch.is_ellipse for patch in case.delamination):
+        return X, Z
+    is_given = np.zeros(X.shape, dtype=np.bool_)
+    is_given[[0, -1]] = True
+    is_given[:, [0, -1]] = True
+    straight = {support.position or 0.0 for support in case.support.held}
+    for place in straight | {place for lamina in case.lamina for place in lamina.breaks}:
+        is_given[np.argmin(np.abs(x - place))] = True
+    shift = np.zeros((2, *X.shape))
+    for number, patch in enumerate(case.delamination, start=1):
+        along, over = patch.local(X, Z)
+        outline = np.abs(np.maximum(np.abs(along), np.abs(over)) - 1.0) < ON_EDGE
+        moved = np.zeros((2, *X.shape))
+        if patch.is_ellipse:
+            # a point of the square goes to the angle that its place on its side gives
+            first = np.abs(along) >= np.abs(over)
+            angle = np.where(first, over * np.sign(along), along * np.sign(over)) * np.pi / 4.0
+            circle = np.where(
+                first,
+                np.sign(along) * np.stack([np.cos(angle), np.sin(angle)]),
+                np.sign(over) * np.stack([np.sin(angle), np.cos(angle)]),
+            )
+            # the polygon gets the area of the ellipse; each of its four sides spans 90 degrees
+            lines = (along[:, 0], over[0])
+            angles = [at[np.abs(at) <= 1.0 + ON_EDGE] * np.pi / 4.0 for at in lines]
+            area = sum(float(np.sin(np.diff(side)).sum()) for side in angles)
+            circle *= np.sqrt(np.pi / area)
+            low, high = patch.across or (0.0, 0.0)
+            halves = 0.5 * (patch.end - patch.start), 0.5 * (high - low)
+            moved = np.stack([(circle[k] - (along, over)[k]) * halves[k] for k in (0, 1)])
+        meets = outline & is_given
+        if np.any(np.abs(moved - shift)[:, meets] > NODE_TOLERANCE * case.length):
+            raise CaseError(
+                f"delamination.{number}.shape_in_plane: expected an ellipse whose outline meets no "
+                "edge of the plate and no outline of another patch; take a rectangle, or your own "
+                "mesh in mesh.file"
+            )
+        shift[:, outline] = moved[:, outline]
+        is_given |= outline
+    X, Z = np.stack([X, Z]) + _film(x, across, shift, is_given)
+    corners = np.stack([X, Z], axis=-1)
+    cells = np.stack(
+        [corners[:-1, :-1], corners[1:, :-1], corners[:-1, 1:], corners[1:, 1:]], axis=2
+    ).reshape(-1, 4, 2)
+    for at in np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]):
+        size = np.linalg.det(jacobians_of("quadrilateral", cells, np.tile(at, (len(cells), 1))))
+        if size.min() <= _FOLDED * float(np.median(size)):
+            raise CaseError(
+                "mesh.elements: expected cells fine enough to follow the ellipses of delaminations "
+                f"without folds, given {x.size - 1} along and {across.size - 1} across; take more, "
+                "or patches farther from one another, or your own mesh in mesh.file"
+            )
+    return X, Z
+
+
+_FOLDED = 1e-3
+"""Jacobian at a corner of a cell of a plate, over the median, below which the cell is folded."""
+
+
+def _film(x: FloatArray, across: FloatArray, given: FloatArray, is_given: BoolArray) -> FloatArray:
+    """Return the solution of Laplace's equation on a grid with some values given.
+
+    Args:
+        x: lines of the grid, shape (n,) [m].
+        across: its other lines, shape (m,) [m].
+        given: values, shape (k, n, m).
+        is_given: where they are given, shape (n, m).
+    """
+    operators = []
+    for at in (x, across):
+        D = sp.diags([-1.0 / np.diff(at), 1.0 / np.diff(at)], [0, 1], (at.size - 1, at.size))
+        operators.append((D.T @ sp.diags(np.diff(at)) @ D, sp.diags(half_ways(at))))
+    (Kx, Mx), (Kz, Mz) = operators
+    K = sp.csr_matrix(sp.kron(Kx, Mz) + sp.kron(Mx, Kz))
+    free = np.flatnonzero(~is_given.ravel())
+    fixed = np.flatnonzero(is_given.ravel())
+    result = given.reshape(len(given), -1).copy()
+    if free.size:
+        load = -(K[free][:, fixed] @ result[:, fixed].T)
+        result[:, free] = spsolve(sp.csc_matrix(K[free][:, free]), load).reshape(free.size, -1).T
+    return result.reshape(given.shape)
 
 
 def _said(width: object) -> str:
@@ -117,21 +241,24 @@ def _require_no_step(lamina: Lamina) -> None:
             )
 
 
-def bonded_cells(case: Case, x: FloatArray) -> BoolArray:
-    """Return where neighbouring laminae are bonded, shape (n_laminae - 1, n_nodes - 1).
+def bonded_cells(case: Case, x: FloatArray, across: FloatArray | None = None) -> BoolArray:
+    """Return where neighbouring laminae are bonded, (n_laminae - 1, n_nodes - 1, n_across).
 
     Args:
         case: the case.
         x: positions of the nodes, one at every edge of a delamination [m].
+        across: lines of the vertices of a plate across its width [m]; None: all strips are alike.
     """
-    middle = 0.5 * (x[1:] + x[:-1])
+    lines = np.zeros(2) if across is None else across
+    middles = (0.5 * (at[1:] + at[:-1]) for at in (x, lines))
+    X, Z = np.meshgrid(*middles, indexing="ij")
+    count = case.model.strips if across is None and case.model.kind == "solid" else X.shape[1]
     names = [lamina.name for lamina in case.lamina]
-    bonded = np.full((len(names) - 1, middle.size), not case.is_apart)
+    bonded = np.full((len(names) - 1, x.size - 1, count), not case.is_apart)
     for delamination in case.delamination:
-        bonded[
-            names.index(delamination.between[0]),
-            (middle > delamination.start) & (middle < delamination.end),
-        ] = False
+        along, over = delamination.local(X, Z)
+        is_open = (np.abs(along) < 1.0) & (np.abs(over) < 1.0)
+        bonded[names.index(delamination.between[0])] &= ~is_open
     return bonded
 
 
@@ -143,26 +270,32 @@ def _require_size(case: Case, n: int, *, is_3d: bool) -> None:
     """
     p = case.model.degree
     model = case.model
-    across = (p * model.strips + 1) * 3 if is_3d else 2
+    n_across = case.mesh.across or model.strips
+    across = (p * n_across + 1) * 3 if is_3d else 2
     dofs = len(case.lamina) * (p * n + 1) * (p * model.layers + 1) * across
     if dofs > MOST_DOFS:
         strips = f", model.strips = {model.strips}" if is_3d else ""
+        if case.mesh.across is not None:
+            strips = f", mesh.across = {case.mesh.across}"
         raise CaseError(
             f"mesh.elements: expected at most {MOST_DOFS} unknowns, given about {dofs} from "
             f"{n} cells along x, model.layers = {model.layers}{strips}, model.degree = {p}"
         )
 
 
-def _vertices(case: Case, n: int, bonded: BoolArray, *, is_3d: bool) -> list[IntArray]:
+def _vertices(case: Case, bonded: BoolArray, *, is_3d: bool) -> list[IntArray]:
     """Return the vertices of each lamina along x, y, z: shape (n, layers + 1, strips + 1 or 1)."""
-    shape = (n, case.model.layers + 1, case.model.strips + 1 if is_3d else 1)
+    _, n, n_across = bonded.shape
+    shape = (n + 1, case.model.layers + 1, n_across + 1 if is_3d else 1)
     result: list[IntArray] = []
     count = 0
     for i in range(len(case.lamina)):
         is_shared = np.zeros(shape, dtype=np.bool_)
         if i > 0:  # a vertex is shared if a cell beside it is bonded
-            is_shared[1:, 0] |= bonded[i - 1][:, None]
-            is_shared[:-1, 0] |= bonded[i - 1][:, None]
+            before, behind = slice(None, -1), slice(1, None)
+            for along in (before, behind):
+                for across in (before, behind) if is_3d else (slice(None),):
+                    is_shared[along, 0, across] |= bonded[i - 1]
         grid = np.empty(shape, dtype=np.int64)
         grid[~is_shared] = count + np.arange(np.count_nonzero(~is_shared))
         count += int(np.count_nonzero(~is_shared))
@@ -199,7 +332,7 @@ def _sides(vertices: list[IntArray], bonded: BoolArray) -> tuple[Facing, ...]:
     for i, is_bonded in enumerate(bonded):
         if is_bonded.all():
             continue
-        is_open = np.repeat(~is_bonded, max(vertices[i].shape[2] - 1, 1))
+        is_open = ~is_bonded.ravel()
         lower = _facets(vertices[i][:, -1])
         upper = _facets(vertices[i + 1][:, 0])
         sides.append(Facing((i, i + 1), lower[is_open], upper[is_open]))
@@ -309,10 +442,11 @@ class _Reader:
         plain = SolidMesh(points, cells, self.cell, lamina)
         place = np.full(len(self.given.points), -1, dtype=np.int64)
         place[used] = np.arange(len(used))
+        support = self.case.support
         supports: dict[str, IntArray] = {
-            end: self._facets(plain, place, end, None)
-            for end in ENDS
-            if self.case.support.holds(end)
+            side: self._facets(plain, place, side, None)
+            for side in support.sides
+            if support.holds(side) or (self.case.is_plate and support.kind(side) == "spring")
         }
         between = {delamination.between for delamination in self.case.delamination}
         sides = tuple(
@@ -347,7 +481,7 @@ class _Reader:
             listed = ", ".join(map(repr, names)) or "none"
             raise self._error(
                 f"expected a physical group {name!r} of {types[0]} cells, found the groups: "
-                f"{listed}"
+                f"{listed}" + (f'; without one, give support.{name} = "free"' * (name in ENDS))
             )
         blocks = [
             np.asarray(block.data[chosen], dtype=np.int64)[:, :n_vertices]

@@ -8,9 +8,12 @@ q is the motion of the base along y, g is 1 at the y components of held nodes. A
 other components rest. A pinned end stays plane and turns about its neutral axis y_0, as in beam
 theory:
 
-    u_x = -(y - y_0) phi,   u_y = q                                                           (S2)
+    u_n = -(y - y_0) phi,   u_y = q                                                           (S2)
 
-phi is a free dof. Laminae that are bonded at the end turn together. Inside the span a support holds
+n is the normal of the end in the plane of x and z; what is at right angles to both rests. phi is a
+free dof. Laminae that are bonded at the end turn together. In hexahedra each column of nodes has a
+phi of its own, as at the simply supported edge of a plate; where two edges meet, columns do not
+turn. Inside the span a support holds
 the whole section of a lamina: a pinned one u_y alone, a clamped one also against turns,
 
     u_x = phi,   u_y = q,                                                                     (S3)
@@ -41,7 +44,7 @@ node depends on the ranks.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -78,6 +81,7 @@ class Held:
         place: the dof in whose place phi is, for each of them; itself one of `dofs`; -1: none,
             shape (n,).
         lamina: number of the lamina that turns with phi, SHARED where bonded ones do, shape (n,).
+        normal: components of n of S2 in x and z, 0 where nothing turns and in S3, shape (n, 2).
     """
 
     dofs: IntArray
@@ -85,6 +89,7 @@ class Held:
     turn: FloatArray
     place: IntArray
     lamina: IntArray
+    normal: FloatArray
 
 
 def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
@@ -99,7 +104,7 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
         CaseError: an end that is held has no facets.
     """
     blocks = [_at(solid, np.zeros(0, dtype=np.int64))]
-    for name in ENDS:
+    for name in case.support.sides:
         if not case.support.holds(name):
             continue
         facets = solid.mesh.supports.get(name)
@@ -108,18 +113,82 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
         if not case.support.turns(name):
             blocks.append(_at(solid, solid.nodes_on(facets)))
             continue
-        for cluster in _clusters(facets):
-            nodes = solid.nodes_on(facets[cluster])
-            axis = neutral_axis(solid.mesh, facets[cluster], rigidity)
-            laminae = np.unique(solid.mesh.lamina[solid.mesh.cells_with(facets[cluster])[0]])
-            one = int(laminae[0]) if laminae.size == 1 else SHARED
-            blocks.append(_at(solid, nodes, axis, one))
+        for cluster in clusters_of(facets):
+            blocks.append(_pinned(solid, name, facets[cluster], rigidity))
     for inner in case.support.held:
         blocks += _inside(case, solid, inner)
+    return _joined(blocks)
+
+
+def _joined(blocks: Sequence[Held]) -> Held:
+    """Return all held dofs; one that is held in two ways does not turn."""
     every = [[getattr(block, name) for block in blocks] for name in Held.__dataclass_fields__]
-    dofs, *others = (np.concatenate(values) for values in every)
-    dofs, first = np.unique(dofs, return_index=True)
-    return Held(dofs, *(values[first] for values in others))
+    all_dofs, *others = (np.concatenate(values) for values in every)
+    dofs, first, number = np.unique(all_dofs, return_index=True, return_inverse=True)
+    base, turn, place, lamina, normal = (values[first] for values in others)
+    differs = (others[1] != turn[number]) | (others[2] != place[number])
+    is_rigid = np.isin(place, place[number[differs]]) & (place >= 0)
+    is_rigid[number[differs]] = True
+    turn[is_rigid] = 0.0
+    place[is_rigid] = -1
+    return Held(dofs, base, turn, place, lamina, normal)
+
+
+def _pinned(solid: Solid, name: str, facets: IntArray, rigidity: FloatArray) -> Held:
+    """Return the held dofs of facets that are pinned and connected (collective).
+
+    Args:
+        solid: the solid.
+        name: of the end or edge.
+        facets: its facets as vertices, shape (n, m).
+        rigidity: see `neutral_axis`.
+
+    Raises:
+        CaseError: an edge has cells that are no hexahedra, or is curved. Flat facets would clamp a
+            curved edge (I. Babuska, J. Pitkaranta, SIAM J. Math. Anal. 21 (1990) 551).
+    """
+    mesh = solid.mesh
+    axis = neutral_axis(mesh, facets, rigidity)
+    cells = mesh.cells_with(facets)[0]
+    laminae = np.unique(mesh.lamina[cells])
+    one = int(laminae[0]) if laminae.size == 1 else SHARED
+    nodes = solid.nodes_on(facets)
+    nodes = nodes[np.argsort(solid.place[nodes])]
+    if mesh.cell != "hexahedron":
+        if name not in ENDS:
+            raise CaseError(
+                f"support.side: expected hexahedra at the pinned edge {name!r}, given {mesh.cell}s"
+            )
+        return _at(solid, nodes, axis, one)
+    normals = solid.normals_on(facets)
+    at = solid.fetched(solid.coordinates, nodes)
+    normal = normals[np.searchsorted(normals[:, 0], nodes), 1:]
+    # nodes at one place in the plan are a column, which turns as a whole
+    plan = np.round(at[:, [X, 2]] / (SAME * np.ptp(mesh.points, axis=0).max()))
+    _, first, column = np.unique(plan, axis=0, return_index=True, return_inverse=True)
+    column = column.ravel()
+    result = _at(solid, nodes, lamina=one)
+    lengths = np.linalg.norm(normal[first], axis=1)
+    if np.any((lengths >= STRAIGHT) & (lengths < 1.0 - _BENT)):
+        raise CaseError(
+            f"support.side: expected straight sides at the pinned edge {name!r}, given a curved "
+            "one, which flat facets would clamp; give a spring with a large stiffness, or clamp it"
+        )
+    turns = np.flatnonzero((lengths >= STRAIGHT)[column])
+    unit = (normal[first] / np.maximum(lengths, STRAIGHT)[:, None])[column]
+    for component, direction in ((X, 0), (2, 1)):
+        chosen = solid.dim * turns + component
+        result.turn[chosen] = unit[turns, direction] * (axis - at[turns, Y])
+        result.place[chosen] = solid.dim * nodes[first[column[turns]]] + X
+        result.normal[chosen] = unit[turns]
+    return result
+
+
+_BENT = 1e-9
+"""How much shorter than 1 the mean of two unit normals is where an edge is curved."""
+STRAIGHT = 0.9
+"""Length of the mean of the unit normals at a node of an edge below which a corner is there: they
+differ by more than 50 degrees."""
 
 
 def _inside(case: Case, solid: Solid, support: PointSupport) -> Iterator[Held]:
@@ -148,10 +217,11 @@ def _inside(case: Case, solid: Solid, support: PointSupport) -> Iterator[Held]:
         lamina = np.full(chosen.size, cluster[0] if len(cluster) == 1 else SHARED, dtype=np.int64)
         across = solid.dim * chosen + Y
         along = solid.dim * chosen + X
-        yield Held(across, np.ones(chosen.size), np.zeros(chosen.size), none, lamina)
+        flat = np.zeros((chosen.size, 2))
+        yield Held(across, np.ones(chosen.size), np.zeros(chosen.size), none, lamina, flat)
         if support.kind == "clamped":
             first = np.full(chosen.size, along[np.argmin(solid.place[chosen])])
-            yield Held(along, np.zeros(chosen.size), np.ones(chosen.size), first, lamina)
+            yield Held(along, np.zeros(chosen.size), np.ones(chosen.size), first, lamina, flat)
 
 
 def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> float:
@@ -180,7 +250,7 @@ def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> flo
     return float(weight @ middle / weight.sum())
 
 
-def _clusters(facets: IntArray) -> list[IntArray]:
+def clusters_of(facets: IntArray) -> list[IntArray]:
     """Return the numbers of the facets that vertices connect, cluster by cluster."""
     n, m = facets.shape
     touches = sp.csr_matrix((np.ones(n * m), (np.repeat(np.arange(n), m), facets.ravel())))
@@ -195,10 +265,12 @@ def _at(solid: Solid, nodes: IntArray, axis: float | None = None, lamina: int = 
     base = np.tile(np.arange(dim) == Y, nodes.size).astype(np.float64)
     turn = np.zeros(dofs.size)
     place = np.full(dofs.size, -1, dtype=np.int64)
+    normal = np.zeros((dofs.size, 2))
     if axis is not None:
         turn[X::dim] = axis - solid.fetched(solid.coordinates, nodes)[:, Y]
         place[X::dim] = dim * nodes[np.argmin(solid.place[nodes])] + X
-    return Held(dofs, base, turn, place, np.full(dofs.size, lamina, dtype=np.int64))
+        normal[X::dim, 0] = 1.0
+    return Held(dofs, base, turn, place, np.full(dofs.size, lamina, dtype=np.int64), normal)
 
 
 _ROUND_OFF = 1e-12
@@ -538,8 +610,9 @@ class Unknowns:
     def rigid_motions(self) -> FloatArray:
         """Values of the own free dofs in rigid motions (collective), shape (n_own, 3 or 6).
 
-        A dof d_i of R1 has the difference from its reference. phi of S2 is 1 in the rotation in the
-        plane of x and y, that of S3 in the translation along x, and 0 in all other motions.
+        A dof d_i of R1 has the difference from its reference. phi of S2 is n_x in the rotation in
+        the plane of x and y and -n_z in that of y and z; that of S3 is 1 in the translation along
+        x. It is 0 in all other motions.
         """
         solid, dim = self.solid, self.solid.dim
         nodes, component = np.divmod(self.own, dim)
@@ -556,9 +629,15 @@ class Unknowns:
             result[:, k] = np.where(component == j, at[:, i], 0.0)
             result[:, k] -= np.where(component == i, at[:, j], 0.0)
         supported = self.held
-        for of_sections, motion in ((supported.turn != 1.0, dim), (supported.turn == 1.0, X)):
-            places = np.isin(self.own, supported.place[of_sections])
-            result[places] = np.arange(result.shape[1]) == motion
+        turning = np.flatnonzero(supported.place >= 0)
+        motions = np.zeros((turning.size, result.shape[1]))
+        motions[:, dim] = supported.normal[turning, 0]
+        motions[:, X] = ~supported.normal[turning].any(axis=1)
+        if dim == 3:
+            motions[:, dim + 1] = -supported.normal[turning, 1]
+        number = {dof: k for k, dof in enumerate(supported.place[turning].tolist())}
+        for row in np.flatnonzero(np.isin(self.own, supported.place[turning])):
+            result[row] = motions[number[int(self.own[row])]]
         return result
 
     @cached_property

@@ -390,6 +390,9 @@ class RefinementStudy:
         points: dict[str, object] = {}
         if isinstance(mesh, PointMesh):
             points["contact.points_per_element"] = mesh.per_element
+        if isinstance(plain, int) and self.case.mesh.across is not None:  # cells keep their shape
+            share = plain / (self.case.mesh.elements or plain)
+            points["mesh.across"] = max(1, round(self.case.mesh.across * share))
         if steps > MANY_STEPS:
             periods = min(periods, FEW_PERIODS)
         of = () if method == FREE else self.channels

@@ -197,6 +197,7 @@ DETECT: Study[Detect, Detection] = Study(
     "Data",
     "detect scan",
     takes=NOT_REDUCED,
+    takes_plates=False,
     needs="delamination",
     has_checkpoints=True,
 )
@@ -207,13 +208,26 @@ EXCITE: Study[Excite, ExcitationMap] = Study(
     "detect excite",
     remove=OF_SWEEPS,
     takes=NOT_REDUCED,
+    takes_plates=False,
     needs="delamination",
 )
 POD: Study[Pod, PodStudy] = Study(
-    Pod, f"{HOME}.population:compute", "Data", "detect pod", remove=OF_SWEEPS, takes=NOT_REDUCED
+    Pod,
+    f"{HOME}.population:compute",
+    "Data",
+    "detect pod",
+    remove=OF_SWEEPS,
+    takes=NOT_REDUCED,
+    takes_plates=False,
 )
 INFER: Study[Infer, Inferred] = Study(
-    Infer, f"{HOME}.infer:compute", "Data", "detect infer", remove=OF_SWEEPS, takes=NOT_REDUCED
+    Infer,
+    f"{HOME}.infer:compute",
+    "Data",
+    "detect infer",
+    remove=OF_SWEEPS,
+    takes=NOT_REDUCED,
+    takes_plates=False,
 )
 MODULATE: Study[Modulate, Modulation] = Study(
     Modulate,
@@ -221,6 +235,7 @@ MODULATE: Study[Modulate, Modulation] = Study(
     "Data",
     "detect modulate",
     takes=NOT_REDUCED,
+    takes_plates=False,
     has_checkpoints=True,
 )
 TAP: Study[Tap, Taps] = Study(
@@ -229,6 +244,7 @@ TAP: Study[Tap, Taps] = Study(
     "Data",
     "detect tap",
     takes=NOT_REDUCED,
+    takes_plates=False,
     needs="delamination",
     takes_impactors=True,
     shares_factors=True,

@@ -316,13 +316,17 @@ def _delaminations(
     for interface in layout.interfaces:
         lower, upper = (layout.names[part] for part in interface.parts)
         delaminations = [d for d in case.delamination if d.between == (lower, upper)]
-        x = layout.parts[interface.parts[0]].positions(interface.places)
+        x, z = layout.positions_of(interface)
         rows = np.arange(interface.pairs.start, interface.pairs.stop)
         if case.gap is not None:
             entries.append((f"{lower}-{upper}", (0.0, case.length), rows))
         for d in delaminations:
             inside = (x > d.start - 1e-9 * case.length) & (x < d.end + 1e-9 * case.length)
-            entries.append((f"{lower}-{upper} at {d.start:g} m", (d.start, d.end), rows[inside]))
+            name = f"{lower}-{upper} at {d.start:g} m"
+            if d.across is not None:
+                inside = d.contains(x, z)
+                name = f"{lower}-{upper} at {d.start:g} m, {d.across[0]:g} m"
+            entries.append((name, (d.start, d.end), rows[inside]))
     spans = np.array([span for _, span, _ in entries]).reshape(-1, 2)
     return tuple(name for name, _, _ in entries), spans, [rows for _, _, rows in entries]
 

@@ -318,5 +318,5 @@ def test_pairs_of_a_row_share_their_station() -> None:
 
 def test_pairs_anywhere_belong_to_the_nearest_point() -> None:
     parts = [part(np.linspace(0, 1, 5))] * 2
-    pairing = interface(parts, (0, 1), np.array([0.0, 0.11, 0.14, 0.9]), at_points=True)
+    pairing = interface(parts, (0, 1), np.array([0.0, 0.11, 0.14, 0.9]), at=np.zeros((4, 2)))
     assert pairing.places.tolist() == [0.0, 0.0, 1.0, 4.0]
