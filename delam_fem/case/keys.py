@@ -271,6 +271,9 @@ def _plain(schema: Schema, key: Key | None) -> Schema:
         if key.has_unit and "oneOf" in content:  # a number, a text with its unit, or a table over x
             forms = content.pop("oneOf")
             content["anyOf"] = [*forms, {"type": "string", "pattern": QUANTITY}]
+        if key.has_unit and "prefixItems" in content:
+            text = {"type": "string", "pattern": QUANTITY}
+            content["prefixItems"] = [{"anyOf": [x, text]} for x in content["prefixItems"]]
         if key.has_unit and content.get("type") == "number":  # it may also be a text with its unit
             about: Schema = {
                 name: content.pop(name) for name in ("default", "description") if name in content

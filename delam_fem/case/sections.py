@@ -1057,7 +1057,9 @@ class Delamination(Section):
     between: Neighbours
     start: Annotated[NotNegative, Unit("m")]
     end: Annotated[Positive, Unit("m")]
-    across: tuple[Across, Across] | None = None
+    across: Annotated[
+        tuple[Across, Across] | None, Expected("two places [m], as [-0.03, 0.01]")
+    ] = None
     shape_in_plane: Literal["rectangle", "ellipse"] | None = None
     opening: Annotated[NotNegative, Unit("m")] = 0.0
     shape: Literal["half-cosine", "power"] | None = None

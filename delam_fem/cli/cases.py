@@ -328,7 +328,7 @@ def _point_support(case: Case, support: PointSupport) -> str:
     ]
     if support.is_edge:
         return ", ".join([f"{support.kind}, edge {support.side}", *numbers])
-    ends = dict(zip(ENDS, (0.0, case.length), strict=True))
+    ends: dict[str | None, float] = dict(zip(ENDS, (0.0, case.length), strict=True))
     position = support.position if support.side is None else ends[support.side]
     lamina = support.lamina or _all_laminae(case)
     return ", ".join([f"{support.kind}, {lamina} at {position:g} m", *numbers])

@@ -355,7 +355,9 @@ class Layout:
             Values at the stations, 0 where there is no pair, shape (…, n_stations).
         """
         result = np.zeros((*of_pairs.shape[:-1], self.stations.size), dtype=of_pairs.dtype)
-        collect = np.maximum if np.issubdtype(of_pairs.dtype, np.integer) else np.add
+        collect: np.ufunc = np.add
+        if np.issubdtype(of_pairs.dtype, np.integer):
+            collect = np.maximum
         if are_gaps:
             collect = np.minimum
             result[..., self.stations_of(interface)] = np.inf

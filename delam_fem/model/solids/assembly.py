@@ -313,9 +313,9 @@ def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float
         return []
     springs = []
     n = layout.n_numbered(0)
-    if case.is_plate:
-        support = case.support.model_copy(update={"placed": case.support.inside})
-        case = case.model_copy(update={"support": support})
+    if case.is_plate:  # its edges are lines
+        inside = case.support.model_copy(update={"placed": case.support.inside})
+        case = case.model_copy(update={"support": inside})
     beams = closed_form.assemble(case.as_beams)
     for support, number in network.point_supports(case, beams.layout, beams.operators.n_dofs):
         part = layout.parts[number]
@@ -416,9 +416,11 @@ def _damping(
     """
     if case.is_plate:
         comm = unknowns.solid.comm
-        every = (sp.vstack(comm.allgather(matrix.rows), format="csr") for matrix in (K, M))
+        stiffness, mass = (
+            sp.vstack(comm.allgather(matrix.rows), format="csr") for matrix in (K, M)
+        )
         of_pairs = sp.hstack(comm.allgather(H), format="csr")
-        of_stack = network.damping_of(case, *every, tied(of_pairs))
+        of_stack = network.damping_of(case, stiffness, mass, tied(of_pairs))
         of_lamina = np.array([of_stack] * len(case.lamina))
         alpha, beta = np.repeat(of_lamina[:1], unknowns.n_own, axis=0).T
     elif case.is_apart:

@@ -193,7 +193,7 @@ LEISSA_FREE = (13.468, 19.596, 24.270)
 """ω a² √(ρh/D) of square plates, ν = 0.3: A. W. Leissa, J. Sound Vib. 31 (1973) 257, tables C1 and
 C21 with more digits of others; thin plates."""
 ROUND = (10.2158, 21.26, 21.26, 34.88)
-"""λ² of clamped round plates: A. W. Leissa, "Vibration of Plates" (NASA SP-160, 1969), table 2.1."""
+"""λ² of clamped round plates: A. W. Leissa, "Vibration of Plates" (NASA SP-160), table 2.1."""
 
 
 @pytest.mark.slow
