@@ -139,6 +139,10 @@ BASES: dict[str, tuple[str, dict[str, Any]]] = {
                                      "delamination.1.shape": "half-cosine"}),
     "edge": ("edge", BONDED | {"delamination.1.shape": "power", "delamination.1.exponent": 3.0}),
     "plane": ("embedded", BONDED | {"model.kind": "plane-stress", "model.poisson": 0.3}),
+    "plate": ("embedded", BONDED | {
+        "model": {"kind": "solid", "poisson": 0.3}, "mesh": {"elements": 7, "across": 6},
+        "delamination.1.across": [-0.005, 0.003], "delamination.1.shape_in_plane": "ellipse",
+    }),
     "massless": ("embedded", BONDED | {"time.mass": "massless", "time.refine": 4}),
     "modes": ("embedded", BONDED | {"time.mass": "massless", "model.kind": "modes",
                                     "model.modes": 8}),
@@ -226,6 +230,7 @@ CHOSEN: dict[str, tuple[object, ...]] = {
     "delamination.between": (["upper", "lower"],), "delamination.start": (0.11,),
     "delamination.exponent": (3.0,), "delamination.file": ("gap.csv",),
     "delamination.opening": (2e-5,), "time.step": (3e-3,), "time.duration": (0.5,),
+    "mesh.across": (7,), "delamination.across": ([-0.004, 0.003],), "support.side": ("end",),
     "model.poisson": (0.2,), "model.degree": (3,), "model.layers": (2,), "model.strips": (2,),
     "contact.restitution": (0.4,), "contact.points_per_element": (2,),
     "contact.penalty_stiffness": (222.0,), "contact.penalty_damping": (0.2,),
@@ -247,7 +252,8 @@ SHOWN_BY = {
     "contact.penalty_stiffness": "penalty", "time.refine_velocity": "apart",
     "excitation.lamina": "force", "excitation.position": "force",
     "time.begin": "loaded", "time.most_periods": "apart", "model.poisson": "plane",
-    "impactor.radius": "ball",
+    "impactor.radius": "ball", "mesh.across": "plate", "delamination.across": "plate",
+    "delamination.shape_in_plane": "plate",
 }  # fmt: skip
 """Bases that show the effect of keys that do not always have one; of others the first base."""
 
