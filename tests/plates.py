@@ -43,10 +43,10 @@ def plate(
         **sections: further sections, in place of those of the plate.
     """
     names = ("lower", "upper", "cover")[: len(thicknesses)] if len(thicknesses) > 1 else ("sheet",)
-    given = {end: "free" for end in EDGES[:2]} | dict(supports)
+    kinds = {end: "free" for end in EDGES[:2]} | dict(supports)
     tables = [
         {"side": side, **({"kind": kind} if isinstance(kind, str) else kind)}
-        for side, kind in given.items()
+        for side, kind in kinds.items()
     ]
     data: dict[str, object] = {
         "name": "plate",

@@ -292,7 +292,8 @@ def _vertices(case: Case, bonded: BoolArray, *, is_3d: bool) -> list[IntArray]:
     for i in range(len(case.lamina)):
         is_shared = np.zeros(shape, dtype=np.bool_)
         if i > 0:  # a vertex is shared if a cell beside it is bonded
-            before, behind = slice(None, -1), slice(1, None)
+            before = slice(None, -1)
+            behind = slice(1, None)
             for along in (before, behind):
                 for across in (before, behind) if is_3d else (slice(None),):
                     is_shared[along, 0, across] |= bonded[i - 1]

@@ -167,9 +167,9 @@ def test_elastic_edges_go_from_free_to_pinned_and_clamped() -> None:
     np.testing.assert_allclose(rises[3:6], exact, rtol=2e-3)
     assert case.n_rigid == 3
     stiff = {"kind": "spring", "stiffness": 1e9}
-    held = plate({"start": stiff, "end": stiff, "left": "pinned", "right": "pinned"}, 4, 4)
+    sprung = plate({"start": stiff, "end": stiff, "left": "pinned", "right": "pinned"}, 4, 4)
     pinned = plate(dict.fromkeys(EDGES, "pinned"), 4, 4)
-    np.testing.assert_allclose(frequencies(held, 2), frequencies(pinned, 2), rtol=0.01)
+    np.testing.assert_allclose(frequencies(sprung, 2), frequencies(pinned, 2), rtol=0.01)
     yielding = {"kind": "pinned", "rotational_stiffness": 1e7}
     clamp = plate({"start": yielding, "end": "pinned"}, 4, 4)
     rigid = plate({"start": "clamped", "end": "pinned"}, 4, 4)
@@ -273,9 +273,9 @@ PLANE = {"model": {"kind": "plane-stress"}}
     ],
 )  # fmt: skip
 def test_what_plates_refuse(key: str, sections: dict[str, object], words: str) -> None:
-    given: dict[str, object] = {"delamination": [PATCH], **sections}
+    tables: dict[str, object] = {"delamination": [PATCH], **sections}
     with pytest.raises(CaseError, match=rf"{key}.*: .*{words}"):
-        plate({"start": "clamped"}, thicknesses=LAYERS, **given)
+        plate({"start": "clamped"}, thicknesses=LAYERS, **tables)
 
 
 def test_ellipses_that_meet_an_outline_or_fold_cells_are_refused() -> None:
