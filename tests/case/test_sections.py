@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from delam_fem.api import Lamina, preset
+from delam_fem.api import Lamina, Sensor, preset
 from delam_fem.case.keys import case_schema
 from delam_fem.case.sections import (
     MATERIALS,
@@ -18,7 +18,6 @@ from delam_fem.case.sections import (
     Impactor,
     Model,
     PointSupport,
-    Sensor,
     Stop,
     Support,
     open_ends,

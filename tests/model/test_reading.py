@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from delam_fem.api import Layout, Structure, first_mode, keeping_closed, nodal, preset
+from delam_fem.api import Layout, Structure, first_mode, keeping_closed, nodal, preset, with_sensors
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import BASE, Reading
 from delam_fem.model.linear import kept_closed
-from delam_fem.model.stops_sensors import with_sensors
 
 CASE = preset("default", {"mesh.elements": 6}).with_overrides({"contact.points_per_element": 2})
 

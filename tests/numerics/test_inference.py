@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.numerics import statistics
+from delam_fem.api import statistics
 from delam_fem.numerics.statistics import Posterior, Simulations
 
 NOISE = 0.05

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.api import Case, assemble
-from delam_fem.results.quality import BLOW_STEPS, blow_steps, unresolved_blows
+from delam_fem.api import BLOW_STEPS, Case, assemble, blow_steps
+from delam_fem.results.quality import unresolved_blows
 
 M, K, V, GAP, HEAVY = 0.007, 1e7, 1.0, 1e-3, 1e6
 BLOW = float(np.pi * np.sqrt(M / K))

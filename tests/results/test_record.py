@@ -14,8 +14,7 @@ from scipy import sparse
 from support import refusal
 
 import delam_fem as df
-from delam_fem.api import histories_of, offered, session_of
-from delam_fem.model.discretise import assemble
+from delam_fem.api import assemble, histories_of, offered, session_of
 from delam_fem.results.folder import load_numbers, load_result
 
 M, K, D, F, OMEGA = 0.5, 800.0, 0.05, 2.0, 2.0 * math.pi * 7.0

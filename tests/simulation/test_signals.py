@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.api import N_BASE, PeriodRecord, frames_of, steps_of
-from delam_fem.case.sections import Sensor
+from delam_fem.api import N_BASE, PeriodRecord, Sensor, frames_of, steps_of
 from delam_fem.contact.decisions import Decision
 from delam_fem.model.layout import SensorRows
 from delam_fem.simulation import signals

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from mpi_pool import Crew
 
-from delam_fem.api import Case
-from delam_fem.contact.laws import COMBINATIONS
+from delam_fem.api import COMBINATIONS, Case
 
 L = 0.5
 LOWER = {

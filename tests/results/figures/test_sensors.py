@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from synthetic import small_case, synthetic_history
 
-from delam_fem.api import CaseError
-from delam_fem.case.sections import Sensor
+from delam_fem.api import CaseError, Sensor
 from delam_fem.results.figures import run as figures
 from delam_fem.results.schema import with_sensor
 from delam_fem.simulation.signals import Signal
