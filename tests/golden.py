@@ -64,11 +64,11 @@ def of_panel(axes: Axes) -> Iterator[str]:
 
 
 def of_dataset(data: Any) -> str:
-    """Return the names of variables of a dataset, with their dimensions, types, units, meaning."""
+    """Return the names of variables of a dataset, with their dimensions, types and units."""
     lines = []
     for name, variable in data.variables.items():
         kind = "variable" if name in data.data_vars else "coordinate"
-        words = {key: variable.attrs.get(key) for key in ("units", "long_name")}
-        about = ", ".join(f"{key} {value!r}" for key, value in words.items() if value is not None)
-        lines.append(f"{kind} {name} {variable.dims} {variable.dtype.kind}: {about}")
+        units = variable.attrs.get("units")
+        unit = "" if units is None else f" [{units}]"
+        lines.append(f"{kind} {name} {variable.dims} {variable.dtype.kind}{unit}")
     return "\n".join(lines)

@@ -15,12 +15,12 @@ from synthetic import WINDOW
 
 import delam_fem as df
 from delam_fem.results.dataset import grouped
-from delam_fem.results.schema import DIMENSIONS, INTERFACE, VARIABLES
+from delam_fem.results.schema import DIMENSIONS, FORCE_PLACE, INTERFACE, VARIABLES
 
 NAMES = ("lamina", "interface", "probe")
 """Coordinates that hold names."""
-OF_A_FORCE = ("force",)
-"""Variables of runs that a force drives."""
+OF_A_FORCE = ("force", *(name for name, row in VARIABLES.items() if FORCE_PLACE in row.dims))
+"""Variables of runs that forces drive."""
 OF_STOPS = (
     "event_stop", "contact_force",
     *(name for name in VARIABLES if name.startswith(("stop_", "impactor_"))),
@@ -62,6 +62,7 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
         "impactor",
         "contact",
         "dof",
+        FORCE_PLACE,
     }
     assert "interface" not in run.variables
 
@@ -85,7 +86,8 @@ def test_three_laminae_have_all_variables() -> None:
         for row in VARIABLES.values()
         if row.name not in (*OF_A_FORCE, *OF_STOPS, *OF_OPERATORS)
     ]
-    assert set(history.dims) == DIMENSIONS.keys() - {"stop", "impactor", "contact", "dof"}
+    absent = {"stop", "impactor", "contact", "dof", FORCE_PLACE}
+    assert set(history.dims) == DIMENSIONS.keys() - absent
     assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
     assert history["interface"].values.tolist() == ["thick-thin", "thin-top"]
 
@@ -167,7 +169,7 @@ RUNS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("name", RUNS)
 def test_datasets_have_the_stored_variables(name: str, stored: Callable[[str], None]) -> None:
-    """With their dimensions, units and meanings."""
+    """With their dimensions, types and units; docs/results.md has what they mean."""
     history = df.run(df.preset("paper", RUNS[name]), "compiled").history
     stored(golden.of_dataset(history))
 
