@@ -305,6 +305,7 @@ PAIRS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "difference"), PAIRS)
 def test_another_rig_or_question_is_refused(
     name: str, difference: str, kept: Callable[[str], Path], tmp_path: Path

@@ -135,6 +135,7 @@ def of_runner(line: list[str]) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHORT_COMMANDS)
 def test_some_commands_are_refused(tmp_path: Path, name: str, elsewhere: None) -> None:
     refused(name, tmp_path)

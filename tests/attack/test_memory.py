@@ -108,6 +108,7 @@ def attempt(name: str, folder: Path) -> None:
     print(path.stat().st_size, peak_memory(), said, sep="\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_a_small_file_takes_no_gigabyte(tmp_path: Path, name: str) -> None:
     done = subprocess.run(
@@ -143,6 +144,7 @@ def test_a_large_file_is_read_without_asking(tmp_path: Path) -> None:
         require_room(path, 700e6)
 
 
+@pytest.mark.slow
 def test_the_bound_ends_with_the_block(tmp_path: Path) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"1")

@@ -143,6 +143,7 @@ def _toml(text: str) -> None:
         assert not isinstance(error, RecursionError)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TEXTS)
 def test_a_text_of_the_command_line_takes_no_time(name: str) -> None:
     require_fast(refused(TEXTS[name]), texts)
@@ -180,6 +181,7 @@ def few(n: int) -> Iterator[str]:
         yield "a" + unit * (n // len(unit)) + "!"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_a_text_in_a_file_takes_no_time(tmp_path: Path, name: str) -> None:
     require_fast(refused(of_file(tmp_path / name)), few)

@@ -100,6 +100,7 @@ def frequencies(structure: Structure, n: int = 3) -> Any:
     return 2.0 * np.pi * hertz * np.sqrt(LINE_MASS * L**4 / EI)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gamma", "exact"), [(1.0, 3.284923383), (4.0, 2.462967205), (-10.0, 5.291783357)]
 )
@@ -234,6 +235,7 @@ def two(**tables: Any) -> df.Case:
     return df.Case(**data)
 
 
+@pytest.mark.slow
 def test_strips_that_lie_on_one_another_carry_each_other_s_weight() -> None:
     case = two(mesh={"elements": 1})  # the tips are the only pair
     structure = assemble(case, needs_dolfinx=False)
@@ -407,6 +409,7 @@ def bonded(pressure: float, **tables: Any) -> df.Case:
     return df.Case(**(data | tables))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share_of_resonance", [1.0, 0.7])
 def test_a_pressed_delamination_is_linear_below_its_threshold_and_claps_above_it(
     share_of_resonance: float,

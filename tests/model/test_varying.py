@@ -332,6 +332,7 @@ def test_tables_survive_files_units_and_overrides() -> None:
         case.with_overrides({"lamina.one.thickness.value.3": H})
 
 
+@pytest.mark.slow
 def test_a_run_shows_what_changes(tmp_path: Any) -> None:
     """Moments of a static shape follow F (L - x) at nodes; figures and fields are drawn."""
     case = case_of(

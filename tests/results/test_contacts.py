@@ -119,6 +119,7 @@ def on_a_wall(restitution: float) -> tuple[float, float]:
     return len(speeds) / WINDOW, float(np.mean(speeds))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("scheme", ["newmark", "moreau-jean"])
 def test_a_mass_on_a_rigid_stop(engine: EngineName, scheme: str) -> None:
@@ -176,6 +177,7 @@ def test_a_blow_of_a_rigid_impactor_is_an_impulse() -> None:
     assert numbers["peak_force"] is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", ["consistent", "massless"])
 def test_a_beam_on_a_stop_has_the_impulse_and_the_force_of_a_sensor(mass: str) -> None:
     """Two places that compute the force of a stop agree, whatever the contact points weigh."""
@@ -234,6 +236,7 @@ def test_without_a_law_nothing_is_a_contact() -> None:
     assert df.run(case, engine="compiled").summary["contacts"] == []
 
 
+@pytest.mark.slow
 def test_contacts_are_read_back_and_damaged_ones_refused(tmp_path: Path) -> None:
     stop = {"lamina": "one", "side": "above", "gap": GAP}
     time = {"steps_per_period": 200, "periods": 4}

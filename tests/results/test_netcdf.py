@@ -28,6 +28,7 @@ def test_a_dataset_is_read_back_as_it_was(tmp_path: Path, history: xr.Dataset) -
     xr.testing.assert_identical(dataset, data)
 
 
+@pytest.mark.slow
 def test_no_changed_bit_changes_a_number(tmp_path: Path, history: xr.Dataset) -> None:
     content = write_dataset(history, tmp_path / "a.nc").read_bytes()
     rng = random.Random(50)
@@ -119,6 +120,7 @@ WRONG = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_no_result_of_a_run_is_refused(
     tmp_path: Path, history: xr.Dataset, name: str

@@ -61,6 +61,7 @@ def test_the_case_of_a_result_is_its_own(run: Path) -> None:
     assert "excitation.frequency" in told and "3.3 there, 4.75 here" in told
 
 
+@pytest.mark.slow
 def test_a_page_has_a_line_on_it_and_exports_and_overlays_are_refused(
     run: Path, tmp_path: Path
 ) -> None:
@@ -119,6 +120,7 @@ def test_a_summary_that_was_changed_or_is_of_another_result_is_refused(
     assert "summary_digest" not in history.attrs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fails", ["write_dataset", "write_json", "save_views"])
 def test_a_folder_that_is_half_replaced_says_that_it_is_unfinished(
     fails: str, run: Path, monkeypatch: pytest.MonkeyPatch

@@ -84,6 +84,7 @@ df.run_sweep(sweep, "out", workers=2)
 """
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_is_told_once(tmp_path: Path) -> None:
     """Each worker imports the script, which would begin the sweep again."""
     (tmp_path / "script.py").write_text(SCRIPT)

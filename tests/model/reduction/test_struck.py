@@ -81,6 +81,7 @@ def tips(result: df.Result) -> FloatArray:
     return np.asarray(result.history["tip_displacement"].to_numpy())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_all_modes_move_as_the_beams_and_few_modes_nearly(name: str, tmp_path: Path) -> None:
     """From a file, in both engines; catches a wrong row, frame, weight, mass or start."""

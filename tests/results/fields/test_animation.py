@@ -75,6 +75,7 @@ def test_resting_pairs_are_lit_where_they_are(tmp_path: Path) -> None:
     assert height == pytest.approx(0.5 + 0.1 / 1.24, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", [HIT, RESTING])
 def test_stops_are_lit_where_they_touch(tmp_path: Path, state: int) -> None:
     """One after the other, 0.4 L apart along the lamina, and none before."""

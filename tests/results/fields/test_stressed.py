@@ -98,6 +98,7 @@ def test_units_of_stress(largest: float, shown: tuple[float, str]) -> None:
     assert animation._scaled(largest)[:2] == shown
 
 
+@pytest.mark.slow
 def test_picture_and_page(folder: Path) -> None:
     case, history, summary = load_numbers(folder)
     written = save_views(history, summary, case, folder)
@@ -124,6 +125,7 @@ def test_colours_show_the_stress_after_the_strike(folder: Path, result: Result) 
     assert sums[frame] > 0.5 * sums.max()
 
 
+@pytest.mark.slow
 def test_film(folder: Path, tmp_path: Path) -> None:
     files = [str(tmp_path / name) for name in ("a.gif", "b.mp4")]
     arguments = ["show", "film", str(folder), "--solid", "--periods", "0.5"]

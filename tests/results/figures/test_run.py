@@ -209,6 +209,7 @@ def test_one_step_or_one_event_or_one_frame_is_enough(tmp_path: Path) -> None:
     assert not (tmp_path / "spectra.png").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["none", "sweep", "diverged"])
 def test_unusual_runs_are_drawn_without_warnings(tmp_path: Path, kind: str) -> None:
     case = small_case(**SWEEP) if kind == "sweep" else small_case(contact__law="none")
@@ -230,6 +231,7 @@ def test_an_unwritable_folder_is_an_error(tmp_path: Path) -> None:
         figures.save_figures(synthetic_history(case), case, tmp_path / "figures")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("pictures")
 def test_all_figures_of_three_laminae_are_written(tmp_path: Path) -> None:
     recorded = three_laminae()

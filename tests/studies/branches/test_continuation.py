@@ -53,6 +53,7 @@ def test_a_branch_passes_its_fold() -> None:
     assert points[-1].multipliers.stability == "unstable"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("roughness", "how"), [(0.0, FINE), (1e-3, ROUGH)])
 def test_a_doubling_and_its_branch(roughness: float, how: Perturbations) -> None:
     map_ = Henon(roughness)

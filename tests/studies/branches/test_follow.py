@@ -68,6 +68,7 @@ def of_another_shape(path: Path) -> None:
     np.savez(path, **{**arrays, "state": np.full(3, np.nan), "parameter": np.zeros(2)})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [half_written, of_another_shape])
 def test_a_branch_that_is_broken_off_goes_on_the_same(
     damage: Callable[[Path], None], linear: Path, tmp_path: Path

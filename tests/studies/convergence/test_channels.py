@@ -37,6 +37,7 @@ def refined(folder: Path, *of: str, case: df.Case | None = None) -> Any:
     return df.converge(case or oscillator(), folder, of=of, **settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "exact"),
     [

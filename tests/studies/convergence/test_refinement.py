@@ -180,6 +180,7 @@ def test_order_in_space_without_contact() -> None:
     assert np.abs(errors[-1]).max() < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["newton", "newton@moreau-jean:8"])
 def test_engines_agree_before_they_scatter(law: str) -> None:
     gentle = CASE.with_overrides({"excitation.frequency": 1.25})

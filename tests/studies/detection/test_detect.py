@@ -17,6 +17,7 @@ def embedded(frequency: float, **keys: object) -> Case:
     return preset("embedded", {"excitation.frequency": frequency, **keys})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [57.0, 92.0, 135.0])
 def test_a_delamination_is_marked_exactly_at_40_db(frequency: float) -> None:
     detection = detect(embedded(frequency))
@@ -64,6 +65,7 @@ def test_intact_beams_are_called_at_most_in_5_percent() -> None:
     assert max(called.values()) <= 10, called
 
 
+@pytest.mark.slow
 def test_what_is_written(tmp_path: Path) -> None:
     detection = detect(embedded(80.0), repetitions=20)
     detection.save(tmp_path)
@@ -93,6 +95,7 @@ def test_a_measured_field_is_judged_like_a_simulated_one() -> None:
     assert not detection.intact_marks["curvature"].is_detected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.02, 0.12])
 def test_the_contrast_of_a_measured_field_is_that_of_the_find(start: float) -> None:
     """The case's delamination is no truth of a measurement, wherever it is."""

@@ -102,6 +102,7 @@ def test_noise_alone_exceeds_the_limits_as_rarely_as_promised(name: str, n: int)
     assert called / n > 0.5 * FALSE_CALLS - spread  # and the limit is not needlessly high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [400, pytest.param(4000, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("spread", ["equal", "speckle", "few"])
 def test_healthy_beams_are_called_as_rarely_whatever_the_noise_of_their_points(

@@ -47,6 +47,7 @@ def test_an_intact_beam_has_no_sidebands_without_noise() -> None:
     assert sideband_ratio(measurement.field, measurement.times, PUMP, PROBE).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_delamination_is_called_and_its_intact_structure_is_not() -> None:
     result = modulation(embedded(), options(2))
     assert result.mark.is_over.any() and not result.intact_mark.is_over.any()

@@ -58,6 +58,7 @@ def test_roc_of_known_scores() -> None:
     np.testing.assert_allclose(true, [0.0, 1 / 3, 1 / 3, 2 / 3, 2 / 3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [40.0, 20.0])
 @pytest.mark.parametrize("support", ["clamped", "free"])
 def test_200_intact_beams_are_called_in_at_most_5_percent(support: str, noise: float) -> None:

@@ -39,6 +39,7 @@ def test_a_simulated_sweep_gives_the_rig_back(tmp_path: Path, noise: float) -> N
     assert all(len(row) == len(HEADING) for row in result.report.tables[0].rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rayleigh", ["mass", "stiffness", "two-mode"])
 def test_a_record_that_begins_with_the_sweep_is_not_said_to_begin_at_another_time(
     rayleigh: str,

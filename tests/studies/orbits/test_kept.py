@@ -58,6 +58,7 @@ def test_a_second_search_computes_nothing(tmp_path: Path, monkeypatch: pytest.Mo
     np.testing.assert_array_equal(once_more, computed)
 
 
+@pytest.mark.slow
 def test_an_orbit_goes_on_with_what_is_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

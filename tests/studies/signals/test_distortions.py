@@ -134,6 +134,7 @@ def test_a_polynomial_oscillator_has_its_known_distortions(tmp_path: Path) -> No
     assert peak == pytest.approx(np.abs(H[numbers - 1]).max(), rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_mass_on_a_stop_has_the_levels_of_its_own_integration() -> None:
     """m ẍ + c (ẋ - q̇) + k (x - q) = -K max(x - q - gap, 0): a stop on the base."""
     case = preset("default", {
@@ -172,6 +173,7 @@ def test_a_mass_on_a_stop_has_the_levels_of_its_own_integration() -> None:
     assert np.abs(off).max() < DECIBELS, off
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["none", "newton-penalty"])
 def test_a_run_that_claps_is_not_linear_and_has_no_poles(tmp_path: Path, law: str) -> None:
     case = preset("paper", {

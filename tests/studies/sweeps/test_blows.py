@@ -29,6 +29,7 @@ values = {values}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["penalty", "newton"])
 def test_a_sweep_tells_unresolved_blows(law: str, tmp_path: Path) -> None:
     path, folder = tmp_path / "s.toml", tmp_path / "out"

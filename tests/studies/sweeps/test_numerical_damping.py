@@ -28,6 +28,7 @@ values = {values}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["petsc", "compiled"])
 def test_energy_over_theta_is_that_of_the_scheme(engine: str, tmp_path: Path) -> None:
     """A step of θ multiplies the energy of an oscillator by (1 + (1-θ)² h²)/(1 + θ² h²), h = ω Δt.
@@ -60,6 +61,7 @@ def test_energy_over_theta_is_that_of_the_scheme(engine: str, tmp_path: Path) ->
     data.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "values"), [("time.theta", (0.5, 0.8)), ("time.gamma", (0.5, 0.6))]
 )

@@ -115,6 +115,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name in FILES}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["independent", "up", "both"])
 def test_shards_merge_to_the_bytes_of_one_run(tmp_path: Path, order: str) -> None:
     made = sweep(order=order)
