@@ -44,7 +44,7 @@ from delam_fem.model.solids.body import (
     points_along,
     reading_rows,
 )
-from delam_fem.model.solids.forms import Solid, evaluate, gathered
+from delam_fem.model.solids.forms import SAME, Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import SolidMesh, locate
 from delam_fem.model.solids.meshing import lattice, solid_mesh
 from delam_fem.model.solids.unknowns import NodeColumns, Restricted, Unknowns, X, Y, held
@@ -77,7 +77,8 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
     x = points_along(case, mesh) if is_file else node_coordinates(case)
-    ranks = whole_bodies(mesh, comm.size)
+    of_bodies = whole_bodies(mesh, comm.size)
+    ranks = in_plan(mesh, comm.size) if of_bodies is None else of_bodies
     solid = Solid.on(mesh, comm, case.model.degree, ranks)
     E = young_modulus(case, mesh)
     ends = held(case, solid, E * _width(case, mesh))
@@ -104,7 +105,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         matrices,
         lumped,
         None if any(c for *_, c in springs) else rayleigh,
-        ranks is not None,
+        of_bodies is not None,
     )
     body = Body(
         solid,
@@ -138,6 +139,32 @@ def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
         rank_of[body] = np.argmin(load)
         load[rank_of[body]] += cells[body]
     return np.asarray(rank_of[mesh.bodies])
+
+
+def in_plan(mesh: SolidMesh, size: int) -> IntArray | None:
+    """Return the rank of each cell if bodies are cut: what is above one another stays together.
+
+    So most contact pairs have both sides on one rank, and columns through the thickness are whole.
+    Seen from above, the cells are halved across their longer extent until there are enough parts.
+
+    Args:
+        mesh: the mesh.
+        size: number of ranks; None is returned if one of them would get no cell.
+    """
+    plan = np.delete(mesh.points[mesh.cells].mean(axis=1), Y, axis=1)
+    rank_of = np.zeros(len(mesh.cells), dtype=np.int64)
+    parts = [(np.arange(len(mesh.cells)), 0, size)]
+    while parts:
+        cells, first, count = parts.pop()
+        if count == 1 or not cells.size:
+            rank_of[cells] = first
+            continue
+        extent = np.ptp(plan[cells], axis=0)
+        along = plan[cells][:, np.argmax(extent)]
+        border = np.sort(along)[cells.size * (count // 2) // count] - SAME * extent.max()
+        parts.append((cells[along < border], first, count // 2))
+        parts.append((cells[along >= border], first + count // 2, count - count // 2))
+    return rank_of if np.unique(rank_of).size == size else None
 
 
 def _operators(

@@ -11,7 +11,8 @@ from delam_fem.api import CaseError, Structure, lowest, preset
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import DISPLACEMENT
-from delam_fem.model.solids.assembly import assemble, whole_bodies
+from delam_fem.model.solids.assembly import assemble, in_plan, whole_bodies
+from delam_fem.model.solids.meshing import lattice
 
 PLANE = {"model.kind": "plane-stress", "mesh.elements": 20}
 SOLID = {"model.kind": "solid", "model.strips": 2, "mesh.elements": 10}
@@ -240,6 +241,18 @@ def test_bodies_go_to_the_ranks_as_wholes() -> None:
     assert whole_bodies(mesh, 3) is None
 
 
+def test_bodies_are_cut_in_plan() -> None:
+    """Cells above one another have one rank, and all ranks about as many cells."""
+    mesh = lattice(preset("default", SOLID | {"mesh.elements": 12, "model.layers": 2}))
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    ranks = in_plan(mesh, 4)
+    assert ranks is not None and np.bincount(ranks).tolist() == 4 * [len(ranks) // 4]
+    for i in range(len(middles)):
+        is_above = np.abs(middles[:, [0, 2]] - middles[i, [0, 2]]).max(axis=1) < 1e-9
+        assert np.count_nonzero(is_above) == 4 and np.unique(ranks[is_above]).size == 1
+    assert in_plan(mesh, 25) is None  # there are 24 columns of cells
+
+
 SCRIPT = """
 import numpy as np
 import scipy.sparse as sp
@@ -294,9 +307,16 @@ def compare(name, kind, degree, impulse="consistent"):
     np.testing.assert_allclose(d.base.corner, o.base.corner)
     np.testing.assert_array_equal(d.gap0, o.gap0)
     np.testing.assert_allclose(reading[1].base, reading[0].base, atol=1e-12)
-    parts = joined(reading[1].part)
-    if name == "default":  # of a bonded stack it depends on the numbers which dofs stand for both
-        np.testing.assert_array_equal(np.bincount(parts), np.bincount(reading[0].part))
+    # the dofs are those of one rank, in another order
+    order = joined(d.order)
+    np.testing.assert_array_equal(np.sort(order), np.arange(n))
+    for mine, theirs in zip((M, C, K), (o.mass, o.damping, o.stiffness)):
+        theirs = theirs.toarray()[np.ix_(order, order)]
+        assert np.abs(mine - theirs).max() < 1e-10 * np.abs(theirs).max()
+    np.testing.assert_array_equal(joined(reading[1].part), reading[0].part[order])
+    if not d.is_uncoupled and d.n_pairs > 4:  # what touches is on one rank, but for pairs where bodies are cut
+        n_ranks = np.sum(comm.allgather(np.diff(d.gap_matrix.indptr) > 0), axis=0)
+        assert n_ranks.min() == 1 and np.mean(n_ranks == 1) > 0.6, n_ranks
 
 compare("default", "plane-stress", 2, "lumped")
 compare("default", "solid", 2)
