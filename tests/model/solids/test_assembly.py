@@ -314,7 +314,7 @@ def compare(name, kind, degree, impulse="consistent"):
         theirs = theirs.toarray()[np.ix_(order, order)]
         assert np.abs(mine - theirs).max() < 1e-10 * np.abs(theirs).max()
     np.testing.assert_array_equal(joined(reading[1].part), reading[0].part[order])
-    if not d.is_uncoupled and d.n_pairs > 4:  # what touches is on one rank, but for pairs where bodies are cut
+    if not d.is_uncoupled and d.n_pairs > 4:  # most of what touches is on one rank
         n_ranks = np.sum(comm.allgather(np.diff(d.gap_matrix.indptr) > 0), axis=0)
         assert n_ranks.min() == 1 and np.mean(n_ranks == 1) > 0.6, n_ranks
 
