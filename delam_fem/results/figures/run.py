@@ -13,12 +13,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
+from delam_fem.results.channels import of_references
 from delam_fem.results.figures import channels
 from delam_fem.results.figures.responses import has_many_lines, responses
 from delam_fem.results.figures.style import (
@@ -29,21 +28,17 @@ from delam_fem.results.figures.style import (
     GREEN,
     HISTORY_PERIODS,
     ORANGE,
-    PORTRAIT_PERIODS,
     PURPLE,
     SKY,
     VERMILLION,
     canvas,
     finite,
-    hertz_below,
     label_x,
     lamina_colours,
     legend_above,
     over_time,
-    powers_of_ten,
     save_figure,
     seconds_below,
-    side_by_side,
     stacked,
     steps,
     styled,
@@ -256,12 +251,6 @@ def _stack(axes: Axes, t: FloatArray, parts: list[tuple[FloatArray, str, str]]) 
         down = down + np.minimum(values, 0.0)
 
 
-SHOWN_HARMONICS = 20
-"""Harmonics that a spectrum shows: the amplitudes beyond are below a micrometre."""
-SPECTRUM_DECADES = 5.0
-"""Depth of a spectrum's axis below its largest amplitude."""
-
-
 def _drive(axes: Axes, t: FloatArray, last: xr.Dataset) -> None:
     """Draw the motion of the base, or the force on an axis of its own."""
     if "force" not in last:
@@ -307,85 +296,6 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     return over_time(figure, [axes], case)
 
 
-def probe_histories(history: xr.Dataset, case: Case) -> Figure:
-    """Draw the displacements of the probes of operators over the last periods, with impacts."""
-    last = diagnostics.last_periods(history, case, HISTORY_PERIODS)
-    t = last["time"].to_numpy()
-    unit = time_axis(case)[0]
-    figure, (axes,) = stacked(1, 4.2)
-    if last["base_displacement"].any() or "force" in last:
-        _drive(axes, t / unit, last)
-    for i, (name, colour) in enumerate(_laminae(history)):
-        q = 1e3 * finite(last["tip_displacement"][i])
-        axes.plot(t / unit, q, color=colour, label=f"{name}  {symbol('q', i)}")
-    when = history["event_time"].to_numpy()
-    when = when[when >= t[0]] / unit
-    if when.size:
-        low = np.full(when.size, axes.get_ylim()[0])
-        axes.plot(when, low, "|", color=VERMILLION, markersize=9.0, label="impacts")
-    axes.set_ylabel("displacement [mm]")
-    axes.margins(x=0.0)
-    legend_above(axes)
-    return over_time(figure, [axes], case)
-
-
-def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
-    """Draw velocity over displacement of each lamina, with the state at the end of each period."""
-    portrait = finite(diagnostics.phase_portrait(history, case, PORTRAIT_PERIODS))
-    N = case.steps_per_period
-    figure, panels = side_by_side(len(portrait), 4.6)
-    for i, (name, colour) in enumerate(_laminae(history)):
-        axes = panels[i]
-        q = 1e3 * portrait[i, 0]
-        v = portrait[i, 1]
-        axes.plot(q, v, color=colour, linewidth=0.8)
-        if case.is_periodic:
-            at_end = slice(N - 1, None, N)
-            axes.plot(q[at_end], v[at_end], "o", color=BLACK, markersize=4, label="ends of periods")
-            legend_above(axes)
-        axes.set_title(name, loc="left", color=colour)
-        axes.set(xlabel=f"displacement  {symbol('q', i)} [mm]", ylabel="velocity [m/s]")
-    count = portrait.shape[-1] / N
-    place = diagnostics.probe_place(history)
-    figure.suptitle(f"{case.title}; {place}, {count:g} period{'s' if count != 1 else ''}")
-    return figure
-
-
-def spectra(history: xr.Dataset, case: Case) -> Figure:
-    """Draw the amplitude spectra of all displacements with the harmonics marked."""
-    periods = diagnostics.last_periods(history, case)
-    amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(periods["tip_displacement"]))
-    n_periods = periods.sizes["time"] // case.steps_per_period
-    orders = np.arange(amplitudes.shape[1]) / n_periods
-    is_harmonic = case.is_harmonic
-    motion = diagnostics.ProbeMotion.of(history)
-    harmonic_amplitudes = motion.harmonics(case.steps_per_period) if is_harmonic else None
-    n = len(amplitudes)
-    unit = 1.0 if is_harmonic else 1.0 / case.period
-    figure, panels = stacked(n, 3.0 * n, sharex=True, sharey=True)
-    for i, (name, colour) in enumerate(_laminae(history)):
-        axes = panels[i]
-        text = name
-        axes.semilogy(unit * orders[1:], amplitudes[i, 1:], color=colour, linewidth=0.9)
-        if harmonic_amplitudes is not None:
-            text += _mark_harmonics(axes, harmonic_amplitudes[i])
-        axes.set_title(text, loc="left", color=colour)
-        axes.set_ylabel(f"amplitude of {symbol('q', i)} [mm]")
-        axes.yaxis.set_major_locator(LogLocator(numticks=12))
-        powers_of_ten(axes.yaxis)
-        axes.yaxis.set_minor_locator(NullLocator())  # to lay them out takes most of the time
-        axes.set_xlim(0.0, unit * (SHOWN_HARMONICS + 0.5))
-    top = np.nanmax(amplitudes[:, 1:], initial=0.0)
-    if top > 0.0:
-        axes.set_ylim(top * 10.0**-SPECTRUM_DECADES, 2.0 * top)
-    if is_harmonic:
-        axes.set_xticks(np.arange(0, SHOWN_HARMONICS + 1, 2))
-    label_x(panels, "frequency / frequency of excitation [–]" if is_harmonic else "frequency [Hz]")
-    hertz_below(panels[-1], case)
-    figure.suptitle(f"{case.title}; {n_periods} period{'s' if n_periods != 1 else ''}")
-    return figure
-
-
 def envelope(history: xr.Dataset, case: Case) -> Figure:
     """Draw the range of the displacement of each lamina in every period of the run."""
     edges = np.arange(history.sizes["period"] + 1) * case.period / time_axis(case)[0]
@@ -416,25 +326,25 @@ def _laminae(history: xr.Dataset) -> Iterator[tuple[str, str]]:
     yield from zip(names, lamina_colours(len(names)), strict=True)
 
 
-def _mark_harmonics(axes: Axes, amplitudes: FloatArray) -> str:
-    """Mark the harmonics in a spectrum; return the distortion of the signal in words."""
-    marked = 1e3 * amplitudes[:SHOWN_HARMONICS]
-    axes.plot(1 + np.arange(marked.size), marked, "o", color=BLACK, markersize=4.5)
-    d = 100.0 * float(harmonics.distortion_factor(amplitudes))
-    thd = 100.0 * float(harmonics.total_harmonic_distortion(amplitudes))
-    return f":  d = {d:.2f} %,  THD = {thd:.1f} %;  dots: harmonics of the excitation"
+def _of_references(draw: Callable[..., Figure]) -> Callable[[xr.Dataset, Case], Figure]:
+    """Return a function that draws the displacements of the reference probes as channels."""
+
+    def drawn(history: xr.Dataset, case: Case) -> Figure:
+        return draw(history, case, *of_references(history["lamina"].to_numpy().tolist()))
+
+    return drawn
 
 
 FIGURES: dict[str, Callable[..., Figure]] = {
     "tip_histories": tip_histories,
-    "phase_portraits": phase_portraits,
-    "spectra": spectra,
+    "phase_portraits": _of_references(channels.portraits),
+    "spectra": _of_references(channels.spectra),
     "contact_line": contact_line,
     "energy_ledger": energy_ledger,
     "envelope": envelope,
 }
 """The figures of every run by the names of their files."""
-OF_PROBES = {"probe_histories": probe_histories} | {
+OF_PROBES = {"probe_histories": _of_references(channels.histories)} | {
     name: FIGURES[name] for name in ("phase_portraits", "spectra", "energy_ledger", "envelope")
 }
 """The figures of runs of operators, of whose structure nothing is known but probes."""

@@ -56,7 +56,8 @@ def test_all_figures_are_written_and_show_something(saved: list[Path]) -> None:
         assert 0.01 < (picture.min(axis=-1) < 0.9).mean() < 0.95, path.stem
     for name in EVERY_LAMINA:
         for colour in lamina_colours(2):
-            assert share_near(pixels(paths[0].with_name(f"{name}.png")), colour) > 2e-4, name
+            least = 2e-5 if name == "spectra" else 2e-4  # two lines with some harmonics
+            assert share_near(pixels(paths[0].with_name(f"{name}.png")), colour) > least, name
     assert not list(paths[0].parents[1].rglob(".delam_fem-*"))
 
 
@@ -103,12 +104,15 @@ def test_the_same_figure_is_the_same_file(saved: list[Path], tmp_path: Path) -> 
 def test_harmonics_are_marked_at_their_amplitudes() -> None:
     case = small_case()
     figure = draw("spectra", synthetic_history(case), case)
-    for axes, expected in zip(figure.axes, AMPLITUDES, strict=True):
-        dots = next(line for line in axes.lines if line.get_marker() == "o")
+    every = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
+    for dots, expected in zip(every, AMPLITUDES, strict=True):
         orders, amplitudes = dots.get_data()
         assert orders[:3].tolist() == [1, 2, 3]
         np.testing.assert_allclose(amplitudes[:3], 1e3 * expected, atol=1e-10)
-    assert "THD = 25.2 %" in figure.axes[1].get_title(loc="left")  # hypot(3, 0.4) / 12
+    legend = figure.axes[0].get_legend()
+    assert legend is not None
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert texts[1].startswith("tip_thin: ") and "THD = 25.2 %" in texts[1]  # hypot(3, 0.4) / 12
 
 
 def test_axes_of_spectra_and_symbols_need_no_mathematical_text() -> None:
@@ -128,7 +132,7 @@ def test_axes_of_spectra_and_symbols_need_no_mathematical_text() -> None:
 def test_titles_stand_above_the_power_of_ten_of_an_axis() -> None:
     case = small_case()
     history = synthetic_history(case)
-    history["tip_velocity"] = 1e-6 * history["tip_velocity"]
+    history["tip_velocity"] = 1e-9 * history["tip_velocity"]
     figure = draw("phase_portraits", history, case)
     figure.draw_without_rendering()
     for axes in figure.axes:
