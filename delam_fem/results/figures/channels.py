@@ -179,9 +179,7 @@ def spectra(history: xr.Dataset, case: Case, *names: str) -> Figure:
     return figure
 
 
-def _mark_harmonics(
-    axes: Axes, channel: xr.DataArray, case: Case, look: tuple[float, str]
-) -> str:
+def _mark_harmonics(axes: Axes, channel: xr.DataArray, case: Case, look: tuple[float, str]) -> str:
     """Mark the harmonics in a spectrum; return the distortion of the channel in words."""
     values = finite(channel)
     N = case.steps_per_period

@@ -39,7 +39,7 @@ def test_spectra_and_portraits_of_any_channels() -> None:
     plots = figures.Plots(history, case)
     spectra = plots.channel_spectra("base", "tip_thin", "tip_thin_velocity")
     motions, velocities = spectra.axes[:2]
-    assert motions.get_ylabel() == "amplitude of base displacement, displacement [mm]"
+    assert motions.get_ylabel() == "amplitude of displacement [mm]"
     assert velocities.get_ylabel() == "amplitude of velocity [m/s]"
     orders, amplitudes = motions.lines[0].get_data()
     size = 1e3 * float(np.abs(history["base_displacement"]).max())
