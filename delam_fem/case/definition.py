@@ -292,9 +292,10 @@ class Case(Section):
                     f"{key}.{end}",
                     f"expected none on a point, which has no places, given {x!r}; leave it out",
                 )
-            if x is not None and x > self.length * (1.0 + tolerance):
+            length = self.length_of(lamina_name)
+            if x is not None and x > length * (1.0 + tolerance):
                 raise inconsistent(
-                    f"{key}.{end}", f"expected at most the length {self.length!r} m, given {x!r}"
+                    f"{key}.{end}", f"expected at most the length {length!r} m, given {x!r}"
                 )
 
     def _check_time(self) -> None:
@@ -486,7 +487,6 @@ class Case(Section):
 
     def _check_laminae(self) -> None:
         """Check that names differ and lengths agree, and that there are beams or points."""
-        first = self.lamina[0]
         if len({(lamina.is_point, lamina.motion) for lamina in self.lamina}) > 1:
             raise inconsistent("lamina", "expected beams, bars or points, given several of these")
         is_bar = self.is_axial and not self.is_of_points
@@ -508,11 +508,32 @@ class Case(Section):
         for number, other in enumerate(self.lamina[1:], start=1):
             if any(other.name == below.name for below in self.lamina[:number]):
                 raise inconsistent("lamina", f"expected two names, given {other.name!r} twice")
-            if first.length != other.length:
+        if not self.has_one_length:
+            self._check_lengths()
+
+    def _check_lengths(self) -> None:
+        """Check that laminae of unequal lengths are cantilevers that begin at one clamp."""
+        model = f'model.kind = "{self.model.kind}", time.mass = "{self.time.mass}"'
+        reasons = {
+            "beams that bend": not self.is_axial,
+            f'model.kind = "beam" without massless contact points, given {model}': (
+                self.model.kind == "beam" and not self.is_massless
+            ),
+            "[gap], beside which laminae are apart; bonded laminae have one length": (
+                self.gap is not None
+            ),
+            "laminae that are held at x = 0 alone, as a shorter one has no end at x = length": (
+                self.support.kind("end") == "free" and self.support.kind("start") != "free"
+            ),
+            "mesh.elements, as the lines of a mesh file have one length": self.mesh.file is None,
+        }
+        for expected, is_there in reasons.items():
+            if not is_there:
+                other = next(one for one in self.lamina if one.length != self.lamina[0].length)
                 raise inconsistent(
                     f"lamina.{other.name}.length",
-                    f"expected the length {first.length!r} of lamina {first.name}, as the contact "
-                    f"line needs opposite points, given {other.length!r}",
+                    f"expected the length {self.lamina[0].length!r} of lamina "
+                    f"{self.lamina[0].name}, or {expected}; given {other.length!r}",
                 )
 
     def _check_bars(self) -> None:
@@ -707,8 +728,21 @@ class Case(Section):
 
     @property
     def length(self) -> float:
-        """Length of the laminae [m]."""
-        return self.lamina[0].length
+        """Length of the structure: that of its longest lamina [m]."""
+        return max(lamina.length for lamina in self.lamina)
+
+    @property
+    def has_one_length(self) -> bool:
+        """Whether all laminae are equally long."""
+        return len({lamina.length for lamina in self.lamina}) == 1
+
+    def length_of(self, name: str | None) -> float:
+        """Return the length of a lamina by its name; of the structure without one [m]."""
+        return next((own.length for own in self.lamina if own.name == name), self.length)
+
+    def contact_length(self, lower: str, upper: str) -> float:
+        """Return the length over which two neighbours may touch, that of the shorter one [m]."""
+        return min(self.length_of(lower), self.length_of(upper))
 
     @property
     def is_apart(self) -> bool:
@@ -1012,7 +1046,7 @@ class Case(Section):
 
     def position_of(self, entry: PointMass | Load | Stop | Impactor) -> float:
         """Return where an entry acts on its lamina [m]: at the end if it does not say."""
-        return self.length if entry.position is None else entry.position
+        return self.length_of(entry.lamina) if entry.position is None else entry.position
 
     def has_exact_modes(self, i: int) -> bool:
         """Return whether the modes of a lamina that is apart are those of `angular_frequencies`.

@@ -77,6 +77,11 @@ class Part:
         """Number of elements."""
         return self.x.size - 1
 
+    @property
+    def n_points(self) -> int:
+        """Number of points up to the end of the part; those beyond have neither dofs nor cells."""
+        return int(np.flatnonzero(self.dofs[:, DISPLACEMENT] != FIXED)[-1]) + 1
+
     def positions(self, places: FloatArray) -> FloatArray:
         """Return x at places along the part, shape (k,) [m].
 
@@ -418,7 +423,9 @@ def opposite(parts: Sequence[Part], lower: int, upper: int, *, per_element: int 
     free = [part.dofs[:, DISPLACEMENT] >= 0 for part in (parts[lower], parts[upper])]
     is_bonded = parts[lower].dofs[:, DISPLACEMENT] == parts[upper].dofs[:, DISPLACEMENT]
     is_apart = (free[0] | free[1]) & ~is_bonded
-    n = parts[lower].n_elements
+    shorter = min(parts[lower].n_points, parts[upper].n_points)
+    is_apart[shorter:] = False
+    n = shorter - 1
     ends = np.repeat(np.arange(1, n + 1), per_element)
     local = np.tile(np.arange(1, per_element + 1) / per_element, n)
     within = is_apart[ends] | is_apart[ends - 1]  # of elements that are not bonded
@@ -611,8 +618,8 @@ def nodal(layout: Layout, vectors: FloatArray, base: FloatArray) -> FloatArray:
         base: values of the base, shape (k,); the slope of the base is zero.
 
     Returns:
-        Values and slopes at the points, shape (2 components, n_parts, k, n_points). Of a solid:
-        those of the middle lines of its parts.
+        Values and slopes at the points, shape (2 components, n_parts, k, n_points). Beyond its end
+        a part has the values of its end. Of a solid: those of the middle lines of its parts.
     """
     vectors = layout.read(vectors, base)
     result = np.zeros((2, len(layout.parts), vectors.shape[0], layout.x.size))
@@ -621,6 +628,8 @@ def nodal(layout: Layout, vectors: FloatArray, base: FloatArray) -> FloatArray:
             free = dofs >= 0
             result[component, number][:, free] = vectors[:, dofs[free]]
             result[component, number][:, dofs == BASE] = base[:, None]
+        n = part.n_points
+        result[:, number, :, n:] = result[:, number, :, n - 1, None]
     return result
 
 

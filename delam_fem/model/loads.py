@@ -191,7 +191,7 @@ def _of_load(structure: Structure, case: Case, load: Load) -> FloatArray:
         if load.force is not None:
             f += sign * load.force * point_load(layout, part, case.position_of(load), n)
         elif load.per_length is not None:
-            reach = load.reach(case.length, case.delamination)
+            reach = load.reach(case.length_of(name), case.delamination)
             f += sign * load.per_length * _over(layout, part, reach, n)
     return f
 

@@ -41,7 +41,7 @@ def node_coordinates(case: Case) -> FloatArray:
         CaseError: the mesh file is missing, unreadable, lacks a lamina, does not span [0, L], or
             the nodes of the two laminae are not opposite.
     """
-    length = case.lamina[0].length
+    length = case.length
     if case.mesh.file is None:
         assert case.mesh.elements is not None
         if case.mesh.across is not None:
@@ -71,7 +71,7 @@ def edges(case: Case) -> FloatArray:
     """Return where nodes must be, increasing [m].
 
     They are the ends of the structure, the edges of its delaminations, the supports inside that are
-    no springs, and the places of tables of its laminae.
+    no springs, the places of tables of its laminae, and the ends of shorter laminae.
     """
     length = case.length
     support_places = {support.position or 0.0 for support in case.support.held}
@@ -83,6 +83,7 @@ def edges(case: Case) -> FloatArray:
         }
         | support_places
         | {x for lamina in case.lamina for x in lamina.breaks}
+        | {lamina.length for lamina in case.lamina}
     )
     margin = NODE_TOLERANCE * length
     positions = [0.0]

@@ -298,6 +298,9 @@ def refused_motion(case: Case) -> str:
             "excitation.kind: the reference has the first periods of a harmonic excitation; given "
             f"{case.excitation.kind!r}"
         )
+    if not case.has_one_length:
+        lengths = ", ".join(f"{lamina.length:g}" for lamina in case.lamina)
+        return f"lamina.length: the reference has laminae of one length; given {lengths}"
     if case.contact.law not in LAWS:
         return f"contact.law: the reference has {', '.join(LAWS)}; given {case.contact.law!r}"
     if case.time.scheme != "newmark":

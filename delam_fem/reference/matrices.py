@@ -452,6 +452,8 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     Raises:
         CaseError: contact points lie inside the elements of a bonded stack.
     """
+    if not case.has_one_length:
+        raise CaseError("reference: expected laminae of one length, given several")
     p = case.contact.points_per_element
     if p != 1 and case.gap is None:
         raise CaseError("reference: expected contact.points_per_element = 1 for a bonded stack")

@@ -71,6 +71,8 @@ def history(
     tip = layout.probes[0].point
     add(data, x=x, tip_node=layout.station_of_point(tip))
     data = data.set_coords("x")
+    if not case.has_one_length:
+        add(data, end=[lamina.length for lamina in case.lamina])
     at_rest = _of_interfaces(layout, gap0, are_gaps=True)
     for row, interface in zip(np.atleast_2d(at_rest), layout.interfaces, strict=True):
         alone = np.delete(np.arange(x.size), layout.stations_of(interface))  # clamps, stops

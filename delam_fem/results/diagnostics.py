@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import EDGE_TOLERANCE
 from delam_fem.contact.laws import combination
 from delam_fem.numerics.harmonics import (
     distortion_factor,
@@ -58,8 +59,24 @@ def rest_positions(history: xr.Dataset) -> FloatArray:
 
 
 def gap_field(history: xr.Dataset) -> FloatArray:
-    """Return the gaps of all frames and nodes, shape (n_interfaces, n_frames, n_nodes) [m]."""
-    return between(by_interface(history["gap0"])[:, None], history["displacement"].to_numpy())
+    """Return the gaps of all frames and nodes, shape (n_interfaces, n_frames, n_nodes) [m].
+
+    Beyond the end of the shorter of two laminae there is none, NaN.
+    """
+    gaps = between(by_interface(history["gap0"])[:, None], history["displacement"].to_numpy())
+    if "end" in history:
+        gaps[~is_opposite(history)[:, None].repeat(gaps.shape[1], axis=1)] = np.nan
+    return gaps
+
+
+def is_opposite(history: xr.Dataset) -> BoolArray:
+    """Return which nodes both laminae of each interface have, shape (n_interfaces, n_nodes)."""
+    x = history["x"].to_numpy()
+    if "end" not in history:
+        return np.ones((history.sizes["lamina"] - 1, x.size), np.bool_)
+    ends = history["end"].to_numpy()
+    shorter = np.minimum(ends[1:], ends[:-1])
+    return np.asarray(x <= shorter[:, None] * (1.0 + EDGE_TOLERANCE))
 
 
 def heat(history: xr.Dataset) -> tuple[FloatArray, FloatArray]:
@@ -257,6 +274,8 @@ class ProbeMotion:
         gap_at_rest = np.zeros(0)
         if "gap0" in history:
             gap_at_rest = by_interface(history["gap0"])[:, probe_node(history)]
+        if "end" in history:  # the tips of laminae of unequal lengths are not opposite
+            gap_at_rest = np.full_like(gap_at_rest, np.nan)
         return cls(
             history["tip_displacement"].to_numpy(),
             history["strobe_displacement"].to_numpy(),
@@ -304,7 +323,12 @@ class ProbeMotion:
 
 
 def probe_node(history: xr.Dataset) -> int:
-    """Return the number of the node at which the reference probes are."""
+    """Return the number of the node at which the reference probes are.
+
+    Of laminae of unequal lengths: at which the shortest one ends.
+    """
+    if "end" in history:
+        return int(np.flatnonzero(is_opposite(history).all(axis=0))[-1])
     return int(history["tip_node"])
 
 

@@ -251,6 +251,7 @@ _ALL = (
     Variable("x", ("node",), "m", "position along the laminae"),
     Variable("tip_node", (), "1", "number of the point at which tip_… is taken"),
     Variable("gap0", (INTERFACE, "node"), "m", "gap at rest"),
+    Variable("end", ("lamina",), "m", "end of the lamina; fields beyond it have the values there"),
     Variable(
         "spring_share",
         (INTERFACE, "node"),
@@ -313,7 +314,7 @@ OPTIONAL = frozenset({
     "probe_lamina", "probe_node",
     "dof_displacement", "dof_velocity", "stop_number", "stop_lamina", "stop_node", "stop_height",
     "stop_on_base", "impactor_displacement", "impactor_velocity", "stop_state", "event_interface",
-    "event_stop", "event_pair", "heat", "stop_heat", "contact_force",
+    "event_stop", "event_pair", "heat", "stop_heat", "contact_force", "end",
 })  # fmt: skip
 """Variables that the result of a case may do without."""
 NUMBERING: Mapping[str, str] = MappingProxyType({

@@ -26,8 +26,8 @@ OF_STOPS = (
     *(name for name in VARIABLES if name.startswith(("stop_", "impactor_"))),
 )  # fmt: skip
 """Variables of runs with stops."""
-OF_OPERATORS = ("event_pair", "dof_displacement", "dof_velocity")
-"""Variables of runs without a case."""
+OF_OPERATORS = ("event_pair", "dof_displacement", "dof_velocity", "end")
+"""Variables of runs without a case, and of laminae of unequal lengths."""
 
 
 @pytest.fixture(scope="module")

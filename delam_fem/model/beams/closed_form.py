@@ -29,6 +29,7 @@ from delam_fem.model.beams.network import (
     hermite,
     hermite_curvature,
     network,
+    own_points,
     side_by_side,
     stack_forces,
     structure,
@@ -59,7 +60,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         return axial(case, x)
     if not case.is_apart:
         return _stack(case, network(case, x))
-    h = np.diff(x)
+    lines = [own_points(case, i, x) for i in range(len(case.lamina))]
     masses = {
         "at_middles": case.is_at_middles,
         "is_tied": case.support.holds("start") and case.support.holds("end"),
@@ -67,13 +68,18 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     geometric = None
     forces = apart_forces(case, x)
     if forces is not None:
-        geometric = sp.block_diag([sum_elements(element_geometric(N, h)) for N in forces])
+        geometric = sp.block_diag(
+            [
+                sum_elements(element_geometric(N[: own.size - 1], np.diff(own)))
+                for N, own in zip(forces, lines, strict=True)
+            ]
+        )
     M, K, lumped = zip(
         *(
-            beam(lamina.flexural_rigidity, lamina.mass_per_length, h, **masses)
+            beam(lamina.flexural_rigidity, lamina.mass_per_length, np.diff(own), **masses)
             if lamina.is_uniform
-            else varying_beam(lamina.flexural_rigidity_at, lamina.mass_per_length_at, x, **masses)
-            for lamina in case.lamina
+            else varying_beam(lamina.flexural_rigidity_at, lamina.mass_per_length_at, own, **masses)
+            for lamina, own in zip(case.lamina, lines, strict=True)
         ),
         strict=True,
     )
@@ -373,7 +379,7 @@ def sum_elements(elements: FloatArray) -> sp.csr_matrix:
 
 def _nodes(case: Case, x: npt.ArrayLike) -> FloatArray:
     """Return positions of nodes as an array, checked against the case."""
-    length = case.lamina[0].length
+    length = case.length
     nodes = np.asarray(x, dtype=np.float64)
     if nodes[0] != 0.0 or abs(nodes[-1] - length) > 1e-9 * length:
         raise CaseError(

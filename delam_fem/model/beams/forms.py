@@ -51,6 +51,7 @@ from delam_fem.model.beams.network import (
     apart_forces,
     apart_parts,
     network,
+    own_points,
     side_by_side,
     stack_forces,
     structure,
@@ -219,9 +220,11 @@ def assemble(
     M, K, lumped, C, geometric = _matrices(
         case,
         comm,
-        [x] * len(numbers),
+        [own_points(case, i, x) for i in numbers],
         (EI, rhoA),
-        forces=None if forces is None else forces.reshape(-1, 2),
+        forces=None
+        if forces is None
+        else np.vstack([N[: own_points(case, i, x).size - 1] for i, N in enumerate(forces)]),
     )
     constants = (
         None if flexural_rigidity is None and mass_per_length is None else np.array(sections)

@@ -560,7 +560,8 @@ def opening(
         CaseError: see `initial_gap` and `opening_at_rest`.
     """
     if case.gap is not None:
-        return initial_gap(case.gap, x, case.length)
+        lower, upper = (layout.names[part] for part in interface.parts)
+        return initial_gap(case.gap, x, case.contact_length(lower, upper))
     gap = np.zeros(x.size)
     margin = EDGE_TOLERANCE * case.length
     between = tuple(layout.names[part] for part in interface.parts)
@@ -719,13 +720,16 @@ def side_by_side(
     Args:
         case: the case.
         parts: the laminae.
-        matrices: M and K of all points of all laminae, point by point, held ones included.
+        matrices: M and K of the own points of all laminae, point by point, held ones included.
         lumped: diagonal of the lumped mass of the same dofs.
         damping: C of the same dofs without point masses; None: it follows from M and K.
         geometric: geometric stiffness of the same dofs; None: there are no axial forces.
     """
     layout = layout_of(case, parts)
-    dofs = np.concatenate([part.dofs.ravel() for part in layout.parts])
+    lines = [own_points(case, i, layout.x) for i in range(len(parts))]
+    dofs = np.concatenate(
+        [part.dofs[: own.size].ravel() for part, own in zip(layout.parts, lines, strict=True)]
+    )
     n = int(dofs.max()) + 1
     moving = np.flatnonzero(dofs != FIXED)
     columns = np.where(dofs == BASE, n, dofs)[moving]
@@ -755,7 +759,7 @@ def side_by_side(
         C = _of_every_mode(case, layout, M, K)
     elif damping is None or not all(map(case.has_exact_modes, range(len(parts)))):
         each = [lamina_damping(case, layout, i, M, K) for i in range(len(parts))]
-        sizes = [part.dofs.size for part in parts]
+        sizes = [2 * own.size for own in lines]
         alpha, beta = map(sp.diags, np.repeat(each, sizes, axis=0).T)
         C = to.T @ (alpha @ of_points[0] + beta @ of_points[1]) @ to
         C = C + sum(factor * matrix for (factor, _), matrix in zip(each, added, strict=True))
@@ -843,6 +847,11 @@ def _operators(
 _TWO_PI = 2.0 * np.pi
 
 
+def own_points(case: Case, i: int, x: FloatArray) -> FloatArray:
+    """Return the points of lamina i, of all points those up to its end, shape (n,) [m]."""
+    return x[x <= case.lamina[i].length * (1.0 + EDGE_TOLERANCE)]
+
+
 def apart_forces(case: Case, x: FloatArray) -> FloatArray | None:
     """Return the axial forces of laminae that are apart, (n_laminae, n, 2); None: there are none.
 
@@ -850,14 +859,15 @@ def apart_forces(case: Case, x: FloatArray) -> FloatArray | None:
     """
     if not case.has_axial_forces:
         return None
-    last = x.size - 1
-    joints = [
-        [-1 if turns_at(case, x, node, (i,)) is not None else 2 * i + k]
-        for i in range(len(case.lamina))
-        for k, node in enumerate((0, last))
-    ]
-    ends = np.array(joints).reshape(-1, 2).tolist()
-    return axial_forces(case, x, [(0, last, (i,), *pair) for i, pair in enumerate(ends)])
+    chains = []
+    for i in range(len(case.lamina)):
+        last = own_points(case, i, x).size - 1
+        start, end = (
+            -1 if turns_at(case, x, node, (i,)) is not None else 2 * i + k
+            for k, node in enumerate((0, last))
+        )
+        chains.append((0, last, (i,), start, end))
+    return axial_forces(case, x, chains)
 
 
 def stack_forces(case: Case, stack: Network) -> FloatArray | None:
@@ -1025,6 +1035,7 @@ def parts_of(
                 [lamina.mass_per_length_at(middles) for lamina in case.lamina],
             ]
         )
+    sections = sections * np.array([middles < lamina.length for lamina in case.lamina])
     laminae = zip(case.lamina, dofs, *sections, strict=True)
     parts = (Part(lamina.name, x, *numbers) for lamina, *numbers in laminae)
     ends = np.stack([x[:-1], x[1:]], axis=1)
@@ -1045,7 +1056,8 @@ def apart_parts(case: Case, x: FloatArray, sections: FloatArray | None = None) -
     dofs = np.empty((len(case.lamina), x.size, 2), dtype=np.int64)
     n_free = 0
     for i, of_lamina in enumerate(dofs):
-        for node, of_node in enumerate(of_lamina):
+        of_lamina[:] = FIXED  # beyond its end
+        for node, of_node in enumerate(of_lamina[: own_points(case, i, x).size]):
             turns = turns_at(case, x, node, (i,))
             of_node[DISPLACEMENT] = n_free if turns is None else BASE
             n_free += turns is None
@@ -1086,7 +1098,9 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     delaminations, at the free end of the structure, or at its middle.
     """
     node, name = _reference(case, x)
-    probes = [Probe(name, i, node) for i in range(len(case.lamina))]
+    probes = [
+        Probe(name, i, min(node, own_points(case, i, x).size - 1)) for i in range(len(case.lamina))
+    ]
     names = [lamina.name for lamina in case.lamina]
     is_bar = case.is_axial and not case.is_of_points
     inside = case.delamination if is_bar or not case.is_apart else ()

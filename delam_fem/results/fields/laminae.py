@@ -38,7 +38,7 @@ def scalars_of(history: xr.Dataset, case: Case) -> dict[str, npt.NDArray[Any]]:
     return {
         "moment": history["moment"].to_numpy(),
         "curvature": curvature(history),
-        "gap": of_laminae(gap_field(history), np.minimum, np.inf),
+        "gap": of_laminae(gap_field(history), np.fmin, np.inf),
         "contact_state": of_laminae(by_interface(history["contact_state"])),
         "impulse": of_laminae(impulse_of_interfaces(history), np.add),
         "heat": np.repeat(power[:, None], history.sizes["frame"], axis=1),
@@ -113,6 +113,9 @@ def curvature(history: xr.Dataset) -> FloatArray:
     result[..., :-1] += chord - (4.0 * phi[..., :-1] + 2.0 * phi[..., 1:]) / h
     result[..., 1:] += -chord + (2.0 * phi[..., :-1] + 4.0 * phi[..., 1:]) / h
     result[..., 1:-1] *= 0.5
+    if "end" in history:
+        x = history["x"].to_numpy()
+        result[(x >= history["end"].to_numpy()[:, None])[:, None].repeat(u.shape[1], axis=1)] = 0.0
     return result
 
 

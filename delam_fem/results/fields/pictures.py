@@ -62,7 +62,7 @@ def middle_lines(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Floa
     """
     gaps = by_interface(history["gap0"])
     x = history["x"].to_numpy()
-    half = [0.5 * lamina.along("thickness", x) for lamina in case.lamina]
+    half = [0.5 * lamina.along("thickness", np.minimum(x, lamina.length)) for lamina in case.lamina]
     middle = np.empty((len(half), gaps.shape[1]))
     middle[0] = -half[0]
     for i, gap in enumerate(gaps, start=1):
@@ -80,11 +80,12 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
     x = history["x"].to_numpy()
     middle = middle_lines(history, case, enlarged)
     points = np.empty((*middle.shape, CORNERS, 3))
-    points[..., 0] = x[:, None]
     for i, lamina in enumerate(case.lamina):
-        half = lamina.along("thickness", x)[:, None] / 2.0
+        own = np.minimum(x, lamina.length)  # what is beyond its end lies in its last section
+        half = lamina.along("thickness", own)[:, None] / 2.0
+        points[i, :, :, 0] = own[:, None]
         points[i, :, :, 1] = middle[i][:, None] + half * UPWARDS
-        points[i, :, :, 2] = lamina.along("width", x)[:, None] / 2.0 * np.array([-1, -1, 1, 1])
+        points[i, :, :, 2] = lamina.along("width", own)[:, None] / 2.0 * np.array([-1, -1, 1, 1])
     return points
 
 
@@ -348,7 +349,7 @@ def draw(history: xr.Dataset, case: Case) -> Figure:
         int(np.argmin(np.abs(frames - strike - phase * case.period))) for phase in PHASES
     ]
     drawn_frames = sorted(set(drawn_frames))
-    length = case.lamina[0].length
+    length = case.length
     limit = largest_speed(history, drawn_frames) or 1.0
     factor = magnification(history, drawn_frames, length)
     u, v = (history[name].to_numpy()[:, drawn_frames] for name in ("displacement", "velocity"))

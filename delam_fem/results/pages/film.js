@@ -190,8 +190,8 @@ for (const figure of document.querySelectorAll("figure.film")) {
     for (let i = 0; i < nLaminae; i++) {
       const half = film.thickness[i] / 2;
       pen.beginPath();
-      for (let n = 0; n < nNodes; n++) pen.lineTo(px(film.x[n]), py(middle(i, n) + half));
-      for (let n = nNodes - 1; n >= 0; n--) pen.lineTo(px(film.x[n]), py(middle(i, n) - half));
+      for (let n = 0; n < film.ends[i]; n++) pen.lineTo(px(film.x[n]), py(middle(i, n) + half));
+      for (let n = film.ends[i] - 1; n >= 0; n--) pen.lineTo(px(film.x[n]), py(middle(i, n) - half));
       pen.closePath();
       pen.fillStyle = pen.strokeStyle = film.colours[i];
       pen.lineWidth = 1;

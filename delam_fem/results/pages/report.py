@@ -19,6 +19,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import EDGE_TOLERANCE
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
 from delam_fem.results.fields import laminae
@@ -256,11 +257,13 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     ]  # fmt: skip
     nearest = np.concatenate([[0], (nodes[:-1] + nodes[1:]) // 2 + 1])  # first of each shown node
     lit = np.maximum.reduceat(laminae.contact_lights(history)[last], nearest, axis=-1)
+    ends = [lamina.length * (1.0 + EDGE_TOLERANCE) for lamina in case.lamina]
     data = {
         "names": [str(name) for name in history["lamina"].to_numpy()],
         "colours": list(lamina_colours(history.sizes["lamina"])),
         "thickness": [1e3 * lamina.mean("thickness") for lamina in case.lamina],
         "x": _short(1e3 * history["x"].to_numpy()[nodes]),
+        "ends": [int(np.sum(history["x"].to_numpy()[nodes] <= end)) for end in ends],
         "time": _short(history["frame"].to_numpy()[last]),
         "period": case.period if case.is_periodic else None,
         "unit": unit,
