@@ -738,7 +738,7 @@ class Case(Section):
 
     def length_of(self, name: str | None) -> float:
         """Return the length of a lamina by its name; of the structure without one [m]."""
-        return next((own.length for own in self.lamina if own.name == name), self.length)
+        return next((lamina.length for lamina in self.lamina if lamina.name == name), self.length)
 
     def contact_length(self, lower: str, upper: str) -> float:
         """Return the length over which two neighbours may touch, that of the shorter one [m]."""

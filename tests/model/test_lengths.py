@@ -88,12 +88,12 @@ def test_engines_agree_and_a_file_has_the_values_of_the_end_beyond_it(tmp_path: 
 def test_weight_bends_each_cantilever_by_its_own_length() -> None:
     """w = q L⁴/(8 EI) at each tip, beside the unloaded shape."""
     rig = case(gravity={}, contact={"law": "none"}, mesh={"elements": 20})
-    rest = df.rest(rig)
-    assert isinstance(rest, xr.Dataset)
+    at_rest = df.rest(rig)
+    assert isinstance(at_rest, xr.Dataset)
     for lamina in rig.lamina:
         q = lamina.mass_per_length * 9.80665
         exact = -q * lamina.length**4 / (8.0 * lamina.flexural_rigidity)
-        tip = float(rest["displacement"].sel(lamina=lamina.name)[-1])
+        tip = float(at_rest["displacement"].sel(lamina=lamina.name)[-1])
         assert tip == pytest.approx(exact, rel=1e-6)
 
 

@@ -70,16 +70,18 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     if forces is not None:
         geometric = sp.block_diag(
             [
-                sum_elements(element_geometric(N[: own.size - 1], np.diff(own)))
-                for N, own in zip(forces, lines, strict=True)
+                sum_elements(element_geometric(N[: line.size - 1], np.diff(line)))
+                for N, line in zip(forces, lines, strict=True)
             ]
         )
     M, K, lumped = zip(
         *(
-            beam(lamina.flexural_rigidity, lamina.mass_per_length, np.diff(own), **masses)
+            beam(lamina.flexural_rigidity, lamina.mass_per_length, np.diff(line), **masses)
             if lamina.is_uniform
-            else varying_beam(lamina.flexural_rigidity_at, lamina.mass_per_length_at, own, **masses)
-            for lamina, own in zip(case.lamina, lines, strict=True)
+            else varying_beam(
+                lamina.flexural_rigidity_at, lamina.mass_per_length_at, line, **masses
+            )
+            for lamina, line in zip(case.lamina, lines, strict=True)
         ),
         strict=True,
     )

@@ -728,7 +728,7 @@ def side_by_side(
     layout = layout_of(case, parts)
     lines = [own_points(case, i, layout.x) for i in range(len(parts))]
     dofs = np.concatenate(
-        [part.dofs[: own.size].ravel() for part, own in zip(layout.parts, lines, strict=True)]
+        [part.dofs[: line.size].ravel() for part, line in zip(layout.parts, lines, strict=True)]
     )
     n = int(dofs.max()) + 1
     moving = np.flatnonzero(dofs != FIXED)
@@ -759,7 +759,7 @@ def side_by_side(
         C = _of_every_mode(case, layout, M, K)
     elif damping is None or not all(map(case.has_exact_modes, range(len(parts)))):
         each = [lamina_damping(case, layout, i, M, K) for i in range(len(parts))]
-        sizes = [2 * own.size for own in lines]
+        sizes = [2 * line.size for line in lines]
         alpha, beta = map(sp.diags, np.repeat(each, sizes, axis=0).T)
         C = to.T @ (alpha @ of_points[0] + beta @ of_points[1]) @ to
         C = C + sum(factor * matrix for (factor, _), matrix in zip(each, added, strict=True))

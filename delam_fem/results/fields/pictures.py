@@ -81,11 +81,11 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
     middle = middle_lines(history, case, enlarged)
     points = np.empty((*middle.shape, CORNERS, 3))
     for i, lamina in enumerate(case.lamina):
-        own = np.minimum(x, lamina.length)  # what is beyond its end lies in its last section
-        half = lamina.along("thickness", own)[:, None] / 2.0
-        points[i, :, :, 0] = own[:, None]
+        at = np.minimum(x, lamina.length)  # what is beyond its end lies in its last section
+        half = lamina.along("thickness", at)[:, None] / 2.0
+        points[i, :, :, 0] = at[:, None]
         points[i, :, :, 1] = middle[i][:, None] + half * UPWARDS
-        points[i, :, :, 2] = lamina.along("width", own)[:, None] / 2.0 * np.array([-1, -1, 1, 1])
+        points[i, :, :, 2] = lamina.along("width", at)[:, None] / 2.0 * np.array([-1, -1, 1, 1])
     return points
 
 

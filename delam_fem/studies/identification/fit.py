@@ -125,6 +125,7 @@ class Parameter:
         high: value at 1.
         is_logarithmic: whether its logarithm is in proportion; else its value.
         factors: value of each key over the parameter.
+        is_sought: whether it stays between low and high; others may lie as far beyond them.
         is_normal: whether it is normally distributed, with ends two deviations off.
     """
 
@@ -133,6 +134,7 @@ class Parameter:
     high: float
     is_logarithmic: bool
     factors: tuple[float, ...] = (1.0,)
+    is_sought: bool = False
     is_normal: bool = False
 
     @property
@@ -530,8 +532,8 @@ def fitted(model: ResponseModel, seed: int, progress: Progress | None = None) ->
         progress: told of the trials.
     """
     bounds = (
-        np.array([-1.0 if p.is_normal else 0.0 for p in model.parameters]),
-        np.array([2.0 if p.is_normal else 1.0 for p in model.parameters]),
+        np.array([0.0 if p.is_sought else -1.0 for p in model.parameters]),
+        np.array([1.0 if p.is_sought else 2.0 for p in model.parameters]),
     )
     places = _found(model.thinned(), bounds, seed, progress)
     for _ in range(ROUNDS):
@@ -622,7 +624,8 @@ def parameters_of(
 ) -> list[Parameter]:
     """Return the unknowns of the fit: those sought, then those in which the rig may differ."""
     parameters = [
-        Parameter(u.keys(case), u.low, u.high, False, (1.0,) * len(u.keys(case))) for u in unknowns
+        Parameter(u.keys(case), u.low, u.high, False, (1.0,) * len(u.keys(case)), is_sought=True)
+        for u in unknowns
     ]
     taken = {key for parameter in parameters for key in parameter.keys}
     for unknown in uncertain:
