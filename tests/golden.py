@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.axes._secondary_axes import SecondaryAxis
@@ -61,14 +60,3 @@ def of_panel(axes: Axes) -> Iterator[str]:
     yield f"  {series} series"
     for legend in (artist for artist in axes.get_children() if isinstance(artist, Legend)):
         yield f"  legend {[entry.get_text() for entry in legend.get_texts()]}"
-
-
-def of_dataset(data: Any) -> str:
-    """Return the names of variables of a dataset, with their dimensions, types and units."""
-    lines = []
-    for name, variable in data.variables.items():
-        kind = "variable" if name in data.data_vars else "coordinate"
-        units = variable.attrs.get("units")
-        unit = "" if units is None else f" [{units}]"
-        lines.append(f"{kind} {name} {variable.dims} {variable.dtype.kind}{unit}")
-    return "\n".join(lines)

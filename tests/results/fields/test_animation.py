@@ -136,24 +136,18 @@ def test_a_run_with_nothing_to_show_is_refused(tmp_path: Path) -> None:
     case = small_case()
     save_case(case, tmp_path)
     history = synthetic_history(case)
-    for dataset, told in (
-        (history.isel(frame=slice(0, 0)), "the run kept no frames of its fields; run it again with "
-         "output.fields_per_period above 0"),
-        (history, '--solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
-         "with frames, found no fields/solid.vtkhdf"),
-    ):  # fmt: skip
+    for dataset, message in (
+        (history.isel(frame=slice(0, 0)), "frames.*output.fields_per_period"),
+        (history, "--solid: expected .*model.kind.*fields/solid.vtkhdf"),
+    ):
         dataset.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
-        with pytest.raises(CaseError) as error:
+        with pytest.raises(CaseError, match=f"{tmp_path}: .*{message}"):
             animate(tmp_path, solid=True)
-        assert str(error.value) == f"{tmp_path}: {told}"
     history["displacement"][:] = np.nan
     history.attrs["outcome"] = "diverged"
     history.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
-    with pytest.raises(CaseError) as error:
+    with pytest.raises(CaseError, match=f"{tmp_path}: no frame .*finite"):
         animate(tmp_path)
-    assert str(error.value) == (
-        f"{tmp_path}: no frame of the run is finite, so there is nothing to show"
-    )
 
 
 def test_clamps_move_with_the_held_ends() -> None:
