@@ -31,8 +31,15 @@ from delam_fem.system.files import read_arrays, write_arrays
 
 FORMAT = 2
 """Number of the format, which changes when a file cannot be read as before."""
-
-
+_DIMENSIONS: Mapping[str, tuple[int, ...]] = {
+    **dict.fromkeys(("format", "case", "mesh", "is_force"), (0,)),
+    **dict.fromkeys(("x", "squares", "corner", "gap0", "weights", "lower"), (1,)),
+    **dict.fromkeys(("reading_base", "reading_part", "places"), (1,)),
+    **dict.fromkeys(("base", "H", "probes", "readings", "strains", "start"), (2,)),
+    **dict.fromkeys(("dofs", "sections"), (3,)),
+    "damping": (1, 2),
+}
+"""Numbers of dimensions that the arrays of a file may have; `places_k` are those of interface k."""
 _COMPARED: Mapping[str, set[str] | None] = {
     "lamina": None,
     "support": None,
@@ -181,8 +188,11 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
             values.dtype.kind == "f" and not np.isfinite(values).all()
         ):
             raise ValueError(f"{name} has no numbers that can be used")
+        allowed = _DIMENSIONS.get("places" if name.startswith("places_") else name)
+        if allowed is not None and values.ndim not in allowed:
+            raise ValueError(f"{name} has {values.ndim} dimensions")
     squares, damping = data["squares"], data["damping"]
-    if squares.ndim != 1 or not squares.size or (squares < 0.0).any():
+    if not squares.size or (squares < 0.0).any():
         raise ValueError("squares are none")
     n = squares.size
     base = data["base"]

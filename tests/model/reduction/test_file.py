@@ -148,6 +148,10 @@ def test_a_damaged_file_is_refused_in_words(made: tuple[Reduction, Case], tmp_pa
         ("gap0", np.full(6, np.nan)),
         ("lower", np.array([1])),
         ("places_0", np.arange(5.0)),
+        ("places_0", np.arange(6.0)[:, None]),
+        ("sections", np.ones((2, 6))),
+        ("x", np.zeros((6, 1))),
+        ("case", np.array(["a"])),
         ("dofs", np.zeros((2, 6, 2), dtype=np.int64)),
         ("strains", np.zeros((0, 3))),
     ],
@@ -158,7 +162,7 @@ def test_arrays_that_do_not_fit_are_refused(
     case = made[1]
     path = write_arrays(tmp_path / "reduced.npz", {**read_arrays(case.model.file), name: value})
     other = case.model_copy(update={"model": case.model.model_copy(update={"file": path})})
-    reason = "squares are none" if name == "squares" else ""
+    reason = "squares " if name == "squares" else ""
     with pytest.raises(CaseError, match=rf"is damaged or no file of delam-fem reduce \({reason}"):
         assemble(other)
 
