@@ -252,7 +252,11 @@ class Convergence(Finding):
         Returns:
             Both [-], see `interval`. The distance is infinite if errors do not shrink.
         """
-        first, second = (self.error(a, b) for a, b in pairwise(levels[-3:]))
+        _, size = self._scale(levels[-1])  # one unit for both differences
+        values = [
+            np.array([self.value(level, q.name) for q in self.judged]) for level in levels[-3:]
+        ]
+        first, second = (float(np.abs((x - y) / size).max()) for x, y in pairwise(values))
         a, b, c = (1.0 / getattr(one, by) for one in levels[-3:])
         # the second difference if errors were proportional to the size
         at_first_order = first * (b - c) / (a - b)
