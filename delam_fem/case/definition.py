@@ -438,12 +438,6 @@ class Case(Section):
                 "gravity.inclination" if self.gravity and self.gravity.along else "load",
                 "expected uniform laminae, along which weight or tension acts, given a profile",
             )
-        if self.is_loaded and (self.model.file is not None or self.model.is_continuum):
-            raise inconsistent(
-                "gravity" if self.gravity else "load",
-                f'expected none with solids and modes from a file, given "{self.model.kind}": they '
-                "know no weight and no loads",
-            )
 
     def _check_sensors(self) -> None:
         """Check that sensors have different names, something to read, and possible rates."""
@@ -810,6 +804,14 @@ class Case(Section):
     def begins_at_rest(self) -> bool:
         """Whether runs begin in the state of rest under weight and loads."""
         return self.is_loaded and self.time.begin != "unloaded"
+
+    @property
+    def before_loads(self) -> Self:
+        """The case whose runs begin without deflections, and whose gaps are those of that shape."""
+        gravity = self.gravity and self.gravity.model_copy(update={"gaps": "unloaded"})
+        begin = "unloaded" if self.is_loaded else self.time.begin
+        time = self.time.model_copy(update={"begin": begin})
+        return self.model_copy(update={"gravity": gravity, "time": time})
 
     @property
     def without_loads(self) -> Self:

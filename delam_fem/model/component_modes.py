@@ -409,6 +409,8 @@ def projected(structure: Structure, basis: Basis) -> Structure:
         gap0=o.gap0,
         pair_weights=shares,
         probes=sp.csr_matrix(o.probes @ V),
+        load=None if o.load is None else o.load @ V,
+        buckling_factor=o.buckling_factor,
     )
     layout, reading = structure.layout, structure.layout.reading
     rows, moved = (V, np.zeros(len(V))) if reading is None else (reading.matrix @ V, reading.base)

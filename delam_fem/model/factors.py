@@ -32,6 +32,8 @@ LARGE = 20_000
 """Dofs from which on factors are PETSc's: SuperLU takes several times the memory."""
 DENSE_DOFS = 400
 """Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
+LEAST = 1e-4
+"""Least eigenvalue that counts where only those above 0 are sought."""
 NOT_HELD = "reduction: a body is not held; support each body"
 UNSOLVED = 0.5
 """Difference of strain energy and work, relative to the work, that shows a singular matrix. For a
@@ -132,6 +134,27 @@ def largest(A: sp.spmatrix, B: sp.spmatrix, factor: Factor | None = None) -> flo
     inverse = LinearOperator((n, n), matvec=(factor or factored(B)).solve, dtype=float)
     (result,) = eigsh(A, 1, B, Minv=inverse, which="LA", return_eigenvectors=False, v0=np.ones(n))
     return float(result)
+
+
+def largest_above_zero(A: sp.spmatrix, B: sp.spmatrix, factor: Factor) -> float:
+    """Return the largest λ of A φ = λ B φ, or 0 where it is below `LEAST`.
+
+    Eigenvalues that crowd just below 0 would not converge: whether there are others is counted by
+    the signs of the pivots of B - A / `LEAST` (Sylvester's law of inertia).
+
+    Args:
+        A: symmetric, shape (n, n).
+        B: positive definite, shape (n, n).
+        factor: factors of B.
+    """
+    if B.shape[0] > DENSE_DOFS:
+        symmetric = {"SymmetricMode": True}
+        shifted = sp.csc_matrix(B - A / LEAST)
+        pivots = splu(shifted, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric).U
+        if pivots.diagonal().min() > 0.0:
+            return 0.0
+    result = largest(A, B, factor)
+    return result if result > LEAST else 0.0
 
 
 def _rows(A: sp.spmatrix) -> sp.csr_matrix:

@@ -33,7 +33,7 @@ from scipy.special import roots_legendre
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Load
 from delam_fem.contact import complementarity
-from delam_fem.model.factors import Factor, factored, largest
+from delam_fem.model.factors import Factor, factored, largest_above_zero
 from delam_fem.model.layout import (
     Layout,
     Part,
@@ -43,7 +43,7 @@ from delam_fem.model.layout import (
     point_load,
 )
 from delam_fem.model.operators import Equilibrium, Operators
-from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 GAUSS: tuple[FloatArray, FloatArray] = roots_legendre(4)
@@ -71,10 +71,12 @@ def loaded(structure: Structure, case: Case) -> Structure:
     o = structure.operators
     if not case.is_loaded:
         return structure
-    f = constant_load(structure, case)
-    if not f.any():
-        return structure
-    o = replace(o, load=f)
+    if o.load is None:
+        o = with_load(o, structure.layout, case)
+    if case.gravity is not None and o.load is not None and structure.layout.n_impactors:
+        o = replace(o, load=o.load + _of_impactors(case, o.n_dofs))
+    if o.load is None or not o.load.any():
+        return replace(structure, operators=replace(o, load=None))
     is_falling = falling_dofs(structure, case)
     if case.gravity is not None and case.gravity.gaps == "in place":
         o = replace(o, gap0=o.gap0 - o.gap_matrix @ _without_contact(o, is_falling))
@@ -129,19 +131,29 @@ def require_lasting(case: Case) -> None:
         )
 
 
-def constant_load(structure: Structure, case: Case) -> FloatArray:
-    """Return the loads of weight and of all [[load]] on the dofs (L1), shape (n,) [N, N m].
+def with_load(
+    o: Operators, layout: Layout, case: Case, weight: FloatArray | None = None
+) -> Operators:
+    """Return operators with the loads of weight and of all [[load]] on their dofs (L1).
+
+    The weights of impactors are left out.
+
+    Args:
+        o: the operators.
+        layout: what their dofs mean.
+        case: the case.
+        weight: load of the weight, shape (n,) [N]; None: that of beams, bars and points.
 
     Raises:
         CaseError: a load is where its lamina is held, and has no effect.
     """
-    f = np.zeros(structure.operators.n_dofs)
-    if case.gravity is not None:
-        f += _weight(structure, case)
+    if weight is None:
+        weight = _weight(o, layout, case)
+    f = np.array(weight)
     for number, load in enumerate(case.load, start=1):
         if load.axial is not None:
             continue
-        of_load = _of_load(structure, case, load)
+        of_load = _of_load(o, layout, case, load)
         size = load.force if load.per_length is None else load.per_length
         if size and not of_load.any():
             raise CaseError(
@@ -149,16 +161,21 @@ def constant_load(structure: Structure, case: Case) -> FloatArray:
                 f"{load.lamina or ' and '.join(load.between or ())} is held, or two bonded laminae"
             )
         f += of_load
-    return f
+    return replace(o, load=f)
 
 
-def _weight(structure: Structure, case: Case) -> FloatArray:
-    """Return the weights of laminae, points, point masses and impactors, shape (n,)."""
-    assert case.gravity is not None
-    layout = structure.layout
+def _acceleration(case: Case) -> float:
+    """Return the acceleration of free fall along deflections [m/s2]."""
+    if case.gravity is None:
+        return 0.0
     is_along = case.lamina[0].motion == "axial"
-    a = case.gravity.along if is_along else case.gravity.across
-    n = structure.operators.n_dofs
+    return case.gravity.along if is_along else case.gravity.across
+
+
+def _weight(o: Operators, layout: Layout, case: Case) -> FloatArray:
+    """Return the weights of laminae, points and point masses, shape (n,)."""
+    a = _acceleration(case)
+    n = o.n_dofs
     f = np.zeros(n)
     if not a:
         return f
@@ -171,15 +188,19 @@ def _weight(structure: Structure, case: Case) -> FloatArray:
     for mass in case.masses:
         part = layout.parts[layout.names.index(mass.lamina)]
         f += mass.mass * a * point_load(layout, part, case.position_of(mass), n)
-    for k, impactor in enumerate(case.impactor):
-        f[n - layout.n_impactors + k] = impactor.mass * a
     return f
 
 
-def _of_load(structure: Structure, case: Case, load: Load) -> FloatArray:
+def _of_impactors(case: Case, n: int) -> FloatArray:
+    """Return the weights of impactors, the last of n dofs, shape (n,)."""
+    f = np.zeros(n)
+    f[n - len(case.impactor) :] = [_acceleration(case) * own.mass for own in case.impactor]
+    return f
+
+
+def _of_load(o: Operators, layout: Layout, case: Case, load: Load) -> FloatArray:
     """Return a force, or a force per length, on a lamina or on two neighbours, shape (n,)."""
-    layout = structure.layout
-    n = structure.operators.n_dofs
+    n = o.n_dofs
     sides = (
         [(load.lamina, 1.0)]
         if load.between is None
@@ -262,21 +283,13 @@ def state_of_rest(
     H = o.gap_matrix[pairs][:, dofs]
     soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
     factor, shift = _factor(K, M)
-    of_pairs = factor.solve(H.T.toarray()) if pairs.size else np.zeros((dofs.size, 0))
-    W = H @ of_pairs + np.diag(soft)
-    W = 0.5 * (W + W.T)
+    contact = _Contact(factor, sp.csr_matrix(H), o.gap0[pairs], soft)
     u = np.zeros(dofs.size)
     size = float(np.abs(factor.solve(f)).max(initial=0.0))  # a step of what falls
     for _ in range(MOST_ITERATIONS):
         before = u
         right = f + shift * (M @ u)
-        u = factor.solve(right)
-        gap = H @ u + o.gap0[pairs]
-        if pairs.size and gap.min() < 0.0:
-            force = complementarity.solve(W, gap)
-            u = u + of_pairs @ force
-        else:
-            force = np.zeros(pairs.size)
+        u, force = contact.pushed_apart(factor.solve(right))
         if not shift or np.abs(u - before).max() <= STAYS * size:
             displacement = np.zeros(o.n_dofs)
             displacement[dofs] = u
@@ -284,6 +297,43 @@ def state_of_rest(
             all_forces[pairs] = force
             return Equilibrium(displacement, all_forces)
     return None
+
+
+class _Contact:
+    """Contact forces λ of L3 on pairs that would overlap, with K⁻¹ Hᵀ of those that ever did."""
+
+    def __init__(
+        self, factor: Factor, H: sp.csr_matrix, gap0: FloatArray, softness: FloatArray
+    ) -> None:
+        """Store factors of K, the gap operator, gaps at rest [m] and 1/k of each pair [m/N]."""
+        self._factor = factor
+        self._H = H
+        self._gap0 = gap0
+        self._softness = softness
+        self._pairs: IntArray = np.zeros(0, dtype=np.int64)
+        self._responses = np.zeros((H.shape[1], 0))
+
+    def pushed_apart(self, free: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return u and λ, shape (n_pairs,), from the displacements without contact, shape (n,)."""
+        gap = self._H @ free + self._gap0
+        u = free
+        force = np.zeros(gap.size)
+        closed = np.flatnonzero(gap < 0.0)
+        while closed.size:
+            self._respond(np.setdiff1d(closed, self._pairs))
+            H = self._H[self._pairs]
+            W = H @ self._responses + np.diag(self._softness[self._pairs])
+            force[self._pairs] = complementarity.solve(0.5 * (W + W.T), gap[self._pairs])
+            u = free + self._responses @ force[self._pairs]
+            closed = np.setdiff1d(np.flatnonzero(self._H @ u + self._gap0 < 0.0), self._pairs)
+        return u, force
+
+    def _respond(self, pairs: IntArray) -> None:
+        """Add the responses to unit forces on some pairs."""
+        if pairs.size:
+            more = self._factor.solve(self._H[pairs].T.toarray())
+            self._responses = np.hstack([self._responses, more])
+            self._pairs = np.concatenate([self._pairs, pairs])
 
 
 def _factor(K: sp.csr_matrix, M: sp.csr_matrix) -> tuple[Factor, float]:
@@ -307,7 +357,7 @@ def buckling_factor(K: sp.spmatrix, geometric: sp.spmatrix) -> float | None:
         geometric: K_N of L2.
 
     Returns:
-        The least μ above 0; None: there is none, or the structure floats.
+        The least μ from 0 to 1e4; None: there is none, or the structure floats.
     """
     n = K.shape[0]
     if not n or not abs(geometric).sum():
@@ -316,9 +366,8 @@ def buckling_factor(K: sp.spmatrix, geometric: sp.spmatrix) -> float | None:
         factor = factored(K)
     except ValueError:
         return None
-    share = largest(-geometric, K, factor)
-    round_off = 1e-12 * float(abs(geometric).max() / abs(K).max())
-    return 1.0 / share if share > round_off else None
+    share = largest_above_zero(-geometric, K, factor)
+    return 1.0 / share if share else None
 
 
 def require_unbuckled(K: sp.spmatrix, geometric: sp.spmatrix | None, n: int) -> float | None:
@@ -358,16 +407,25 @@ def axial_forces(case: Case, x: FloatArray, chains: Sequence[Chain]) -> FloatArr
     Raises:
         CaseError: nothing holds the structure along its axis.
     """
-    N = np.zeros((len(case.lamina), x.size - 1, 2))
-    EA = np.array([lamina.axial_rigidity for lamina in case.lamina])
-    for load in case.load:
-        if load.axial is not None and load.lamina is None:
-            N += load.axial * (EA / EA.sum())[:, None, None]
-        elif load.axial is not None:
-            names = [lamina.name for lamina in case.lamina]
-            N[names.index(load.lamina or "")] += load.axial
+    N = np.zeros((len(case.lamina), x.size - 1, 2)) + tensions(case)[:, None, None]
     if case.gravity is not None and case.gravity.along:
         N += _of_weight(case, x, chains, case.gravity.along)
+    return N
+
+
+def tensions(case: Case) -> FloatArray:
+    """Return the tension of each lamina by [[load]] axial, shape (n_laminae,) [N].
+
+    That of the whole structure is shared by E b h.
+    """
+    N = np.zeros(len(case.lamina))
+    EA = np.array([lamina.axial_rigidity for lamina in case.lamina])
+    names = [lamina.name for lamina in case.lamina]
+    for load in case.load:
+        if load.axial is not None and load.lamina is None:
+            N += load.axial * (EA / EA.sum())
+        elif load.axial is not None:
+            N[names.index(load.lamina or "")] += load.axial
     return N
 
 

@@ -99,8 +99,8 @@ def reduced_case(
         case: the case.
         modes: number of normal modes of each body.
         coordinates: largest number of coordinates; None: all shapes that are independent.
-        full: the discretised case; None, or beside stops, impactors and initial states: it is
-            assembled.
+        full: the discretised case; None, or beside stops, impactors, initial states and loads: it
+            is assembled.
 
     Raises:
         CaseError: the case has a reduced model already, its impulses act on a lumped mass, or it
@@ -112,18 +112,18 @@ def reduced_case(
     require_mass(case, "reduce", "the case computes its motion in modes already")
     require(modes >= 1, "modes", "at least 1", modes)
     require_coupled(case)
-    if case.is_loaded:
-        raise CaseError("gravity, load: reduce: expected none: modes know no weight and no loads")
     slowest = min(float(lamina.uniform.angular_frequencies(1)[0]) for lamina in case.lamina)
     begin = time.perf_counter()
-    if full is None or case.stop or case.impactor or case.initial:
-        full = assemble(case.without_strikes)
+    if full is None or case.stop or case.impactor or case.initial or case.is_loaded:
+        full = assemble(case.without_strikes.before_loads)
     start = with_start(full, case).operators.start
     assembled = time.perf_counter()
     o = full.operators
     loads = striking_rows(full, case)
     if start is not None:
         loads = sp.vstack([loads, sp.csr_matrix(start @ o.stiffness)], format="csr")
+    if o.load is not None:
+        loads = sp.vstack([loads, sp.csr_matrix(o.load)], format="csr")
     try:
         basis = basis_of(
             o,

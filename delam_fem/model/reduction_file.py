@@ -52,6 +52,8 @@ _COMPARED: Mapping[str, set[str] | None] = {
     "stop": {"lamina", "position", "start", "end"},
     "impactor": {"lamina", "position"},
     "initial": None,
+    "gravity": {"acceleration", "inclination", "roll"},
+    "load": None,
 }
 """Sections whose keys were assembled; None: all of their keys."""
 
@@ -107,8 +109,8 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
         content[f"places_{k}"] = interface.places
         if interface.at is not None:
             content[f"pairs_{k}"] = interface.at
-    if o.start is not None:
-        content["start"] = o.start
+    further = {"start": o.start, "load": o.load, "buckling": o.buckling_factor}
+    content |= {name: np.array(value) for name, value in further.items() if value is not None}
     write_arrays(path, content)
 
 
@@ -210,6 +212,8 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
         pair_weights=weights if weights.size else None,
         probes=sp.csr_matrix(data["probes"]),
         start=data.get("start"),
+        load=data.get("load"),
+        buckling_factor=float(data["buckling"]) if "buckling" in data else None,
     )
     reading = Reading(sp.csr_matrix(data["readings"]), data["reading_base"], data["reading_part"])
     if reading.matrix.shape != (reading.base.size, n) or reading.part.shape != (n,):
@@ -236,7 +240,7 @@ def _assembled(case: Case) -> Iterator[tuple[str, object]]:
         {key: getattr(lamina, key) for key in Lamina.model_fields} for lamina in case.lamina
     ]
     for section, keys in _COMPARED.items():
-        tables = data[section] if isinstance(data[section], list) else [data[section]]
+        tables = data[section] if isinstance(data[section], list) else [data[section] or {}]
         is_list = isinstance(data[section], list)
         yield f"number of [[{section}]]", len(tables)
         for number, table in enumerate(tables):

@@ -267,6 +267,7 @@ def _with_dofs(structure: Structure, case: Case) -> Structure:
         lumped_mass=None if o.lumped_mass is None else np.append(o.lumped_mass, m),
         rayleigh=None,
         near_null=None if o.near_null is None else np.pad(o.near_null, ((0, count), (0, 0))),
+        load=None if o.load is None else np.append(o.load, np.zeros(count)),
         base=replace(
             base,
             mass=np.append(base.mass, np.zeros(count)),

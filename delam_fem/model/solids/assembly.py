@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from delam_fem.model.layout import (
     probe_rows,
 )
 from delam_fem.model.linear import tied
+from delam_fem.model.loads import with_load
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
 from delam_fem.model.solids import facing
@@ -48,6 +50,7 @@ from delam_fem.model.solids.forms import SAME, Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import SolidMesh, locate
 from delam_fem.model.solids.meshing import lattice, solid_mesh
 from delam_fem.model.solids.unknowns import NodeColumns, Restricted, Unknowns, X, Y, held
+from delam_fem.model.solids.weight import weight, with_axial_stress
 from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -66,13 +69,14 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         case: the case; its model is "plane-stress" or "solid".
         comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
             every rank, and spread afterwards (`operators.spread`): stops, impactors and initial
-            states, limits of stability, massless contact points.
+            states, weight and loads, limits of stability, massless contact points.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
     is_explicit = math.isfinite(SCHEMES[case.time.scheme].courant)
-    if case.stop or case.impactor or case.initial or is_explicit or case.is_massless:
+    strikes = case.stop or case.impactor or case.initial
+    if strikes or is_explicit or case.is_massless or case.is_loaded:
         comm = MPI.COMM_SELF
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
@@ -92,6 +96,11 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     springs = [*_springs(case, layout), *edge_springs(case, unknowns)]
     for row, number, k, _ in springs:
         K = _with_product(K, k, row, number, comm)
+    buckling = None
+    if case.has_axial_forces:
+        rigidity = E * _width(case, mesh)
+        density = _density(case, mesh)
+        K, buckling = with_axial_stress(case, unknowns, K, rigidity, density, layout)
     C, rayleigh = _damping(case, unknowns, M, K, H)
     for row, number, _, c in springs:
         C = _with_product(C, c, row, number, comm)
@@ -107,6 +116,11 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         None if any(c for *_, c in springs) else rayleigh,
         of_bodies is not None,
     )
+    if case.is_loaded:
+        load = None
+        if case.gravity is not None:
+            load = weight(case, unknowns, _density(case, mesh), layout)
+        operators = with_load(replace(operators, buckling_factor=buckling), layout, case, load)
     body = Body(
         solid,
         unknowns.free,
@@ -237,6 +251,17 @@ def _width(case: Case, mesh: SolidMesh) -> FloatArray:
     return np.asarray(np.array([lamina.mean("width") for lamina in case.lamina])[mesh.lamina])
 
 
+def _density(case: Case, mesh: SolidMesh) -> FloatArray:
+    """Return the density of each cell, times the width in 2D, shape (n_cells,)."""
+    of_laminae = [
+        (lambda x, value=lamina.along: value("density", x))
+        if "density" in lamina.profiles
+        else lamina.mean("density")
+        for lamina in case.lamina
+    ]
+    return _of_cells(mesh, of_laminae) * _width(case, mesh)
+
+
 def _matrices(
     case: Case, unknowns: Unknowns, rigidity: FloatArray
 ) -> tuple[Restricted, Restricted, FloatArray | None]:
@@ -246,14 +271,7 @@ def _matrices(
     Zienkiewicz 1976). On cells whose mapping is affine the scale is the same for all cells.
     """
     solid, mesh = unknowns.solid, unknowns.solid.mesh
-    of_laminae = [
-        (lambda x, value=lamina.along: value("density", x))
-        if "density" in lamina.profiles
-        else lamina.mean("density")
-        for lamina in case.lamina
-    ]
-    density = _of_cells(mesh, of_laminae) * _width(case, mesh)
-    matrix = solid.mass(density)
+    matrix = solid.mass(_density(case, mesh))
     ones, moved = matrix.createVecs()
     ones.array = np.arange(ones.array.size) % mesh.dim == 0
     matrix.mult(ones, moved)

@@ -4,6 +4,7 @@ The weak forms of mass and stiffness are
 
     m(u, v) = ∫ b rho u · v dx                                                          (mass)
     k(u, v) = ∫ b sigma(u) : eps(v) dx,     eps(u) = (grad u + grad uᵀ) / 2             (stiffness)
+    k_σ(u, v) = ∫ b sigma_0 : (grad uᵀ grad v) dx                              (geometric stiffness)
 
     plane stress   sigma = E / (1 - nu²) ((1 - nu) eps + nu tr(eps) I)                  (2D)
     3D             sigma = E / (1 + nu) (eps + nu / (1 - 2 nu) tr(eps) I),   b = 1
@@ -273,6 +274,47 @@ class Solid:
         E = self.of_cells(young_modulus)
         nu = _dolfinx.constant(self.domain, poisson)
         return _dolfinx.assemble_matrix(ufl.inner(stress(E, nu, u), strain(v)) * self._dx())
+
+    def body_force(self, density: FloatArray, direction: int) -> FloatArray:
+        """Return the load of a unit acceleration along a direction on one rank, shape (n_dofs,).
+
+        Args:
+            density: of each input cell, times the width in 2D, shape (n_cells,).
+            direction: number of the component.
+        """
+        matrix = self.mass(density)
+        ones, load = matrix.createVecs()
+        ones.array[:] = np.arange(ones.array.size) % self.dim == direction
+        matrix.mult(ones, load)
+        result = np.array(load.array)
+        for thing in (matrix, ones, load):
+            thing.destroy()
+        return result
+
+    def geometric_stiffness(
+        self,
+        young_modulus: FloatArray,
+        poisson: float,
+        displacement: FloatArray,
+        tension: FloatArray,
+    ) -> Any:
+        """Assemble the geometric stiffness on one rank, a PETSc matrix that the caller owns.
+
+        Args:
+            young_modulus: of each input cell, times the width in 2D, shape (n_cells,).
+            poisson: Poisson's ratio.
+            displacement: u_0, whose stress acts, shape (n_dofs,) [m].
+            tension: further stress along x of each input cell, times the width in 2D, (n_cells,).
+        """
+        u = ufl.TrialFunction(self.space)
+        v = ufl.TestFunction(self.space)
+        E = self.of_cells(young_modulus)
+        nu = _dolfinx.constant(self.domain, poisson)
+        acting = stress(E, nu, _dolfinx.function(self.space, displacement))
+        along = self.of_cells(tension)
+        turned = ufl.grad(u).T * ufl.grad(v)
+        form = ufl.inner(acting, turned) + along * ufl.inner(u.dx(0), v.dx(0))
+        return _dolfinx.assemble_matrix(form * self._dx())
 
 
 def strain(u: Any) -> Any:

@@ -1,0 +1,112 @@
+"""Weight of solids, and the geometric stiffness of what pulls or presses along them.
+
+The load of a weight is ∫ b ρ a·v dx. Along the axis it strains the laminae by u_0, without contact
+and with the base at 0,
+
+    k(u_0, v) = ∫ b ρ a_x v_x dx                                                             (W1)
+
+and a tension N of a lamina adds N / (b h) to its stress along x. Both are the stress σ_0 of
+
+    k_σ(u, v) = ∫ b σ_0 : (∇uᵀ ∇v) dx                                                        (W2)
+
+which is added to the stiffness, as k_N of beams is. The weight across is not part of it: it bends,
+and what it stretches is of second order.
+
+Source of W2: K.-J. Bathe, Finite Element Procedures (1996), section 6.2.3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.model.factors import factored
+from delam_fem.model.layout import Layout, place_of
+from delam_fem.model.loads import require_unbuckled, tensions
+from delam_fem.model.solids.body import middle_line
+from delam_fem.model.solids.forms import evaluate
+from delam_fem.model.solids.mesh import locate
+from delam_fem.model.solids.unknowns import Restricted, Unknowns, X, Y
+from delam_fem.numerics.types import FloatArray
+from delam_fem.system.errors import CaseError
+
+
+def weight(case: Case, unknowns: Unknowns, density: FloatArray, layout: Layout) -> FloatArray:
+    """Return the load of weight across the laminae, with that of point masses, shape (n,) [N].
+
+    Args:
+        case: the case, with gravity.
+        unknowns: of the solid, on one rank.
+        density: of each cell, times the width in 2D, shape (n_cells,).
+        layout: gives the points of the masses.
+    """
+    assert case.gravity is not None
+    return _of_direction(case, unknowns, density, layout, Y, case.gravity.across)
+
+
+def with_axial_stress(
+    case: Case,
+    unknowns: Unknowns,
+    stiffness: Restricted,
+    moduli: FloatArray,
+    density: FloatArray,
+    layout: Layout,
+) -> tuple[Restricted, float | None]:
+    """Return K + K_σ (W2) and the factor on all axial forces at which the structure buckles.
+
+    Args:
+        case: the case.
+        unknowns: of the solid, on one rank.
+        stiffness: K with the springs of supports.
+        moduli: Young's modulus of each cell, times the width in 2D, shape (n_cells,).
+        density: of each cell, times the width in 2D, shape (n_cells,).
+        layout: gives the points of the masses.
+
+    Raises:
+        CaseError: nothing holds the structure along its axis, or it buckles.
+    """
+    solid = unknowns.solid
+    displacement = np.zeros(unknowns.n_dofs)
+    if case.gravity is not None and case.gravity.along:
+        load = _of_direction(case, unknowns, density, layout, X, case.gravity.along)
+        try:
+            displacement = unknowns.free @ factored(stiffness.rows).solve(load)
+        except ValueError:
+            raise CaseError(
+                "gravity.inclination: expected an end that is clamped or pinned, which holds the "
+                "structure along its axis"
+            ) from None
+    heights = np.array([lamina.mean("thickness") for lamina in case.lamina])
+    widths = np.array([lamina.mean("width") for lamina in case.lamina])
+    sections = heights if solid.dim == 2 else heights * widths
+    tension = (tensions(case) / sections)[solid.mesh.lamina]
+    poisson = case.model.poisson or 0.0
+    added = unknowns.restricted(solid.geometric_stiffness(moduli, poisson, displacement, tension))
+    total = Restricted(
+        (stiffness.rows + added.rows).tocsr(),
+        stiffness.column + added.column,
+        stiffness.corners + added.corners,
+    )
+    return total, require_unbuckled(total.rows, added.rows, unknowns.n_own)
+
+
+def _of_direction(
+    case: Case,
+    unknowns: Unknowns,
+    density: FloatArray,
+    layout: Layout,
+    direction: int,
+    acceleration: float,
+) -> FloatArray:
+    """Return the load of an acceleration of all masses along a direction, shape (n,) [N]."""
+    solid = unknowns.solid
+    load = unknowns.free.T @ solid.body_force(density, direction)
+    for mass in case.masses:
+        number = layout.names.index(mass.lamina)
+        part = layout.parts[number]
+        x = part.positions(np.array([place_of(part, case.position_of(mass))]))
+        points = middle_line(solid.mesh, number, x)
+        cells = locate(solid.mesh, points, number)
+        row = evaluate(solid, points, cells).displacement(direction)
+        load = load + mass.mass * (row @ unknowns.free).toarray()[0]
+    return np.asarray(acceleration * load)

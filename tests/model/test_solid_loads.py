@@ -1,0 +1,186 @@
+"""Weight and loads of solids: frequencies under axial stress, static shapes, rest, modes, ranks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi_pool import Crew
+
+import delam_fem as df
+from delam_fem.api import Case, CaseError, assemble, lowest, reduced_case
+
+L, B, H, RHO, E = 0.3, 0.03, 0.002, 7850.0, 2.1e11
+EI = E * B * H**3 / 12.0
+LINE_MASS = RHO * B * H
+G = 9.80665
+SLENDER = 2e-3
+"""Of a solid beside a beam: shear, and elements of degree 2."""
+
+
+def case_of(*names: str, **tables: Any) -> Case:
+    """Return a case of steel strips as solids, with other tables in place of its own."""
+    strip = {
+        "length": L, "width": B, "thickness": H, "density": RHO, "young_modulus": E,
+        "damping_ratio": 0.02,
+    }  # fmt: skip
+    data: dict[str, Any] = {
+        "name": "strip",
+        "lamina": [strip | {"name": name} for name in names or ("strip",)],
+        "model": {"kind": "plane-stress"},
+        "mesh": {"elements": 20},
+        "excitation": {"kind": "none"},
+        "contact": {"law": "none"},
+        "time": {"step": 1e-3, "duration": 0.05},
+    }
+    return df.Case(**(data | tables))
+
+
+def upright(gamma: float, **tables: Any) -> Case:
+    """Return a strip that stands (γ above 0) or hangs, with γ = ρ A g L³ / EI."""
+    gravity = {
+        "acceleration": abs(gamma) * EI / (LINE_MASS * L**3),
+        "inclination": 90.0 if gamma > 0.0 else -90.0,
+    }
+    return case_of(gravity=gravity, **tables)
+
+
+@pytest.mark.parametrize(("gamma", "root"), [(1.0, 3.284923383), (4.0, 2.462967205),
+                                             (-10.0, 5.291783357)])  # fmt: skip
+def test_a_strip_that_stands_or_hangs_has_the_frequency_of_a_beam(
+    gamma: float, root: float
+) -> None:
+    o = assemble(upright(gamma)).operators
+    (frequency,), _ = lowest(o.stiffness, o.mass, 1)
+    assert 2.0 * np.pi * frequency * np.sqrt(LINE_MASS * L**4 / EI) == pytest.approx(
+        root, rel=SLENDER
+    )
+    if gamma > 0.0:
+        assert o.buckling_factor == pytest.approx(7.8373474 / gamma, rel=SLENDER)
+    else:
+        assert o.buckling_factor is None
+
+
+def test_a_plate_strip_that_stands_has_the_frequency_of_a_beam() -> None:
+    o = assemble(upright(4.0, model={"kind": "solid"}, mesh={"elements": 10})).operators
+    (frequency,), _ = lowest(o.stiffness, o.mass, 1)
+    value = 2.0 * np.pi * frequency * np.sqrt(LINE_MASS * L**4 / EI)
+    assert value == pytest.approx(2.462967205, rel=5e-3)
+
+
+def test_what_its_weight_buckles_is_refused() -> None:
+    with pytest.raises(CaseError, match=r"buckles: it bears 0\.98"):
+        assemble(upright(8.0))
+
+
+def test_a_mass_at_the_tip_presses_too() -> None:
+    """P = m g buckles a cantilever at π² EI / 4 L², without the weight of the strip."""
+    mass = 0.2
+    g = 0.5 * np.pi**2 * EI / (4.0 * L**2) / mass
+    light = {"density": 1e-3 * RHO}
+    case = case_of(
+        gravity={"acceleration": g, "inclination": 90.0},
+        point_mass=[{"lamina": "strip", "position": L, "mass": mass}],
+    )
+    case = case.with_overrides({f"lamina.strip.{key}": value for key, value in light.items()})
+    assert assemble(case).operators.buckling_factor == pytest.approx(2.0, rel=SLENDER)
+
+
+def test_tension_raises_the_frequency_of_a_pinned_strip() -> None:
+    tension = 500.0
+    ends = {"start": "pinned", "end": "pinned"}
+    o = assemble(case_of(support=ends, load=[{"axial": tension}])).operators
+    (frequency,), _ = lowest(o.stiffness, o.mass, 1)
+    k = np.pi / L
+    exact = np.sqrt((EI * k**4 + tension * k**2) / LINE_MASS) / (2.0 * np.pi)
+    assert frequency == pytest.approx(exact, rel=SLENDER)
+
+
+@pytest.mark.parametrize(("roll", "inclination"), [(0.0, 0.0), (180.0, 0.0), (60.0, 30.0)])
+def test_a_strip_sags_as_a_beam_does(roll: float, inclination: float) -> None:
+    gravity = {"acceleration": G, "roll": roll, "inclination": inclination}
+    beam, solid = (
+        assemble(case_of(gravity=gravity, model={"kind": kind})).operators
+        for kind in ("beam", "plane-stress")
+    )
+    tips = [o.probes @ o.equilibrium.displacement for o in (beam, solid)]
+    assert tips[1] == pytest.approx(tips[0], rel=SLENDER)
+
+
+def test_two_strips_that_lie_on_each_other_press_as_beams_do() -> None:
+    tables = {
+        "gravity": {"acceleration": G},
+        "gap": {"tip": 2e-4, "exponent": 1.0},
+        "load": [{"lamina": "upper", "position": L, "force": -1.0}],
+        "contact": {"law": "newton@moreau-jean", "impulse": "consistent"},
+    }
+    forces = []
+    for kind in ("beam", "plane-stress"):
+        o = assemble(case_of("lower", "upper", **tables, model={"kind": kind})).operators
+        forces.append(float(o.equilibrium.force.sum()))
+    assert forces[0] > 0.1
+    assert forces[1] == pytest.approx(forces[0], rel=1e-2)
+
+
+def test_a_run_that_begins_at_rest_stays_there() -> None:
+    tables = {
+        "gravity": {"acceleration": G}, "gap": {"tip": 2e-4, "exponent": 1.0},
+        "load": [{"between": ["lower", "upper"], "per_length": 2.0}],
+        "contact": {"law": "newton@moreau-jean", "impulse": "consistent"},
+    }  # fmt: skip
+    result = df.run(case_of("lower", "upper", **tables))
+    rest = result.summary["rest"]
+    assert result.history["tip_displacement"].to_numpy() == pytest.approx(
+        np.array(rest["tip_displacement"])[:, None] * np.ones(52), abs=1e-9
+    )
+    assert rest["contact_force"]["lower-upper"] > 0.1
+    assert np.abs(result.history["energy_residual"]).max() < 1e-10
+
+
+def test_a_reduced_model_keeps_weight_and_loads(tmp_path: Path) -> None:
+    tables = {
+        "gravity": {"acceleration": G, "inclination": 40.0},
+        "load": [{"lamina": "strip", "position": 0.2, "force": 3.0}, {"axial": 50.0}],
+        "excitation": {"kind": "harmonic", "frequency": 20.0, "amplitude": 1e-3},
+        "time": {"steps_per_period": 100, "periods": 2},
+    }
+    case = case_of(**tables)
+    file, _ = reduced_case(case, modes=8).save(tmp_path)
+    reduced = case.with_overrides({"model.kind": "modes", "model.file": str(file)})
+    full, modes = (df.run(one) for one in (case, reduced))
+    rests = [run.summary["rest"] for run in (full, modes)]
+    assert rests[1]["tip_displacement"] == pytest.approx(rests[0]["tip_displacement"], rel=1e-6)
+    assert rests[1]["buckling_factor"] == rests[0]["buckling_factor"]
+    tips = [run.history["tip_displacement"].to_numpy() for run in (full, modes)]
+    assert tips[1] == pytest.approx(tips[0], abs=1e-3 * np.abs(tips[0]).max())
+    with pytest.raises(CaseError, match=r"gravity\.inclination: expected 40\.0"):
+        assemble(reduced.with_overrides({"gravity.inclination": 41.0}))
+
+
+SCRIPT = """
+import numpy as np
+import delam_fem as df
+from delam_fem.cli.run import ended_together
+
+case = df.preset("paper", {
+    "model.kind": "plane-stress", "mesh.elements": 6, "time.periods": 2,
+    "time.steps_per_period": 40, "output.fields_per_period": 4,
+    "contact.law": "newton@moreau-jean", "contact.impulse": "consistent",
+    "gravity.inclination": 90.0, "load": [{"lamina": "thin", "position": 0.3, "force": 0.02}],
+})
+with ended_together(comm):
+    many = df.run(case, comm=comm)
+    if comm.rank == 0:
+        one = df.run(case)
+        a, b = (run.history["tip_displacement"].to_numpy()[:, :40] for run in (one, many))
+        assert np.abs(a).max() > 1e-4
+        assert np.abs(a - b).max() < 1e-7 * np.abs(a).max()
+        assert one.summary["rest"] == many.summary["rest"]
+"""
+
+
+@pytest.mark.mpi
+def test_ranks_share_a_solid_with_weight(crew: Crew) -> None:
+    crew.run(2, SCRIPT)
