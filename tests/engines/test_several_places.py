@@ -144,7 +144,7 @@ def test_a_run_with_several_places_goes_on_bit_for_bit(tmp_path: Path, engine: A
 SCRIPT = """
 import numpy as np
 import delam_fem as df
-from delam_fem.cli.run import ended_together
+from delam_fem.cli.endings import ended_together
 
 kind, = arguments
 drives = [

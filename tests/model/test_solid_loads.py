@@ -162,7 +162,7 @@ def test_a_reduced_model_keeps_weight_and_loads(tmp_path: Path) -> None:
 SCRIPT = """
 import numpy as np
 import delam_fem as df
-from delam_fem.cli.run import ended_together
+from delam_fem.cli.endings import ended_together
 
 case = df.preset("paper", {
     "model.kind": "plane-stress", "mesh.elements": 6, "time.periods": 2,
