@@ -194,7 +194,9 @@ def _weight(o: Operators, layout: Layout, case: Case) -> FloatArray:
 def _of_impactors(case: Case, n: int) -> FloatArray:
     """Return the weights of impactors, the last of n dofs, shape (n,)."""
     f = np.zeros(n)
-    f[n - len(case.impactor) :] = [_acceleration(case) * own.mass for own in case.impactor]
+    f[n - len(case.impactor) :] = [
+        _acceleration(case) * impactor.mass for impactor in case.impactor
+    ]
     return f
 
 

@@ -131,11 +131,11 @@ def test_a_run_that_begins_at_rest_stays_there() -> None:
         "contact": {"law": "newton@moreau-jean", "impulse": "consistent"},
     }  # fmt: skip
     result = df.run(case_of("lower", "upper", **tables))
-    rest = result.summary["rest"]
+    equilibrium = result.summary["rest"]
     assert result.history["tip_displacement"].to_numpy() == pytest.approx(
-        np.array(rest["tip_displacement"])[:, None] * np.ones(52), abs=1e-9
+        np.array(equilibrium["tip_displacement"])[:, None] * np.ones(52), abs=1e-9
     )
-    assert rest["contact_force"]["lower-upper"] > 0.1
+    assert equilibrium["contact_force"]["lower-upper"] > 0.1
     assert np.abs(result.history["energy_residual"]).max() < 1e-10
 
 
