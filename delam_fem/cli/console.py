@@ -442,13 +442,13 @@ def reported(quiet: bool, verbose: bool, log_file: Path | None) -> Iterator[None
 
 def fail(text: str, status: int) -> NoReturn:
     """Print a message to stderr and exit with a status."""
-    lines = [_shortened(line) for line in f"delam-fem: {text}".splitlines()]
+    lines = [shortened(line) for line in f"delam-fem: {text}".splitlines()]
     tell("\n".join(lines))
     _command_log.info("exit status %d: %s", status, " ".join(lines))
     raise typer.Exit(status)
 
 
-def _shortened(line: str) -> str:
+def shortened(line: str) -> str:
     """Return a line without the middle if it is very long, and without control characters."""
     printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
     half = LONGEST // 2

@@ -268,7 +268,7 @@ def a_refinement(rng: random.Random, folder: Path) -> None:
     from delam_fem.studies.convergence.analysis import Convergence
     from delam_fem.studies.convergence.level import LevelResult
     from delam_fem.studies.convergence.refinement import RefinementStudy, method
-    from delam_fem.studies.convergence.run import RESULT, _write, load_results
+    from delam_fem.studies.convergence.run import RESULT, load_results, write_results
 
     path = folder / RESULT
     if "ladder" not in _WHOLE:
@@ -277,7 +277,7 @@ def a_refinement(rng: random.Random, folder: Path) -> None:
             f"r{k}": LevelResult(f"r{k}", "completed", "", {"tip": (0.5 * k, 0.1)}, 1.5, 20)
             for k in range(12)
         }
-        _write(path, Convergence(refinement, results))
+        write_results(path, Convergence(refinement, results))
         _WHOLE["ladder"] = path.read_bytes()
     path.write_bytes(damaged(rng, _WHOLE["ladder"]))
     for key, result in load_results(folder / RESULT)[0].items():

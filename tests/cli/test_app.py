@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import delam_fem
 from delam_fem.api import Case, CaseError, load_case, preset, save_case
 from delam_fem.cli.app import app, commands
-from delam_fem.cli.console import LONGEST, PlainProgress, _shortened, progress
+from delam_fem.cli.console import LONGEST, PlainProgress, progress, shortened
 
 PERIODS = 20
 
@@ -437,7 +437,7 @@ def test_the_command_gives_blas_one_thread(given: dict[str, str], number: str) -
 
 def test_a_very_long_line_loses_its_middle() -> None:
     short, long = 300 * "ab ", 10 * "0123456789" + 3000 * "x" + "end"
-    assert _shortened(short) == short
-    told = _shortened(long)
+    assert shortened(short) == short
+    told = shortened(long)
     assert len(told) == LONGEST + 3
     assert told.startswith("0123") and told.endswith("xend") and " … " in told

@@ -108,7 +108,7 @@ def run_refinement(
 
     def take_in(futures: set[Future[LevelResult]]) -> None:
         convergence.results.update({result.key: result for result in (f.result() for f in futures)})
-        _write(path, convergence)
+        write_results(path, convergence)
         if progress is not None:
             progress(
                 len(levels) - sum(r.key not in convergence.results for r in levels), len(levels)
@@ -260,7 +260,7 @@ def _result(entry: dict[str, object]) -> LevelResult:
     return LevelResult(**fields)
 
 
-def _write(path: Path, found: Convergence) -> None:
+def write_results(path: Path, found: Convergence) -> None:
     """Write all results to the file, which stays valid at any moment."""
     ready = [json_ready(asdict(result)) for result in found.results.values()]
     write_json(
