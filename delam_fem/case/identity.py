@@ -141,6 +141,26 @@ def differences(
     ]
 
 
+def require_identity(kept: object, where: object) -> str:
+    """Return what was read as an identity, if it is one.
+
+    Args:
+        kept: what was read.
+        where: the file of what is kept.
+
+    Raises:
+        CaseError: it is none.
+    """
+    try:
+        dict(_entries(str(kept), of_case=False))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise CaseError(
+            f"{where}: damaged, or not written by delam-fem: it does not say of what case it is "
+            f"({reason_of(error)})"
+        ) from None
+    return str(kept)
+
+
 def require_same(kept: str, asked: str, where: object, *, without: Collection[str] = ()) -> None:
     """Refuse to go on with what belongs to another computation.
 

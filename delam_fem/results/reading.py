@@ -12,7 +12,13 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case
-from delam_fem.case.identity import differences, identity, located, require_same
+from delam_fem.case.identity import (
+    differences,
+    identity,
+    located,
+    require_identity,
+    require_same,
+)
 from delam_fem.results.netcdf import read_dataset
 from delam_fem.results.schema import require_history, require_summary
 from delam_fem.system.errors import CaseError, reason_of
@@ -105,14 +111,18 @@ def _case_of(history: xr.Dataset, directory: Path) -> tuple[Case, list[str]]:
     origin = history.attrs.get("identity")
     if origin is None:  # of an earlier version, or made by hand
         return load_case(directory / CASE), []
+    beside: Case | None
     try:
         beside = load_case(directory / CASE)
         changes = differences(origin, identity(beside), of_case=True)
     except CaseError as error:
-        return located(origin, Case.from_toml(history.attrs["case"])), [str(error)]
-    if not changes:
+        changes = [str(error)]
+        beside = None
+    if beside is not None and not changes:
         return beside, []
-    return located(origin, beside, Case.from_toml(history.attrs["case"])), changes
+    origin = require_identity(origin, directory / RESULT)
+    cases = [case for case in (beside, Case.from_toml(history.attrs["case"])) if case is not None]
+    return located(origin, *cases), changes
 
 
 def is_complete(directory: str | Path, case: Case, engine: str | None = None) -> bool:

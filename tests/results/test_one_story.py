@@ -9,9 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 import delam_fem as df
-from delam_fem.api import load_numbers
+from delam_fem.api import load_numbers, write_dataset
 from delam_fem.cli.app import app
 from delam_fem.results import folder as folders
+from delam_fem.results.netcdf import read_dataset
 from delam_fem.system.files import UNFINISHED
 
 SHORT = {
@@ -118,6 +119,21 @@ def test_a_summary_that_was_changed_or_is_of_another_result_is_refused(
     _, history, numbers = load_numbers(run)
     assert numbers["outcome"] == "completed"
     assert "summary_digest" not in history.attrs
+
+
+@pytest.mark.parametrize(
+    "identity", ["", "[]", "3", "{}", '{"case": 3}', '{"case": "a = 1"}', "[" * 5000]
+)
+@pytest.mark.parametrize("is_beside", [True, False])
+def test_a_result_that_does_not_say_of_what_it_is_is_refused(
+    run: Path, identity: str, is_beside: bool
+) -> None:
+    data = read_dataset(run / "result.nc")
+    write_dataset(data.assign_attrs(identity=identity), run / "result.nc")
+    if not is_beside:
+        (run / "case.toml").unlink()
+    with pytest.raises(df.CaseError, match=r"result\.nc: damaged, or .*of what case it is"):
+        load_numbers(run)
 
 
 @pytest.mark.slow
