@@ -410,6 +410,11 @@ _AT_POINT = 1e-9
 """Share of a cell within which a place is at its end."""
 
 
+def reference_channels(name: str) -> tuple[str, str]:
+    """Return the names of displacement and velocity of the reference probe of a lamina."""
+    return f"tip_{name}", f"tip_{name}_velocity"
+
+
 def opposite(parts: Sequence[Part], lower: int, upper: int, *, per_element: int = 1) -> Interface:
     """Pair the opposite points of two parts, except points where both are held or bonded.
 

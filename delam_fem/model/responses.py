@@ -22,7 +22,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Sensor
 from delam_fem.model.factors import regular
-from delam_fem.model.layout import Structure
+from delam_fem.model.layout import Structure, reference_channels
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -87,17 +87,16 @@ def of_channels(structure: Structure, case: Case, s: ComplexArray) -> dict[str, 
         s: iω, or iω + a, shape (k,) [1/s].
 
     Returns:
-        By names of the record of a run (tips, their velocities, sensors), shape (k,), per metre of
+        By names of the record of a run (probes, their velocities, sensors), shape (k,), per m of
         the base or newton of the force. Sensors read as they are mounted, but not sampled; forces
         of contacts are left out.
     """
     o = structure.operators
     basis, Y = motions(o, s)
-    tips = (o.probes @ basis) @ Y + o.probe_shift[: o.n_probes, None]
+    probes = (o.probes @ basis) @ Y + o.probe_shift[: o.n_probes, None]
     channels: dict[str, ComplexArray] = {}
-    for name, tip in zip(structure.layout.names, tips, strict=False):
-        channels[f"tip_{name}"] = tip
-        channels[f"tip_{name}_velocity"] = s * tip
+    for name, u in zip(structure.layout.names, probes, strict=False):
+        channels |= zip(reference_channels(name), (u, s * u), strict=True)
     read = (o.sensors @ basis) @ Y
     by_name = {sensor.name: sensor for sensor in case.sensor}
     for rows in structure.layout.sensors:

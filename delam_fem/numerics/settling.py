@@ -301,7 +301,7 @@ def kinds_of_motion(
     Args:
         outcome: "completed", "diverged" or anything else, shape (...).
         periodicity: see `diagnostics.periodicity`, NaN for none, shape (...).
-        strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
+        strobes: displacement of the probes at the end of periods, shape (..., n_laminae, n) [m].
         is_decided: see `diagnostics.is_decided`, shape (...); None: all are.
         is_settled: whether the transient of the motion has died out, shape (...); None: of all.
 
@@ -365,7 +365,7 @@ class Attractors:
     Attributes:
         number: of the attractor of each point, -1 for none, shape (...).
         periodicity: the most frequent one of each attractor, NaN for none, shape (n_attractors,).
-        amplitude: half peak-to-peak of the tips, the median, shape (n_attractors, n_laminae) [m].
+        amplitude: half peak-to-peak of the probes, the median, shape (n_attractors, n_laminae) [m].
         share: of the points, shape (n_attractors,) [-].
     """
 
@@ -376,27 +376,27 @@ class Attractors:
 
 
 def attractors(
-    periodicity: FloatArray, tip_min: FloatArray, tip_max: FloatArray, strobes: FloatArray
+    periodicity: FloatArray, low: FloatArray, high: FloatArray, strobes: FloatArray
 ) -> Attractors:
     """Group the final motions of points into attractors by their fingerprints.
 
     The fingerprint does not depend on which of its periods a period-doubled motion ends with:
-    extremes of the tips, mean and standard deviation of their strobes. Points are of one attractor
+    extremes of the probes, mean and standard deviation of strobes. Points are of one attractor
     where no part differs from that of the attractor's first point by `SAME_ATTRACTOR` times the
-    larger tip's half peak-to-peak amplitude.
+    larger probe's half peak-to-peak amplitude.
 
     Args:
         periodicity: NaN for none, shape (...).
-        tip_min: smallest displacement of the tips, shape (..., n_laminae) [m].
-        tip_max: largest, likewise.
-        strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
+        low: smallest displacement of the reference probes, shape (..., n_laminae) [m].
+        high: largest, likewise.
+        strobes: displacement of the probes at the end of periods, shape (..., n_laminae, n) [m].
 
     Returns:
         The attractors; a point with NaN in its fingerprint belongs to none.
     """
-    shape, n_laminae = periodicity.shape, tip_min.shape[-1]
-    amplitude = (0.5 * (tip_max - tip_min)).reshape(-1, n_laminae)
-    parts = [tip_min, tip_max, strobes.mean(axis=-1), strobes.std(axis=-1)]
+    shape, n_laminae = periodicity.shape, low.shape[-1]
+    amplitude = (0.5 * (high - low)).reshape(-1, n_laminae)
+    parts = [low, high, strobes.mean(axis=-1), strobes.std(axis=-1)]
     prints = np.stack(parts, axis=-1).reshape(-1, n_laminae * len(parts))
     bound = SAME_ATTRACTOR * amplitude.max(axis=-1)
     number = np.full(len(prints), -1, dtype=np.int64)

@@ -27,6 +27,7 @@ from delam_fem.reference import matrices
 from delam_fem.reference.loop import ReferenceRun, refused_motion, simulate_reference
 from delam_fem.reference.matrices import lowest_frequencies
 from delam_fem.reference.study import Compare
+from delam_fem.results.channels import of_references
 from delam_fem.results.figures.style import label_x, stacked
 from delam_fem.results.folder import Result
 from delam_fem.studies.models import ModelComparison, compare_models
@@ -36,13 +37,13 @@ from delam_fem.system.errors import CaseError, require
 
 @dataclass(frozen=True)
 class Motions:
-    """Tip histories of a run with dolfinx and PETSc, and of the reference.
+    """Channels of a run with dolfinx and PETSc, and of the reference.
 
     Attributes:
-        names: names of the laminae.
+        names: names of the channels.
         times: ends of the steps, shape (n,) [s].
-        tips: tip displacement of the dolfinx/PETSc run, shape (n_laminae, n) [m].
-        reference_tips: tip displacement of the reference, shape (n_laminae, n) [m].
+        values: the channels of the dolfinx/PETSc run, shape (n_channels, n) [m].
+        reference: those of the reference, shape (n_channels, n) [m].
         impacts: number of impacts of the dolfinx/PETSc run and of the reference.
         impact_limit: the number of the last impact that `until_impact` covers.
         impact_time: its time in the reference, the end if there was no impact [s].
@@ -50,33 +51,33 @@ class Motions:
 
     names: tuple[str, ...]
     times: FloatArray
-    tips: FloatArray
-    reference_tips: FloatArray
+    values: FloatArray
+    reference: FloatArray
     impacts: tuple[int, int]
     impact_limit: int
     impact_time: float
 
     @property
     def differences(self) -> FloatArray:
-        """Largest difference of all tips at each step, shape (n,) [m]."""
-        return np.asarray(np.abs(self.tips - self.reference_tips).max(axis=0))
+        """Largest difference of all channels at each step, shape (n,) [m]."""
+        return np.asarray(np.abs(self.values - self.reference).max(axis=0))
 
     @property
     def until_impact(self) -> float:
-        """Largest difference of the tip histories up to impact `impact_limit` [m]."""
+        """Largest difference of the histories up to impact `impact_limit` [m]."""
         return float(self.differences[self.times <= self.impact_time].max())
 
     @property
     def overall(self) -> float:
-        """Largest difference of the tip histories over the whole run [m]."""
+        """Largest difference of the histories over the whole run [m]."""
         return float(self.differences.max())
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the rows of a table: the largest differences, and how many impacts there were."""
-        until = (f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")
+        until = (f"histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")
         return [
             *([until] if self.impact_limit else []),
-            (f"tip histories up to {self.times[-1]:.4g} s", f"{self.overall:.1e} m"),
+            (f"histories up to {self.times[-1]:.4g} s", f"{self.overall:.1e} m"),
             ("impacts, dolfinx and reference", f"{self.impacts[0]} and {self.impacts[1]}"),
         ]
 
@@ -92,12 +93,12 @@ class Motions:
         }
 
     def figure(self) -> Figure:
-        """Draw the tip histories of both runs, and their difference on a logarithmic axis."""
+        """Draw the channels of both runs, and their difference on a logarithmic axis."""
         figure, (top, bottom) = stacked(2, 6.0, sharex=True)
         for i, name in enumerate(self.names):
-            top.plot(self.times, 1e3 * self.tips[i], color=f"C{i}", label=f"{name}, dolfinx")
-            top.plot(self.times, 1e3 * self.reference_tips[i], "k:", label=f"{name}, reference")
-        top.set(ylabel="tip displacement [mm]")
+            top.plot(self.times, 1e3 * self.values[i], color=f"C{i}", label=f"{name}, dolfinx")
+            top.plot(self.times, 1e3 * self.reference[i], "k:", label=f"{name}, reference")
+        top.set(ylabel="displacement [mm]")
         top.legend(ncols=2, fontsize=8)
         differences = np.maximum(self.differences, np.finfo(np.float64).tiny)
         bottom.semilogy(self.times, differences, color="C3", linewidth=0.8)
@@ -171,7 +172,7 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
 
     Args:
         case: a case of beams with mass at their nodes.
-        impacts: number of impacts up to which the tip histories are compared.
+        impacts: number of impacts up to which the histories are compared.
         periods: number of periods of both runs.
 
     Returns:
@@ -222,20 +223,21 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
 def _motions(given: Result, expected: ReferenceRun, impacts: int) -> Motions:
     """Return the motions of the package and of the reference side by side."""
     history = given.history
-    tips = np.asarray(history["tip_displacement"])
-    if tips.shape != expected.tip_displacement.shape:
+    names = tuple(of_references(history["lamina"].to_numpy().tolist()))
+    values = np.array([given.record[name].to_numpy() for name in names])
+    if values.shape != expected.displacement.shape:
         raise RuntimeError(
-            f"the run recorded tip histories of shape {tips.shape}, expected "
-            f"{expected.tip_displacement.shape}: the run was interrupted or diverged; run it "
+            f"the run recorded histories of shape {values.shape}, expected "
+            f"{expected.displacement.shape}: the run was interrupted or diverged; run it "
             "again, or compare fewer periods"
         )
     n_impacts = (int(history.sizes["event"]), len(expected.events))
     limit = min(impacts, *n_impacts)
     return Motions(
-        names=tuple(map(str, history["lamina"].to_numpy())),
+        names=names,
         times=expected.times,
-        tips=tips,
-        reference_tips=expected.tip_displacement,
+        values=values,
+        reference=expected.displacement,
         impacts=n_impacts,
         impact_limit=limit,
         impact_time=float(expected.events[limit - 1].time if limit else expected.times[-1]),

@@ -181,15 +181,15 @@ class ReferenceRun:
 
     Attributes:
         times: ends of the steps, shape (n,) [s].
-        tip_displacement: displacements of both tips, shape (2, n) [m].
-        tip_velocity: velocities of both tips after the impacts of the step, shape (2, n) [m/s].
+        displacement: displacements of both reference probes, shape (2, n) [m].
+        velocity: their velocities after the impacts of the step, shape (2, n) [m/s].
         events: all impacts in the order of time.
         final: state after the last step.
     """
 
     times: FloatArray
-    tip_displacement: FloatArray
-    tip_velocity: FloatArray
+    displacement: FloatArray
+    velocity: FloatArray
     events: list[Event]
     final: Standing
 
@@ -206,7 +206,7 @@ def simulate_reference(
         initial: initial state; default: at rest at t = 0.
 
     Returns:
-        Tip histories at every step, impacts and final state.
+        Histories of the probes at every step, impacts and final state.
 
     Raises:
         CaseError: the reference does not have the scheme or the contact law of the case.
@@ -223,7 +223,7 @@ def simulate_reference(
     u, v, P = state.displacement, state.velocity, state.permanent
     a = system.acceleration(u, v, base[0], P)
     probes = operators.probes
-    tips = np.empty((2, operators.n_probes, periods * N))
+    motion = np.empty((2, operators.n_probes, periods * N))
     events: list[Event] = []
     for i in range(periods * N):
         u, v, a = system.newmark(u, v, a, base[i + 1], P)
@@ -233,8 +233,10 @@ def simulate_reference(
             a = system.acceleration(u, v, base[i + 1], P)
         time = steps[i + 1] * dt
         events += [Event(time, *impact) for impact in impacts]
-        tips[:, :, i] = probes @ u, probes @ v
-    return ReferenceRun(steps[1:] * dt, tips[0], tips[1], events, Standing(int(steps[-1]), u, v, P))
+        motion[:, :, i] = probes @ u, probes @ v
+    return ReferenceRun(
+        steps[1:] * dt, motion[0], motion[1], events, Standing(int(steps[-1]), u, v, P)
+    )
 
 
 class _System:

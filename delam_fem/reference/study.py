@@ -20,7 +20,8 @@ class Compare(Options):
     Attributes:
         models: models that are compared, as beam,plane-stress,solid,modes; the last reduces the
             one before it. Without this option: compare with the reference.
-        channel: with --models: channel that is compared, as a1; repeatable (default: the tips).
+        channel: with --models: channel that is compared, as a1; repeatable (default: all
+            displacements).
         at: with --models: frequencies [Hz]; repeatable.
         impacts: compare with the reference up to this impact.
         periods: periods of each run (default: 3, with --models 20).

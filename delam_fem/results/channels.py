@@ -13,7 +13,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import places_of
-from delam_fem.model.layout import Layout, Structure
+from delam_fem.model.layout import Layout, Structure, reference_channels
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import contacts
 from delam_fem.results.schema import SENSOR
@@ -32,7 +32,7 @@ def offered(layout: Layout, case: Case, *, only_stepped: bool = False) -> dict[s
     """
     units: dict[str, str] = {}
     for name in layout.names:
-        units |= {f"tip_{name}": "m", f"tip_{name}_velocity": "m/s"}
+        units |= dict(zip(reference_channels(name), ("m", "m/s"), strict=True))
     units |= _of_drives([one.acts_on for one, *_ in places_of(case.excitation)])
     striking = [(interface.name, interface.first_pair) for interface in layout.interfaces]
     striking += [(contacts.named(stop.number, case)[1], stop.first_pair) for stop in layout.stops]
@@ -70,7 +70,7 @@ def of_references(names: Sequence[str]) -> list[str]:
     Args:
         names: names of the laminae, or of the probes of operators.
     """
-    return [f"tip_{name}" for name in names]
+    return [reference_channels(name)[0] for name in names]
 
 
 def chosen(names: Sequence[str], layout: Layout, case: Case) -> dict[str, str]:
@@ -128,8 +128,9 @@ def histories_of(
     time = (start + 1 + np.arange(len(u))) * recorder.time_step
     histories: dict[str, History] = {}
     for row, name in enumerate(structure.layout.names):
-        histories[f"tip_{name}"] = History(time, u[:, row], "m")
-        histories[f"tip_{name}_velocity"] = History(time, v[:, row], "m/s")
+        displacement, velocity = reference_channels(name)
+        histories[displacement] = History(time, u[:, row], "m")
+        histories[velocity] = History(time, v[:, row], "m/s")
     acts_on = ["force" if recorder.is_forced else "base", *["force"] * recorder.n_forces]
     for (name, units), values in zip(_of_drives(acts_on).items(), base[:, ::3].T, strict=True):
         histories[name] = History(time, values, units)

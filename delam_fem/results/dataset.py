@@ -68,8 +68,8 @@ def history(
         )
     _add_periods(data, recorder, n)
     x = layout.parts[0].positions(layout.stations)
-    tip = layout.probes[0].point
-    add(data, x=x, tip_node=layout.station_of_point(tip))
+    observed = layout.probes[0].point
+    add(data, x=x, tip_node=layout.station_of_point(observed))
     data = data.set_coords("x")
     if not case.has_one_length:
         add(data, end=[lamina.length for lamina in case.lamina])

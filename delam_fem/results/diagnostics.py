@@ -125,7 +125,7 @@ def of_laminae(
 
 STEPS_BEFORE = 2
 """The velocities of a strike are read this number of steps before it, because waves from impacts
-nearer the clamp reach the tip in the very last step."""
+nearer the clamp reach the probe in the very last step."""
 
 
 @dataclass(frozen=True)
@@ -366,7 +366,7 @@ def scatters(strobe: FloatArray, half_range: FloatArray) -> FloatArray:
 
     Returns:
         The rms of s_k - s_{k-P} within the last `STROBES` periods in half peak-to-peak amplitudes,
-        the largest of all laminae, shape (at most `LARGEST_PERIODICITY`,) [-]; empty if a tip is at
+        the largest of all laminae, shape (at most `LARGEST_PERIODICITY`,) [-]; empty if one is at
         rest or if there are fewer than 2 P periods.
     """
     last = strobe[:, -STROBES:]
@@ -498,7 +498,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
 
     Returns:
         Values by name [m, -]; None or NaN if a number has no meaning: harmonics and periodicity
-        under a swept sine, contacts of tips without a contact law or beside a single lamina.
+        under a swept sine, contacts without a contact law or beside a single lamina.
     """
     q = motion.displacement
     N = case.steps_per_period

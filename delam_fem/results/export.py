@@ -210,7 +210,7 @@ def _node(lamina: int, station: int) -> int:
 
 def _histories(history: xr.Dataset) -> Iterator[dict[str, Any]]:
     """Yield the sets of histories at every step, and those at the ends of the periods."""
-    tip = probe_node(history)
+    observed = probe_node(history)
     for name in map(str, history.data_vars):
         variable = history[name]
         dim = str(variable.dims[-1]) if variable.dims else ""
@@ -222,7 +222,7 @@ def _histories(history: xr.Dataset) -> Iterator[dict[str, Any]]:
             yield _set(variable, name, axis, 0, is_time=is_time)
             continue
         for i, label in enumerate(map(str, variable[variable.dims[0]].to_numpy())):
-            node = _node(i, tip) if variable.dims[0] == "lamina" else 0
+            node = _node(i, observed) if variable.dims[0] == "lamina" else 0
             yield _set(variable[i], f"{name} {label}", axis, node, is_time=is_time)
 
 
@@ -329,7 +329,7 @@ def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
 
     docs/modes.md explains them. Its arrays are `M`, `C`, `K` of shape (n, n); `m_b`, `c_b`, `k_b`
     of shape (n,), `M_bb`, `C_bb`, `K_bb`; `H` of shape (n_pairs, n) and `g0`; `P` of shape
-    (n_probes, n), the rows of the tips; `lamina` (from 0), `x` [m] and `component` (0 displacement,
+    (n_probes, n), their rows; `lamina` (from 0), `x` [m] and `component` (0 displacement,
     1 slope) of each dof, -1 for the coordinates of a reduced model, shape (n,); `pair_x` [m];
     `drive_frequency` [Hz] and `drive_amplitude` [m or N] (NaN if the drive is not harmonic);
     `drive_is_force`; `case`, the case as TOML.

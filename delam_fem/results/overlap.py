@@ -67,7 +67,7 @@ def overlap_warnings(history: xr.Dataset, case: Case) -> list[str]:
 
 
 def _of_laminae(history: xr.Dataset, case: Case) -> Iterator[Overlap]:
-    """Yield the overlap of each two neighbours: of nodes at frames, of the tips at each step."""
+    """Yield the overlap of each two neighbours: of nodes at frames, of the probes at each step."""
     at_frames = gap_field(history)
     at_steps = ProbeMotion.of(history).gaps
     at_rest = by_interface(history["gap0"])

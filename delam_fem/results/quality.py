@@ -212,7 +212,7 @@ def confidence_intervals(
     """Return mean and 95 % interval of the numbers of an irregular motion.
 
     Extremes and impacts are known of every period: they are averaged over the periods that the
-    verdict judged. Contacts at the tips and harmonics are known of the periods of the window.
+    verdict judged. Contacts at the probes and harmonics are known of the periods of the window.
 
     Args:
         history: dataset of the run.

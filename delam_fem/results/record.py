@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from delam_fem.model.layout import reference_channels
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.contacts import force_unit, named
 from delam_fem.results.diagnostics import probe_place, steps_of_events
@@ -46,6 +47,8 @@ SCHEMA = "delam_fem record 1"
 """Attribute `schema` of the file of a record."""
 IN_SUMMARY = ("min", "max", "amplitude", "rms")
 """Measures of channels that summary.json has."""
+QUANTITIES = ("displacement", "velocity")
+"""Quantities of reference probes."""
 _OF_SENSORS = ("lamina", "surface", "between", "sampling_rate", "noise", "alternating")
 """Attributes that a channel has of its sensor."""
 
@@ -62,7 +65,7 @@ def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
         those of the history.
     """
     record = xr.Dataset(coords={"time": history["time"]})
-    _add_tips(record, history)
+    _add_references(record, history)
     if "force" in history:
         _add(record, "drive", history["force"], quantity="force", place="the driven point")
     for number, force in enumerate(history["forces"][1:] if "forces" in history else (), start=2):
@@ -90,7 +93,7 @@ def _add(record: xr.Dataset, name: str, channel: xr.DataArray, **about: Any) -> 
     record[name] = ("time", channel.to_numpy(), attributes)
 
 
-def _add_tips(record: xr.Dataset, history: xr.Dataset) -> None:
+def _add_references(record: xr.Dataset, history: xr.Dataset) -> None:
     """Add displacement and velocity of each reference probe."""
     about: dict[str, Any] = {}
     if "tip_node" in history:
@@ -98,12 +101,10 @@ def _add_tips(record: xr.Dataset, history: xr.Dataset) -> None:
     names = history["lamina"].to_numpy().tolist()
     for row, lamina in enumerate(names):
         place = f"{probe_place(history)} of {lamina}" if "tip_node" in history else lamina
-        for quantity, suffix in (("displacement", ""), ("velocity", "_velocity")):
-            if (variable := f"tip_{quantity}") not in history:
-                continue
-            tip = history[variable][row]
-            about |= {"quantity": quantity, "place": place, "lamina": lamina}
-            _add(record, f"tip_{lamina}{suffix}", tip, **about)
+        for name, quantity in zip(reference_channels(lamina), QUANTITIES, strict=True):
+            if (variable := f"tip_{quantity}") in history:
+                about |= {"quantity": quantity, "place": place, "lamina": lamina}
+                _add(record, name, history[variable][row], **about)
 
 
 def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray, str]]:

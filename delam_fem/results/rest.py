@@ -22,7 +22,7 @@ def summary_of(structure: Structure, case: Case) -> dict[str, Any] | None:
         case: the case.
 
     Returns:
-        Displacements of the tips [m], None where there is no state of rest; the force of each
+        Displacements of the probes [m], None where there is no state of rest; the force of each
         contact, positive in compression [N]; the factor on weight and axial forces together at
         which the structure buckles, None if there is none. None: nothing acts all the time.
     """
@@ -31,10 +31,10 @@ def summary_of(structure: Structure, case: Case) -> dict[str, Any] | None:
     o = structure.operators
     equilibrium = o.equilibrium
     u = np.zeros(o.n_dofs) if equilibrium is None else equilibrium.displacement
-    tips = (o.probes @ u)[: len(structure.layout.parts)].tolist()
+    probes = (o.probes @ u)[: len(structure.layout.parts)].tolist()
     forces = np.zeros(o.n_pairs) if equilibrium is None else equilibrium.force
     return {
-        "tip_displacement": tips if o.load is None or equilibrium is not None else None,
+        "tip_displacement": probes if o.load is None or equilibrium is not None else None,
         "contact_force": {
             name: float(forces[pairs].sum()) for name, pairs in contacts_of(structure, case).items()
         },

@@ -455,7 +455,7 @@ def basins(data: xr.Dataset, x: DiagramAxis, y: DiagramAxis) -> Figure:
     _legend(panel, colours, labels)
     laminae = " / ".join(str(name) for name in data["lamina"].to_numpy())
     figure.supxlabel(
-        f"attractors by period and half peak-to-peak tip displacement ({laminae}); one attractor: "
+        f"attractors by period and half peak-to-peak displacement ({laminae}); one attractor: "
         f"extremes and strobes differ by at most {100 * at.SAME_ATTRACTOR:g} % of the amplitude,\n"
         "and two neighbouring cells share it",
         fontsize=8.0, color="#555555",

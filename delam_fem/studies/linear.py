@@ -51,8 +51,8 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
     o = _fine(case.without_impactors.to_toml()).operators
     amplitudes = np.empty((n, frequency.size))
     for k, f in enumerate(frequency.tolist()):
-        tips = (o.probes @ response(o, f) + o.probe_shift[: o.n_probes])[:n]
-        amplitudes[:, k] = _size(excitation, f) * np.abs(tips)
+        probes = (o.probes @ response(o, f) + o.probe_shift[: o.n_probes])[:n]
+        amplitudes[:, k] = _size(excitation, f) * np.abs(probes)
     return amplitudes
 
 

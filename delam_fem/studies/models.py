@@ -447,7 +447,7 @@ def compare_models(
         periods: number of periods of each motion, which begins at rest.
         natural: number of natural frequencies of each lamina, or of a bonded stack.
         modes: number of modes of a reduced model.
-        channels: channels that are compared; none: the tips of all laminae.
+        channels: channels that are compared; none: the reference probes of all laminae.
 
     Raises:
         CaseError: a model or a motion cannot be computed, there is no such channel, or something

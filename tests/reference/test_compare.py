@@ -32,8 +32,8 @@ def comparison() -> Comparison:
     motion = Motions(
         names=("thick", "thin"),
         times=times,
-        tips=tips,
-        reference_tips=np.zeros((2, 5)),
+        values=tips,
+        reference=np.zeros((2, 5)),
         impacts=(7, 8),
         impact_limit=2,
         impact_time=3.0,
@@ -110,8 +110,8 @@ def test_histories_are_judged_up_to_the_impact(comparison: Comparison) -> None:
 def test_rows_state_both(comparison: Comparison) -> None:
     rows = dict(comparison.rows())
     assert rows["M, relative"] == "1.0e-15"
-    assert rows["tip histories up to impact 2"] == "3.0e-12 m"
-    assert rows["tip histories up to 5 s"] == "2.0e-06 m"
+    assert rows["histories up to impact 2"] == "3.0e-12 m"
+    assert rows["histories up to 5 s"] == "2.0e-06 m"
     assert rows["impacts, dolfinx and reference"] == "7 and 8"
 
 
@@ -130,7 +130,7 @@ def test_save_writes_table_and_picture(comparison: Comparison, tmp_path: Path) -
 
 
 def test_figure_of_equal_histories_can_be_drawn(comparison: Comparison, tmp_path: Path) -> None:
-    same = replace(motion_of(comparison), tips=np.zeros((2, 5)), impact_limit=0)
+    same = replace(motion_of(comparison), values=np.zeros((2, 5)), impact_limit=0)
     replace(comparison, motion=same).save(
         tmp_path
     )  # a logarithm of nothing but zeros must not warn
@@ -198,5 +198,5 @@ def test_without_impacts_the_whole_motions_are_compared() -> None:
     case = preset("paper", {"mesh.elements": 4, "excitation.amplitude": 1e-5})
     motion = motion_of(compare(case, periods=1))
     assert (motion.impacts, motion.impact_limit) == ((0, 0), 0)
-    assert motion.impact_time == motion.times[-1] and motion.times.size == motion.tips.shape[1]
+    assert motion.impact_time == motion.times[-1] and motion.times.size == motion.values.shape[1]
     assert motion.until_impact == motion.overall < SAME_MOTION

@@ -65,9 +65,9 @@ def test_restart_repeats_the_run(impulse: str) -> None:
     complete_run = simulate_reference(model, case, periods=3)
     first = simulate_reference(model, case, periods=1)
     resumed = simulate_reference(model, case, periods=2, initial=first.final)
-    both = np.hstack([first.tip_displacement, resumed.tip_displacement])
+    both = np.hstack([first.displacement, resumed.displacement])
     # The start solves for the acceleration that the step before had, to round-off; impacts amplify.
-    np.testing.assert_allclose(both, complete_run.tip_displacement, atol=1e-9)
+    np.testing.assert_allclose(both, complete_run.displacement, atol=1e-9)
     np.testing.assert_array_equal(np.hstack([first.times, resumed.times]), complete_run.times)
     assert [e.pair for e in first.events + resumed.events] == [e.pair for e in complete_run.events]
     assert len(first.events) > 0
@@ -77,7 +77,7 @@ def test_times_are_ends_of_steps_and_events_fall_on_them() -> None:
     case = case_with(SMALL)
     run = simulate_reference(assemble(case).operators, case, periods=2)
     np.testing.assert_allclose(run.times, np.arange(1, 401) * case.time_step, rtol=1e-14)
-    assert run.tip_displacement.shape == run.tip_velocity.shape == (2, 400)
+    assert run.displacement.shape == run.velocity.shape == (2, 400)
     assert {e.time for e in run.events} <= set(run.times.tolist())
     assert all(e.velocity_before < 0.0 <= e.impulse for e in run.events)
     assert run.final.step == 400
@@ -90,7 +90,7 @@ def test_recorded_velocity_is_the_one_after_the_impact() -> None:
     assert tips
     for event in tips:
         i = int(np.searchsorted(run.times, event.time))
-        rate = run.tip_velocity[1, i] - run.tip_velocity[0, i]
+        rate = run.velocity[1, i] - run.velocity[0, i]
         assert rate == pytest.approx(-0.1 * event.velocity_before, rel=1e-9)
 
 

@@ -35,13 +35,13 @@ def strikes(run: ReferenceRun, steps_before: int) -> np.ndarray:
         if event.pair == TIP and period >= PERIODS - LAST:
             one = (event.velocity_before, step)
             hardest[period] = min(one, hardest.get(period, one))
-    return np.array([run.tip_velocity[:, step - steps_before] for _, step in hardest.values()])
+    return np.array([run.velocity[:, step - steps_before] for _, step in hardest.values()])
 
 
 @pytest.mark.slow
 def test_no_tip_contact_at_1_25() -> None:
     run = motion(1.25)
-    last = run.tip_displacement[:, -LAST * N :]
+    last = run.displacement[:, -LAST * N :]
     gap = 0.012 + last[1] - last[0]
     assert gap.min() == pytest.approx(2.4e-3, abs=0.5e-3)
     late = [e.pair for e in run.events if e.time > run.times[-LAST * N]]
@@ -68,6 +68,6 @@ def test_opposite_velocities_at_3_25() -> None:
     thick, thin = strikes(run, 1).T
     assert np.all(thick > 0.3)
     assert np.all(thin < -0.3)
-    y1, y2 = run.tip_displacement[:, -LAST * N :]
+    y1, y2 = run.displacement[:, -LAST * N :]
     # Trials gave about -21 … +17 and up to 32 mm; cycles scatter by 0.5 to 1.5 mm.
     np.testing.assert_allclose([y1.min(), y1.max(), y2.max()], [-21e-3, 17e-3, 32e-3], atol=2e-3)

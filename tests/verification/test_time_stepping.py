@@ -100,6 +100,6 @@ def test_tips_follow_the_reference(law: str, impulse: str) -> None:
     nodes = node_coordinates(case)
     expected = simulate_reference(matrices.assemble(case, nodes), case, periods=3)
     tips = history.tip_displacement.values
-    difference = np.abs(tips - expected.tip_displacement[:, -tips.shape[1] :]).max()
+    difference = np.abs(tips - expected.displacement[:, -tips.shape[1] :]).max()
     assert history.sizes["event"] == len(expected.events) > 20
     assert difference < SAME_TIPS

@@ -327,7 +327,7 @@ def _is_of(name: str, given: str) -> bool:
 
 
 def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
-    """Return first frequencies [Hz] and tip amplitudes [m] of all laminae without contact."""
+    """Return first frequencies [Hz] and amplitudes [m] of all laminae without contact."""
     amplitudes = linear_amplitudes(case, np.array([1.0 / case.period]))[:, 0]
     return [omega / (2.0 * math.pi) for omega in first_frequencies(case)], amplitudes.tolist()
 
@@ -768,7 +768,7 @@ def work_over_steps(found: Convergence) -> Figure:
 
 
 def limit_over_meshes(found: Convergence) -> Figure:
-    """Draw the rigid limit over what meshes refine: extremes of the tips and contact work.
+    """Draw the rigid limit over what meshes refine: extremes and contact work.
 
     In a study without a limit, the last method with the smallest steps stands for it.
     """

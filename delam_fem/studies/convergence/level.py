@@ -181,13 +181,13 @@ def row_of(recorder: Recorder, n_laminae: int, opening: FloatArray) -> PeriodRow
     """Return the numbers of the last period of a recorder.
 
     Args:
-        recorder: recorder of the run; its first probes are the tips, one for each lamina.
+        recorder: recorder of the run; its first probes are the reference probes.
         n_laminae: number of laminae.
         opening: opening of each pair in the first mode, shape (n_pairs,); see `linear.openings`.
 
     Returns:
-        The extremes of the tips [m], shape (n_laminae,); `harmonics`, the complex amplitudes of the
-        excitation's harmonics at the tips [m], shape (n_laminae, n); the sum of impulses, each
+        Extremes of the probes [m], shape (n_laminae,); `harmonics`, the complex amplitudes of the
+        excitation's harmonics there [m], shape (n_laminae, n); the sum of impulses, each
         times the opening of its pair in the first mode [N s]; the number of impulses on pairs; the
         net energy lost in contact by impacts, springs and dampers, and the part that impacts add
         [J]; the number of steps of all sizes.
@@ -218,7 +218,7 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
 
     Args:
         rows: numbers of the periods.
-        strobe: tip displacements at the ends of these periods, shape (n_laminae, n_periods) [m].
+        strobe: displacements at the ends of these periods, shape (n_laminae, n_periods) [m].
     """
     low, high = (np.array([row[name] for row in rows]) for name in ("tip_min", "tip_max"))
     half_range = (high.max(axis=0) - low.min(axis=0)) / 2.0

@@ -269,7 +269,7 @@ class RefinementStudy:
             are no such levels.
         engine: name of the engine that computes the steps.
         judged: names of the numbers that are judged, see `Convergence.judged`.
-        of: channels that are judged, as NAME or NAME:MEASURE; with neither: the extremes of tips.
+        of: channels that are judged, as NAME or NAME:MEASURE; with neither: the extremes.
     """
 
     case: Case

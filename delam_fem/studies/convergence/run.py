@@ -164,7 +164,7 @@ def converge(
         judged: names of the numbers that the verdict is about, as "amplitude".
         of: channels that the verdict is about, as "tip_thin_velocity" or the name of a sensor;
             "NAME:MEASURE" asks for one of min, max, amplitude, rms, mean. With neither: the
-            extremes of the tips.
+            extremes of the reference probes.
         workers: number of processes; default: one per core.
         resume: whether to continue with the runs in the folder.
         progress: called with the number of finished runs and of all runs; True: a bar.

@@ -2,7 +2,7 @@
 
 The keys that are sought, and those that are uncertain, are drawn from a prior. The posterior
 follows from simulations alone (`numerics/statistics.py`): one sweep over the drawn parameters for
-each frequency, and the harmonics of channels as statistics: of the tips unless others are named.
+each frequency, and the harmonics of channels as statistics: of the probes unless others are named.
 
 The statistics describe a motion whatever the origin of time, since a measurement seldom knows the
 phase of the base. A shift of the origin by τ turns the k-th harmonic c_k by k ω τ; so c_k e^{-ikφ},
@@ -185,7 +185,7 @@ class Experiment:
         n_samples: number of samples of each motion; None: as many as the window of the case.
         uncertain: keys that are not sought, but in which the rig may differ from the case, drawn
             for each simulation; those of a usual rig: see `of_rig`.
-        channels: names of the channels that are measured; none: the tips of all laminae.
+        channels: names of the channels that are measured; none: the probes of all laminae.
     """
 
     case: Case

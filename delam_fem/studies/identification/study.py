@@ -22,7 +22,7 @@ class Resonance(Options):
     """Identify frequency, damping and EI of each lamina from the swept sine of a case.
 
     Attributes:
-        measured: tips in a swept sine; by default the case simulates it.
+        measured: reference probes in a swept sine; by default the case simulates it.
         noise: standard deviation of a sample [m].
         seed: seed of the noise.
     """
@@ -39,8 +39,8 @@ class Identify(Options):
     Attributes:
         unknown: a key that is sought; repeatable.
         frequency: frequency of a motion [Hz]; repeatable; none for frequency responses.
-        channel: a channel that is measured, of the tips, base, contacts and sensors of a run; the
-            first one gives the phase; repeatable (default: the tips of all laminae).
+        channel: a channel that is measured, of the record of a run; the
+            first one gives the phase; repeatable (default: the displacements of all laminae).
         measured: what measure response has written, of any number of records without contact; or
             channels of a motion, one file per frequency, which by default the case simulates.
         band: lowest and highest frequency of responses, LOW,HIGH [Hz] (default: what is driven).

@@ -361,7 +361,7 @@ def orbit(
         perturbations: what the mean is taken over, and the size of kicks; None: what suits the
             case.
         map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
-            None: that of the model, whose periods begin where the tips are far apart.
+            None: that of the model, whose periods begin where the gap is wide.
         start: state to start from, see `maps.MapInfo`; None: that of the case.
         kept: folder for results of the map, with which the same search goes on; None: none are
             kept.

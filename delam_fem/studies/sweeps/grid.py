@@ -218,8 +218,8 @@ class Record(Section):
 
     Attributes:
         summary: whether to record the numbers of summary.json that describe the motion.
-        strobes: number of last stroboscopic points of the tips.
-        harmonics: number of harmonics of the tips whose amplitudes and phases are recorded.
+        strobes: number of last stroboscopic points.
+        harmonics: number of harmonics whose amplitudes and phases are recorded.
         node_distortion: whether to record d and THD of the displacement at every node.
         energies: whether to record the energy ledger, averaged over the window.
         channels: names of channels of a run's record, of which min, max, amplitude, rms and mean

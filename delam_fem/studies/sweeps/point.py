@@ -96,7 +96,7 @@ from delam_fem.studies.sweeps.grid import Record, ScanRecord, Sweep, Value, is_i
 ENERGIES = tuple(name for name in LEDGER if name != "residual")
 """Columns of the ledger that a sweep keeps."""
 _STORED = ("kinetic", "strain", "spring")
-_LAST = "of the tip at the end of the last periods"
+_LAST = "at the end of the last periods"
 
 RECORDED: Mapping[str, tuple[Variable, ...]] = {
     "summary": (
@@ -130,7 +130,7 @@ RECORDED: Mapping[str, tuple[Variable, ...]] = {
             "harmonic_amplitude",
             ("lamina", "harmonic"),
             "m",
-            "amplitude of the harmonics of the tip displacement",
+            "amplitude of the harmonics of the displacement",
         ),
         Variable(
             "harmonic_phase",
