@@ -79,3 +79,11 @@ def test_the_stiffness_that_the_warning_names_would_do(stiffness: float) -> None
     stiffer = df.run(case.with_overrides({PENALTY: float(named[1])}), "compiled")
     assert stiffer.summary["minimum_tip_gap"] > -1e-4
     assert told_of(stiffer) == []
+
+
+def test_a_solid_that_is_bonded_everywhere_has_no_overlap() -> None:
+    keys = {"model.kind": "plane-stress", "mesh.elements": 6, "contact.law": "penalty@newmark"}
+    keys |= {"contact.penalty_stiffness": 1e4, "time.periods": 1, "time.steps_per_period": 50}
+    case = df.preset("embedded", keys | {"output.window_periods": 1})
+    bonded = df.Case(**case.model_dump(mode="json", exclude_unset=True) | {"delamination": []})
+    assert df.run(bonded).summary["outcome"] == "completed"

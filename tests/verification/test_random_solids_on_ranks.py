@@ -139,8 +139,8 @@ def case_of(seed: int) -> tuple[str, Case]:
             draw.choice(
                 [
                     {"velocity": 0.05},
-                    {"shape": "mode", "mode": 2, "displacement": 4e-5},
-                    {"shape": "force", "lamina": "upper", "position": L, "displacement": 4e-5},
+                    {"shape": "mode", "mode": 2, "displacement": 4e-7},
+                    {"shape": "force", "lamina": "upper", "position": L, "displacement": 4e-7},
                 ]
             )
         ]

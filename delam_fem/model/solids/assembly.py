@@ -68,15 +68,15 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     Args:
         case: the case; its model is "plane-stress" or "solid".
         comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
-            every rank, and spread afterwards (`operators.spread`): stops, impactors and initial
-            states, weight and loads, limits of stability, massless contact points.
+            every rank, and spread afterwards (`operators.spread`): stops, impactors, initial states,
+            weight and loads, limits of stability.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
     is_explicit = math.isfinite(SCHEMES[case.time.scheme].courant)
     strikes = case.stop or case.impactor or case.initial
-    if strikes or is_explicit or case.is_massless or case.is_loaded:
+    if strikes or is_explicit or case.is_loaded:
         comm = MPI.COMM_SELF
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
