@@ -68,8 +68,8 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     Args:
         case: the case; its model is "plane-stress" or "solid".
         comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
-            every rank, and spread afterwards (`operators.spread`): stops, impactors, initial states,
-            weight and loads, limits of stability.
+            every rank, and spread afterwards (`operators.spread`): stops, impactors, initial
+            states, weight and loads, limits of stability.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
