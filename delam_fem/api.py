@@ -171,6 +171,7 @@ if TYPE_CHECKING:
         beams as beams,
         harmonics as harmonics,
         settling as settling,
+        spectra as spectra,
         statistics as statistics,
     )
     from delam_fem.numerics.types import (
@@ -366,7 +367,7 @@ _HOMES = {
     "system.written": "listed",
     "numerics.types": "BoolArray FloatArray IntArray",
     # Namespaces
-    "numerics": "beams harmonics settling statistics",
+    "numerics": "beams harmonics settling spectra statistics",
     "results": "diagnostics netcdf record schema",
     "results.figures": "style",
     "results.pages": "html",

@@ -10,7 +10,7 @@ from project import ROOT
 
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 
-LONG = {"measured", "solids"}
+LONG = {"fitted_model", "measured", "solids"}
 """Pages that take fifteen seconds and more and run in their whole form alone."""
 
 

@@ -1,6 +1,6 @@
 """Draw a drive with many lines, what it moves, and the frequency responses of each channel.
 
-Beside the estimates stand the exact responses of beams without contact, at their tips.
+Beside the estimates stand the exact responses of beams without contact.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from delam_fem.case.excitation import (
     RecordExcitation,
 )
 from delam_fem.model.discretise import assemble
-from delam_fem.model.linear import response
+from delam_fem.model.responses import of_channels
 from delam_fem.numerics.beams import ComplexArray
+from delam_fem.numerics.spectra import densities, h1, lines_of_periods
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import (
     BLACK,
@@ -96,11 +97,12 @@ def estimates(history: xr.Dataset, case: Case) -> Estimates:
     step = case.time_step
     if isinstance(excitation, MultisineExcitation):
         n = case.steps_per_period
-        ends = range(force.size // n * n, 0, -n * (excitation.periods or force.size))
         numbers = excitation.numbers
-        both = np.vstack([force[None], motions])
-        last = np.array([both[:, end - n : end] for end in ends])
-        spectra = 2.0 * np.fft.rfft(last, axis=2)[..., numbers] / n
+        each = min(excitation.periods or force.size, force.size // n)
+        last = lines_of_periods(
+            np.vstack([force[None], motions]), n, max(1, force.size // n // each)
+        )[:, :, -1]
+        spectra = last[..., numbers - 1].swapaxes(0, 1)
         H = (spectra[:, 1:] / spectra[:, :1]).mean(axis=0)
         size = np.sqrt((np.abs(spectra) ** 2).mean(axis=0))
         return Estimates(numbers * excitation.spacing, size[0], size[1:], H, names, units)
@@ -111,21 +113,19 @@ def estimates(history: xr.Dataset, case: Case) -> Estimates:
         in_band = (size[0] > LEAST * size[0].max()) & (frequency > 0.0)
         H = spectra[1:, in_band] / spectra[0, in_band]
         return Estimates(frequency[in_band], size[0, in_band], size[1:, in_band], H, names, units)
-    from scipy.signal import csd, welch  # imports statistics, which takes long
-
     length = force.size // SEGMENTS
-    frequency, density = welch(force, 1.0 / step, nperseg=length)
-    _, cross = csd(force[None], motions, 1.0 / step, nperseg=length)
-    _, motion = welch(motions, 1.0 / step, nperseg=length)
+    frequency, both = densities(np.vstack([force[None], motions]), step, length)
+    density = both[0]
+    motion = both[1:]
     low = getattr(excitation, "low", frequency[1])
     high = getattr(excitation, "high", 0.25 / step)
     in_band = (frequency >= max(low, frequency[1])) & (frequency <= high) & (density > 0.0)
-    H = cross[:, in_band] / density[in_band]
+    H = h1(force, motions, step, length)[:, in_band]
     return Estimates(frequency[in_band], density[in_band], motion[:, in_band], H, names, units)
 
 
 def exact(case: Case, frequency: FloatArray) -> dict[str, ComplexArray] | None:
-    """Return the responses of the tips of beams without contact, by channel; None of others.
+    """Return the responses of the channels of beams without contact; None of others.
 
     Args:
         case: the case.
@@ -133,15 +133,9 @@ def exact(case: Case, frequency: FloatArray) -> dict[str, ComplexArray] | None:
     """
     if case.model.kind != "beam" or case.is_massless:
         return None
-    structure = assemble(case.without_impactors, needs_dolfinx=False)
-    o = structure.operators
-    rows = [o.probes @ response(o, f) + o.probe_shift[: o.n_probes] for f in frequency.tolist()]
-    tips = np.array(rows).T
-    of_tips: dict[str, ComplexArray] = {}
-    for name, tip in zip(structure.layout.names, tips, strict=False):
-        of_tips[f"tip_{name}"] = tip
-        of_tips[f"tip_{name}_velocity"] = 2j * math.pi * frequency * tip
-    return of_tips
+    alone = case.without_impactors
+    structure = assemble(alone, needs_dolfinx=False)
+    return of_channels(structure, alone, 2j * math.pi * frequency)
 
 
 def responses(history: xr.Dataset, case: Case) -> Figure:

@@ -62,6 +62,8 @@ GAIN = 0.02
 """Standard deviation of the gain of a sensor [-]."""
 UNIFORM = 1.0 / np.sqrt(12.0)
 """Standard deviation of a uniform distribution of width 1."""
+DECADE = 10.0
+"""Ratio of the ends of a prior from which on it is one over decades."""
 TRIALS, LED_ON = 60, 3
 """Cases from the prior that are compared with the measurement, and those that are led on."""
 SLOPE = 3e-4
@@ -139,8 +141,15 @@ class Parameter:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the prior, in its widths."""
-        return 0.25 if self.is_normal else UNIFORM
+        """Standard deviation of the prior, in its widths.
+
+        Over decades, as of clamps, a prior only says the order of magnitude, and a rig may lie
+        beyond it: what is rigid has no stiffness.
+        """
+        if self.is_normal:
+            return 0.25
+        is_of_decades = self.is_logarithmic and self.high >= DECADE * self.low
+        return 1.0 if is_of_decades and not self.is_sought else UNIFORM
 
     def value(self, place: float) -> float:
         """Return the value at a place, 0 at low and 1 at high."""

@@ -34,6 +34,7 @@ from delam_fem.api import (
     FloatArray,
     MultisineExcitation,
     load_numbers,
+    spectra,
     style,
 )
 from delam_fem.studies.signals.channels import Values
@@ -90,25 +91,21 @@ def distortions_of(
             transient, if there are several.
     """
     both = np.vstack([excitation[None], responses])
-    periods = both.shape[1] // n_samples // realisations
-    shaped = both[:, : realisations * periods * n_samples].reshape(
-        len(both), realisations, periods, n_samples
-    )
-    settled = shaped[:, :, min(1, periods - 1) :]
+    of_periods = spectra.lines_of_periods(both, n_samples, realisations)
+    settled = of_periods[:, :, min(1, of_periods.shape[2] - 1) :]
     n_periods = settled.shape[2]
-    spectra = 2.0 * np.fft.rfft(settled, axis=3)[..., 1 : (n_samples + 1) // 2] / n_samples
-    mean = spectra.mean(axis=2)
+    mean = settled.mean(axis=2)
     U, Y = mean[0], mean[1:]
     size = np.sqrt((np.abs(U) ** 2).mean(axis=0))
     noise_of_lines = np.full(mean.shape, np.nan)
     if n_periods > 1:
-        noise_of_lines = np.sqrt(spectra.var(axis=2, ddof=1) / n_periods)
+        noise_of_lines = np.sqrt(settled.var(axis=2, ddof=1) / n_periods)
     is_driven = _driven(size, np.nan_to_num(noise_of_lines[0]).mean(axis=0))
     G = Y[:, :, is_driven] / U[:, is_driven]
     response = G.mean(axis=1)
     noise = np.full(response.shape, np.nan)
     if n_periods > 1:
-        ratio = spectra[1:, :, :, is_driven] / spectra[0][:, :, is_driven]
+        ratio = settled[1:, :, :, is_driven] / settled[0][:, :, is_driven]
         noise = np.sqrt(ratio.var(axis=2, ddof=1).mean(axis=1) / n_periods / realisations)
     deviation = np.full(response.shape, np.nan)
     scattered = deviation.copy()

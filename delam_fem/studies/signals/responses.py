@@ -17,9 +17,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
-from scipy.signal import detrend, find_peaks, resample_poly, welch
+from scipy.signal import detrend, find_peaks, resample_poly
 
-from delam_fem.api import CaseError, FloatArray, require, style
+from delam_fem.api import CaseError, FloatArray, require, spectra, style
 from delam_fem.studies.signals.channels import Values
 from delam_fem.studies.signals.reading import history_of
 from delam_fem.studies.signals.units import ratio_of
@@ -363,7 +363,7 @@ def _with_densities(
     first, outputs = channels
     units = [str(u) for u in data["channel_units"].to_numpy()]
     histories = np.array([history_of(data, k) for k in (first, *outputs)])
-    _, densities = welch(histories, 1.0 / step, nperseg=length)
+    _, densities = spectra.densities(histories, step, length)
     squared = [f"({units[k]})²/Hz" for k in (first, *outputs)]
     same = squared[1] if len(set(squared[1:])) == 1 else "of each channel squared, per Hz"
     words = "one-sided power spectral density"
