@@ -55,6 +55,8 @@ from delam_fem.case.sections import (
     has_stiffness,
     require_fitting,
     require_neighbours,
+    x_of,
+    z_of,
 )
 from delam_fem.case.toml import Data, apply_overrides, message, set_key, toml_text
 from delam_fem.case.unread import idle_keys, read_of_contact
@@ -287,6 +289,9 @@ class Case(Section):
             )
         for end in ("position", "end"):
             x = getattr(own, end, None)
+            if end == "position":
+                self._check_surface(key, own)
+                x = x if x is None else x_of(x)
             if x is not None and self.is_of_points and (end == "end" or x != self.length):
                 raise inconsistent(
                     f"{key}.{end}",
@@ -297,6 +302,28 @@ class Case(Section):
                 raise inconsistent(
                     f"{key}.{end}", f"expected at most the length {length!r} m, given {x!r}"
                 )
+
+    def _check_surface(self, key: str, own: Section) -> None:
+        """Check that places on surfaces are on those of a plate."""
+        position = getattr(own, "position", None)
+        is_surface = getattr(own, "surface", None) is not None
+        if isinstance(own, Sensor) and own.quantity == "strain":
+            is_surface = False
+        if self.is_plate:
+            half = 0.5 * max(lamina.mean("width") for lamina in self.lamina)
+            if isinstance(position, tuple) and abs(position[1]) > half * (1.0 + EDGE_TOLERANCE):
+                raise inconsistent(
+                    f"{key}.position",
+                    f"expected z from {-half:g} to {half:g} m, the edges of the plate, given "
+                    f"{position[1]:g} m",
+                )
+        elif isinstance(position, tuple) or is_surface:
+            name = "position" if isinstance(position, tuple) else "surface"
+            raise inconsistent(
+                f"{key}.{name}",
+                f"expected {'a number' if name == 'position' else 'none'} but on a plate, which "
+                "has mesh.across",
+            )
 
     def _check_time(self) -> None:
         """Check that time is in periods, or in seconds if the excitation does not repeat."""
@@ -412,6 +439,8 @@ class Case(Section):
                 continue
             (low, high), (start, end) = before.reach(self.length), stop.reach(self.length)
             is_apart = start > high + margin or end < low - margin
+            across = [z_of(s.position) if s.position is not None else 0.0 for s in (before, stop)]
+            is_apart |= abs(across[1] - across[0]) > margin
             if not is_apart and not (before.elastic_by and stop.elastic_by):
                 raise inconsistent(
                     f"stop.{second}.{'position' if stop.start is None else 'start'}",
@@ -776,7 +805,12 @@ class Case(Section):
     def masses(self) -> tuple[PointMass, ...]:
         """The point masses, and those of sensors, which the laminae carry."""
         of_sensors = (
-            PointMass(lamina=sensor.lamina, mass=sensor.mass, position=sensor.position)
+            PointMass(
+                lamina=sensor.lamina,
+                mass=sensor.mass,
+                position=sensor.position,
+                surface=None if sensor.quantity == "strain" else sensor.surface,
+            )
             for sensor in self.sensor
             if sensor.mass is not None and sensor.lamina is not None
         )
@@ -1047,8 +1081,23 @@ class Case(Section):
         )
 
     def position_of(self, entry: PointMass | Load | Stop | Impactor) -> float:
-        """Return where an entry acts on its lamina [m]: at the end if it does not say."""
-        return self.length_of(entry.lamina) if entry.position is None else entry.position
+        """Return x where an entry acts on its lamina [m]: at the end if it does not say."""
+        return self.length_of(entry.lamina) if entry.position is None else x_of(entry.position)
+
+    @property
+    def reference_point(self) -> tuple[float, float]:
+        """Where a plate has its reference probes: x and z of the middle of the largest patch [m].
+
+        Without patches: the middle of the plate.
+        """
+        patches = [patch for patch in self.delamination if not patch.spans(self.length)]
+        width = self.lamina[0].mean("width")
+
+        def area(patch: Delamination) -> float:
+            low, high = patch.across or (0.0, width)
+            return (patch.end - patch.start) * (high - low)
+
+        return max(patches, key=area).middle if patches else (0.5 * self.length, 0.0)
 
     def has_exact_modes(self, i: int) -> bool:
         """Return whether the modes of a lamina that is apart are those of `angular_frequencies`.

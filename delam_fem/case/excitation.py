@@ -30,6 +30,7 @@ from pydantic import (
 
 from delam_fem.case import broadband
 from delam_fem.case.broadband import Faded, Gridded, Lines, Realisations, Still, product
+from delam_fem.case.sections import Position, SurfaceName, place_words
 from delam_fem.case.tables import TableColumns, heading, in_si_units, read_columns
 from delam_fem.case.values import (
     Count,
@@ -214,19 +215,21 @@ class _AtPoint(_Kind):
 
     Attributes:
         lamina: name of the lamina.
-        position: x of the point [m].
+        position: x of the point [m], or [x, z] on a plate.
+        surface: of a plate: "middle", "top" or "bottom"; "middle" if it is not given.
         amplitude: largest force [N]; positive acts upwards, from the first lamina to the last.
     """
 
     acts_on: ClassVar[Target] = "force"
     lamina: Label
-    position: Annotated[NotNegative, Unit("m")]
+    position: Position
+    surface: SurfaceName | None = None
     amplitude: Annotated[NotNegative, Unit("N")]
 
     @property
     def size(self) -> str:
         """The amplitude in words."""
-        return f"{self.amplitude:g} N on {self.lamina} at {self.position:g} m"
+        return f"{self.amplitude:g} N on {self.lamina} at {place_words(self.position)}"
 
 
 class ForceExcitation(_AtPoint):
@@ -308,7 +311,9 @@ class TableExcitation(_Kind):
             case file.
         acts_on: "base" (displacement [m] or acceleration [m/s2]) or "force" [N].
         lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m].
+        position: x of the point at which a force acts [m], or [x, z] on a plate.
+        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given.
         offset: the mean of accelerations, from which a base drifts away: "remove", or "refuse" if
             it moves the base by more than a thousandth of the length; otherwise it stays.
     """
@@ -317,7 +322,8 @@ class TableExcitation(_Kind):
     file: FileName
     acts_on: Target
     lamina: Label | None = None
-    position: Annotated[NotNegative, Unit("m")] | None = None
+    position: Position | None = None
+    surface: SurfaceName | None = None
     offset: Literal["remove", "refuse"] | None = None
 
     @model_validator(mode="after")
@@ -337,7 +343,7 @@ class TableExcitation(_Kind):
     @property
     def size(self) -> str:
         """The amplitude in words: the table's name."""
-        place = "base" if self.lamina is None else f"{self.lamina} at {self.position:g} m"
+        place = "base" if self.lamina is None else f"{self.lamina} at {place_words(self.position)}"
         return f"{self.file.name} on {place}"
 
     @property
@@ -401,7 +407,8 @@ class _Prescribed(_OfMotion):
 
     acts_on: Target = "base"
     lamina: Label | None = None
-    position: Annotated[NotNegative, Unit("m")] | None = None
+    position: Position | None = None
+    surface: SurfaceName | None = None
 
     @model_validator(mode="after")
     def _has_point(self) -> Self:
@@ -431,7 +438,7 @@ class _Prescribed(_OfMotion):
     @property
     def place(self) -> str:
         """Where it acts, in words."""
-        return "base" if self.lamina is None else f"{self.lamina} at {self.position:g} m"
+        return "base" if self.lamina is None else f"{self.lamina} at {place_words(self.position)}"
 
 
 class _OfBand(_Prescribed):
@@ -506,7 +513,9 @@ class MultisineExcitation(_OfBand):
             is meant without it; a force is in N.
         acts_on: "base" or "force".
         lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m].
+        position: x of the point at which a force acts [m], or [x, z] on a plate.
+        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given.
         seed: decides random phases and lines.
         realisations: number of realisations, with other phases.
         periods: periods of each realisation, where there are several.
@@ -686,7 +695,9 @@ class RandomExcitation(_Random):
             is meant without it; a force is in N.
         acts_on: "base" or "force".
         lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m].
+        position: x of the point at which a force acts [m], or [x, z] on a plate.
+        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given.
         seed: decides the motion.
     """
 
@@ -721,7 +732,9 @@ class BurstExcitation(_Random):
             is meant without it; a force is in N.
         acts_on: "base" or "force".
         lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m].
+        position: x of the point at which a force acts [m], or [x, z] on a plate.
+        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given.
         seed: decides the motion.
     """
 
@@ -754,7 +767,9 @@ class RecordExcitation(_Prescribed):
             "acceleration" of the base.
         acts_on: "base" or "force".
         lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m].
+        position: x of the point at which a force acts [m], or [x, z] on a plate.
+        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given.
     """
 
     kind: Literal["record"] = "record"
@@ -992,7 +1007,7 @@ class SeveralExcitations(_Kind):
         return getattr(places_of(self)[0][0], "lamina", None)
 
     @property
-    def position(self) -> float | None:
+    def position(self) -> float | tuple[float, float] | None:
         """Place of the point at which that force acts [m]."""
         return getattr(places_of(self)[0][0], "position", None)
 
@@ -1049,14 +1064,17 @@ class SeveralExcitations(_Kind):
 
 def _place_of(given: Any) -> tuple[Any, ...]:
     """Return where a drive acts."""
-    return (given.acts_on, *(getattr(given, key, None) for key in ("lamina", "position")))
+    return (
+        given.acts_on,
+        *(getattr(given, key, None) for key in ("lamina", "position", "surface")),
+    )
 
 
 def place_in_words(given: Any) -> str:
     """Return where a drive acts, in words."""
     if given.acts_on == "base":
         return "the base"
-    return f"{given.lamina} at {given.position:g} m"
+    return f"{given.lamina} at {place_words(given.position)}"
 
 
 def _gathered(value: object) -> object:

@@ -502,6 +502,42 @@ def _positive(value: object) -> float | None:
     return float(value) if value > 0.0 else None
 
 
+def _plan_form(value: object) -> Literal["number", "plan"]:
+    """Return what a position is by its form."""
+    return "plan" if isinstance(value, list | tuple) else "number"
+
+
+Position = Annotated[
+    Annotated[Annotated[NotNegative, Unit("m")], Tag("number")]
+    | Annotated[
+        tuple[Annotated[NotNegative, Unit("m")], Annotated[Finite, Unit("m")]],
+        Expected("a place x, or [x, z] on a plate"),
+        Tag("plan"),
+    ],
+    Discriminator(_plan_form),
+]
+"""A place x [m], or of plates [x, z]."""
+SurfaceName = Literal["middle", "top", "bottom"]
+"""Surfaces of a lamina on which a place may be."""
+
+
+def x_of(position: float | tuple[float, float]) -> float:
+    """Return x of a position [m]."""
+    return position[0] if isinstance(position, tuple) else position
+
+
+def z_of(position: float | tuple[float, float]) -> float:
+    """Return z of a position, 0 in the middle of the width [m]."""
+    return position[1] if isinstance(position, tuple) else 0.0
+
+
+def place_words(position: float | tuple[float, float] | None) -> str:
+    """Return a position in words: "0.1 m", "(0.1, -0.02) m"."""
+    if isinstance(position, tuple):
+        return f"({position[0]:g}, {position[1]:g}) m"
+    return f"{position:g} m"
+
+
 OwnRestitution = Annotated[Restitution | None, Unit("1")]
 OwnStiffness = Annotated[Positive | None, Unit("N/m")]
 OwnDamping = Annotated[NotNegative, Unit("N s/m")]
@@ -1096,6 +1132,12 @@ class Delamination(Section):
         return self.across is None and reaches_both
 
     @property
+    def middle(self) -> tuple[float, float]:
+        """Its middle, x and z [m]."""
+        low, high = self.across or (0.0, 0.0)
+        return 0.5 * (self.start + self.end), 0.5 * (low + high)
+
+    @property
     def is_ellipse(self) -> bool:
         """Whether it is a patch that is an ellipse."""
         return self.shape_in_plane == "ellipse"
@@ -1325,12 +1367,14 @@ class PointMass(Section):
     Attributes:
         lamina: name of the lamina.
         mass: m [kg].
-        position: x of the mass [m]; the end x = length if it is not given.
+        position: x of the mass [m], or [x, z] on a plate; the end x = length if it is not given.
+        surface: of a plate: "middle", "top" or "bottom"; "middle" if it is not given.
     """
 
     lamina: Label
     mass: Annotated[Positive, Unit("kg")]
-    position: Annotated[NotNegative, Unit("m")] | None = None
+    position: Position | None = None
+    surface: SurfaceName | None = None
 
 
 class Stop(Section):
@@ -1343,7 +1387,7 @@ class Stop(Section):
         lamina: name of the lamina.
         side: side of the lamina on which the stop is: "above", "below" or "both".
         gap: gap at rest [m].
-        position: x of a point [m]; the end x = length if nothing is given.
+        position: x of a point [m], or [x, z] on a plate; the end x = length if nothing is given.
         start: where a stretch begins [m]; instead of position.
         end: where a stretch ends [m]; each node of the mesh from start to end is a contact point.
         opening: largest gap at rest of a stretch beyond `gap` [m]; 0: all of it has the same gap.
@@ -1365,7 +1409,7 @@ class Stop(Section):
     lamina: Label
     side: Literal["above", "below", "both"]
     gap: Annotated[NotNegative, Unit("m")]
-    position: Annotated[NotNegative, Unit("m")] | None = None
+    position: Position | None = None
     start: Annotated[NotNegative, Unit("m")] | None = None
     end: Annotated[Positive, Unit("m")] | None = None
     opening: Annotated[NotNegative, Unit("m")] = 0.0
@@ -1399,7 +1443,7 @@ class Stop(Section):
         """Return where the stop begins and ends on a lamina of a length [m]."""
         if self.start is not None and self.end is not None:
             return self.start, self.end
-        place = length if self.position is None else self.position
+        place = length if self.position is None else x_of(self.position)
         return place, place
 
     @property
@@ -1414,7 +1458,8 @@ class Impactor(Section):
     Attributes:
         lamina: name of the lamina.
         mass: m [kg].
-        position: x of the place that it strikes [m]; the end x = length if it is not given.
+        position: x of the place that it strikes [m], or [x, z] on a plate; the end x = length if it
+            is not given.
         side: side of the lamina on which it is: "above" or "below".
         gap: gap at rest [m].
         velocity: velocity towards the lamina at t = 0 [m/s].
@@ -1433,7 +1478,7 @@ class Impactor(Section):
 
     lamina: Label
     mass: Annotated[Positive, Unit("kg")]
-    position: Annotated[NotNegative, Unit("m")] | None = None
+    position: Position | None = None
     side: Literal["above", "below"] = "above"
     gap: Annotated[NotNegative, Unit("m")] = 0.0
     velocity: Annotated[NotNegative, Unit("m/s")] = 0.0
@@ -1504,8 +1549,9 @@ class Sensor(Section):
         quantity: "displacement", "velocity", "acceleration" or "strain" at a place of a lamina, or
             "contact force" of an interface, of a stop or of an impactor.
         lamina: name of the lamina; not of a contact force.
-        position: x of the sensor [m]; not of a contact force.
-        surface: "top" or "bottom" of the lamina, for a strain; "top" if it is not given.
+        position: x of the sensor [m], or [x, z] on a plate; not of a contact force.
+        surface: "top" or "bottom" of the lamina, for a strain; "top" if it is not given. Of a plate
+            for other quantities too, or "middle", which they have if it is not given.
         between: names of the two neighbouring laminae, for a contact force.
         stop: number of the stop, for its contact force; the first is 1.
         impactor: number of the impactor, for its contact force; the first is 1.
@@ -1525,8 +1571,8 @@ class Sensor(Section):
     name: Label
     quantity: Quantity
     lamina: Label | None = None
-    position: Annotated[NotNegative, Unit("m")] | None = None
-    surface: Literal["top", "bottom"] | None = None
+    position: Position | None = None
+    surface: SurfaceName | None = None
     between: Neighbours | None = None
     stop: Count | None = None
     impactor: Count | None = None
@@ -1562,8 +1608,10 @@ class Sensor(Section):
             words = "missing, but required (or stop, or impactor)" if is_force else "expected none"
             key = "between" if is_force else keys[0]
             raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
-        if self.surface is not None and self.quantity != "strain":
-            raise inconsistent("surface", 'expected only with quantity = "strain"')
+        if self.surface is not None and is_force:
+            raise inconsistent("surface", f'expected none with quantity = "{self.quantity}"')
+        if self.surface == "middle" and self.quantity == "strain":
+            raise inconsistent("surface", 'expected "top" or "bottom" of a strain')
         if self.mass is not None and is_force:
             raise inconsistent("mass", f'expected none with quantity = "{self.quantity}"')
         pairs = (("resonance_damping", "resonance"), ("order", "corner"), ("bits", "range"))
@@ -1586,7 +1634,8 @@ class Sensor(Section):
             return f"contact force of stop {self.stop}"
         if self.impactor is not None:
             return f"contact force of impactor {self.impactor}"
-        place = f"of {self.lamina} at {self.position:g} m"
+        place = f"of {self.lamina} at {place_words(self.position)}"
         if self.quantity == "strain":
             return f"strain at the {self.surface or 'top'} {place}"
-        return f"{self.quantity} {place}"
+        on = f" on its {self.surface}" if self.surface in ("top", "bottom") else ""
+        return f"{self.quantity} {place}{on}"

@@ -39,8 +39,8 @@ _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 """Pattern of a key that TOML accepts without quotes."""
 
 _UNION_TAGS = (
-    "number", "profile", "harmonic", "sweep", "force", "hammer", "table", "random", "multisine",
-    "burst", "record", "none", "several", "each",
+    "number", "profile", "plan", "harmonic", "sweep", "force", "hammer", "table", "random",
+    "multisine", "burst", "record", "none", "several", "each",
 )  # fmt: skip
 """Names that pydantic inserts into the path of an error although the case file has no such
 level."""

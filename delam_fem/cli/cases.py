@@ -283,6 +283,10 @@ _OWN_NUMBERS = ("restitution", "stiffness", "threshold_velocity")
 
 def _attached(case: Case) -> Iterator[tuple[str, str]]:
     """Yield rows of what acts on the laminae: supports, masses, stops, impactors, sensors."""
+    if case.is_plate:
+        from delam_fem.case.sections import place_words
+
+        yield "reference points", f"all laminae at {place_words(case.reference_point)}"
     for number, support in enumerate(case.support.placed, start=1):
         yield f"support {number}", _point_support(case, support)
     for number, mass in enumerate(case.point_mass, start=1):
@@ -384,7 +388,10 @@ def _place(case: Case, thing: PointMass | Stop | Impactor) -> str:
     end = getattr(thing, "end", None)
     if start is not None:
         return f"{thing.lamina} from {start:g} to {end:g} m"
-    return f"{thing.lamina} at {case.position_of(thing):g} m"
+    from delam_fem.case.sections import place_words
+
+    x = case.position_of(thing)
+    return f"{thing.lamina} at {place_words(x if thing.position is None else thing.position)}"
 
 
 def _time(case: Case) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ import scipy.sparse as sp
 
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.model.solids.body import Body
@@ -31,6 +32,8 @@ BASE, FIXED = -1, -2
 """Values in `Part.dofs` in place of a free dof: the point moves with the base, or never moves."""
 DISPLACEMENT, SLOPE = 0, 1
 """Columns of `Part.dofs`."""
+_AT_PLACE = 1e-9
+"""Distance within which two places are one [m]."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,7 @@ class StopPairs:
         side: 1: the stop is above the part; -1: below.
         first_pair: row of the first of these pairs in the gap operator.
         on_base: whether the stop moves with the base.
+        spot: of a plate the place that it strikes, beside the middle line; None: it is on it.
     """
 
     number: int
@@ -141,11 +145,28 @@ class StopPairs:
     side: int
     first_pair: int
     on_base: bool
+    spot: Place | None = None
 
     @property
     def pairs(self) -> slice:
         """The rows of the gap operator that belong to this stop."""
         return slice(self.first_pair, self.first_pair + self.places.size)
+
+
+class Place(NamedTuple):
+    """A place of a plate beside the middle line of a lamina, or on a surface.
+
+    Attributes:
+        part: number of the lamina.
+        x: position along it [m].
+        z: position across, from the middle of the width [m].
+        side: 1: its top, 0: its middle, -1: its bottom.
+    """
+
+    part: int
+    x: float
+    z: float
+    side: int
 
 
 @dataclass(frozen=True)
@@ -155,12 +176,14 @@ class Probe:
     Attributes:
         name: name of the point, for example "tip".
         part: number of the part.
-        point: number of the point within the part.
+        point: number of the point within the part; of a place beside it the nearest.
+        place: where it is, if it is a place beside the points of the part.
     """
 
     name: str
     part: int
     point: int
+    place: Place | None = None
 
 
 @dataclass(frozen=True)
@@ -243,6 +266,8 @@ class Layout:
             dofs.
         n_impactors: number of impactors, whose displacements are the last dofs and the first rows
             of `Operators.sensors`.
+        places: places of a plate beside the points of the parts; their deflections are the last
+            rows of `reading`.
     """
 
     parts: tuple[Part, ...]
@@ -254,6 +279,30 @@ class Layout:
     reading: Reading | None = None
     stops: tuple[StopPairs, ...] = ()
     n_impactors: int = 0
+    places: tuple[Place, ...] = ()
+
+    def number_of(self, place: Place) -> int:
+        """Return the row of the reading that is the deflection at a place.
+
+        Raises:
+            CaseError: there is none, because the model was reduced without the place.
+        """
+        assert self.reading is not None
+        for number, known in enumerate(self.places, self.reading.base.size - len(self.places)):
+            is_near = abs(known.x - place.x) + abs(known.z - place.z) <= _AT_PLACE
+            if (known.part, known.side) == (place.part, place.side) and is_near:
+                return number
+        raise CaseError(
+            f"position: expected one of the {len(self.places)} places that the case had when it "
+            f"was reduced, given ({place.x:g}, {place.z:g}) m of {self.names[place.part]}; reduce "
+            "the case again with this place"
+        )
+
+    def row_of(self, place: Place) -> sp.csr_matrix:
+        """Return the row that reads the deflection at a place, shape (1, n_numbered + 1)."""
+        number = self.number_of(place)
+        n = self.n_numbered(0)
+        return sp.csr_matrix(([1.0], ([0], [number])), shape=(1, n + 1))
 
     def n_numbered(self, n_dofs: int) -> int:
         """Return how many numbers `Part.dofs` may have: of readings, or of free dofs."""
@@ -604,7 +653,12 @@ def half_ways(places: FloatArray) -> FloatArray:
 
 def probe_rows(layout: Layout, n_dofs: int) -> sp.csr_matrix:
     """Return the rows that read the displacements of the probes, shape (n_probes, n_dofs)."""
-    dofs = [layout.parts[p.part].dofs[p.point, DISPLACEMENT] for p in layout.probes]
+    dofs = [
+        layout.parts[p.part].dofs[p.point, DISPLACEMENT]
+        if p.place is None
+        else layout.number_of(p.place)
+        for p in layout.probes
+    ]
     return layout.of_dofs(selection(dofs, layout.n_numbered(n_dofs)))
 
 

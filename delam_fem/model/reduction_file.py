@@ -20,9 +20,9 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import places_of
-from delam_fem.case.sections import Lamina
+from delam_fem.case.sections import Lamina, x_of, z_of
 from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
-from delam_fem.model.layout import Interface, Layout, Reading, Structure, in_order
+from delam_fem.model.layout import Interface, Layout, Place, Reading, Structure, in_order
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics.types import FloatArray
@@ -102,6 +102,8 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
         "reading_part": layout.reading.part,
         "strains": strains,
     }
+    if layout.places:
+        content["places"] = np.array(layout.places, dtype=np.float64)
     content["lower"] = np.array(
         [interface.parts[0] for interface in layout.interfaces], dtype=np.int64
     )
@@ -228,7 +230,10 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
         )
         for number, k in enumerate(data["lower"].tolist())
     ]
-    return Structure(operators, layout_of(origin, parts, in_order(interfaces), reading))
+    rows = data.get("places", np.zeros((0, 4))).tolist()
+    places = tuple(Place(int(part), x, z, int(side)) for part, x, z, side in rows)
+    layout = layout_of(origin, parts, in_order(interfaces), reading, places)
+    return Structure(operators, layout)
 
 
 def _assembled(case: Case) -> Iterator[tuple[str, object]]:
@@ -279,11 +284,12 @@ def _strain_rows(layout: Layout, origin: Case, strains: FloatArray) -> StrainRow
     """Return the strains of surfaces that a file has: those of the sensors of the reduced case."""
     known = [sensor for sensor in origin.sensor if sensor.quantity == "strain"]
 
-    def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
+    def rows(lamina: int, place: float, side: float, z: float) -> sp.csr_matrix:
         x = float(layout.parts[lamina].positions(np.array([place]))[0])
         for sensor, row in zip(known, strains, strict=True):
             assert sensor.position is not None
-            is_there = abs(sensor.position - x) <= _SAME_PLACE * origin.length
+            distance = abs(x_of(sensor.position) - x) + abs(z_of(sensor.position) - z)
+            is_there = distance <= _SAME_PLACE * origin.length
             is_side = (-1.0 if sensor.surface == "bottom" else 1.0) == side
             if sensor.lamina == layout.names[lamina] and is_there and is_side:
                 return sp.csr_matrix(row)

@@ -47,7 +47,7 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
 from delam_fem.case.gap import opening_at_rest
-from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Sensor, Stop
+from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Sensor, Stop, x_of, z_of
 from delam_fem.model.contacts import with_pair_numbers
 from delam_fem.model.factors import factored
 from delam_fem.model.layout import (
@@ -68,6 +68,7 @@ from delam_fem.model.layout import (
 from delam_fem.model.linear import mode_of, n_rigid
 from delam_fem.model.loads import loaded
 from delam_fem.model.operators import BaseCoupling
+from delam_fem.model.places import row_at, spot
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
 
@@ -176,15 +177,10 @@ def with_stops(structure: Structure, case: Case) -> Structure:
         factor = 1.0 if stop.stiffness is None else stop.stiffness / case.spring[0] * shares
         at = structure.layout.parts[which].positions(places)
         gap = stop.gap + opening_at_rest(stop, at, case.length)
+        place = spot(structure.layout.names, stop)
         for side in _SIDES[stop.side]:
-            added.append(
-                (
-                    StopPairs(number, which, places, side, 0, stop.on == "base"),
-                    -side * N,
-                    gap,
-                    factor,
-                )
-            )
+            pairs = StopPairs(number, which, places, side, 0, stop.on == "base", place)
+            added.append((pairs, -side * N, gap, factor))
     return _with_pairs(structure, added)
 
 
@@ -350,7 +346,11 @@ def _places(
         places = nodes.astype(np.float64)
         shares = lengths / lengths.sum()
     numbered = layout.n_numbered(structure.operators.n_dofs)
-    N = layout.of_dofs(interpolation_rows(part, places, numbered))
+    at = spot(layout.names, own)
+    if at is not None:
+        N = layout.of_dofs(layout.row_of(at)[:, :numbered])
+    else:
+        N = layout.of_dofs(interpolation_rows(part, places, numbered))
     if np.any(np.diff(N.indptr) == 0):
         raise CaseError(
             f"{key}: expected places where the lamina can move, given one where {own.lamina} is "
@@ -375,7 +375,12 @@ def in_moving_frame(structure: Structure) -> Structure:
     needed = np.zeros(o.n_pairs)  # H r = needed: then no gap depends on q
     for stop in layout.stops:
         part = layout.parts[stop.part]
-        base_share = layout.of_dofs(columns_of(part, stop.places, numbered))[:, n].toarray().ravel()
+        row = (
+            columns_of(part, stop.places, numbered)
+            if stop.spot is None
+            else layout.row_of(stop.spot)
+        )
+        base_share = layout.of_dofs(row)[:, n].toarray().ravel()
         needed[stop.pairs] = -stop.side * (float(stop.on_base) - base_share)
     if any(stop.on_base for stop in layout.stops):
         stiffness = o.stiffness.diagonal()
@@ -485,9 +490,9 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
     return np.asarray(shape / largest)
 
 
-StrainRows = Callable[[int, float, float], sp.csr_matrix]
-"""Function (number of the lamina, place as a number of points, side: 1 top, -1 bottom) -> strain of
-the surface as a row in free dofs and base, shape (1, n + 1)."""
+StrainRows = Callable[[int, float, float, float], sp.csr_matrix]
+"""Function (number of the lamina, place as a number of points, side: 1 top, -1 bottom, z [m]) ->
+strain of the surface as a row in free dofs and base, shape (1, n + 1)."""
 
 
 def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
@@ -543,11 +548,11 @@ def _sensor(
     assert own.lamina is not None and own.position is not None  # all but contact forces
     number = layout.names.index(own.lamina)
     part = layout.parts[number]
-    place = place_of(part, own.position)
     if own.quantity == "strain":
-        row = strain(number, place, -1.0 if own.surface == "bottom" else 1.0)
+        place = place_of(part, x_of(own.position))
+        row = strain(number, place, -1.0 if own.surface == "bottom" else 1.0, z_of(own.position))
     else:
-        row = layout.of_dofs(columns_of(part, place, layout.n_numbered(o.n_dofs)))
+        row = layout.of_dofs(row_at(layout, own, o.n_dofs))
     of_dofs = row.toarray()[0, :-1]
     of_base = 0.0 if o.base.is_force else float(row[0, -1])
     rows.append(of_dofs)
@@ -561,7 +566,7 @@ def _of_single_laminae(case: Case, layout: Layout, n: int) -> StrainRows:
     """Return the strains of laminae that bend about their own middles."""
     numbered = layout.n_numbered(n)
 
-    def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
+    def rows(lamina: int, place: float, side: float, _: float) -> sp.csr_matrix:
         part = layout.parts[lamina]
         cells = cells_at(part, place)
         bends = [columns_of(part, place, numbered, CURVATURE, cell) for cell in cells]

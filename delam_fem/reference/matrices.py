@@ -34,7 +34,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import InitialGap, Lamina, Profile
+from delam_fem.case.sections import InitialGap, Lamina, Profile, x_of
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -292,7 +292,8 @@ def point_masses(case: Case, name: str, x: FloatArray) -> list[tuple[int, FloatA
     blocks = []
     for point_mass in case.masses:
         if point_mass.lamina == name:
-            place = float(x[-1]) if point_mass.position is None else point_mass.position
+            at = point_mass.position
+            place = float(x[-1]) if at is None else x_of(at)
             k = int(np.clip(np.searchsorted(x, place) - 1, 0, x.size - 2))
             h = float(x[k + 1] - x[k])
             s = place - float(x[k])

@@ -91,9 +91,12 @@ def decay_of(case: Case, structure: Structure) -> float:
     """Return the rate at which the slowest mode of a structure dies out [1/s].
 
     Solids have the damping of the beams of the same case, and frequencies close to theirs; the
-    modes of the beams are found in no time and on any number of ranks.
+    modes of the beams are found in no time and on any number of ranks. Of a plate they are its own;
+    on several ranks the rate is not found, and 0.
     """
-    if case.model.is_continuum:
+    if case.is_plate and isinstance(structure.operators, DistributedOperators):
+        return 0.0
+    if case.model.is_continuum and not case.is_plate:
         structure = assemble(case.as_beams, needs_dolfinx=False)
     return slowest_decay(structure.operators, is_floating=case.is_floating)
 

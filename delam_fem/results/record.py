@@ -156,7 +156,7 @@ def _with_sensor(record: xr.Dataset, name: str, sensor: xr.DataArray) -> xr.Data
     place = words.removeprefix(f"{about['quantity']} ").removeprefix("of ").removeprefix("at ")
     about |= {"place": place, "long_name": words}
     if "position" in sensor.attrs:
-        about["x"] = sensor.attrs["position"]
+        about |= dict(zip(("x", "z"), np.ravel(sensor.attrs["position"]).tolist(), strict=False))
     about |= {key: sensor.attrs[key] for key in _OF_SENSORS if key in sensor.attrs}
     (dim,) = sensor.dims
     if dim != "time":

@@ -783,6 +783,8 @@ def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:
     }
     keys = ("lamina", "position", "surface", "sampling_rate", "noise")
     about |= {key: value for key in keys if (value := getattr(sensor, key)) is not None}
+    if isinstance(sensor.position, tuple):  # x and z
+        about["position"] = [*sensor.position]
     if sensor.between is not None:
         about["between"] = list(sensor.between)
     about["alternating"] = signal.alternating

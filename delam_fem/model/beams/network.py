@@ -66,6 +66,7 @@ from delam_fem.model.layout import (
     Interface,
     Layout,
     Part,
+    Place,
     Probe,
     Reading,
     Structure,
@@ -75,7 +76,6 @@ from delam_fem.model.layout import (
     in_order,
     opposite,
     place_of,
-    point_load,
     probe_rows,
     tributary_lengths,
 )
@@ -85,6 +85,7 @@ from delam_fem.model.loads import (
     require_unbuckled,
 )
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.places import row_at
 from delam_fem.model.stops_sensors import StrainRows, struck, with_sensors
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -484,7 +485,7 @@ def surface_strain(stack: Network, parts: Sequence[Part], stiffness: sp.spmatrix
         force = stretch.toarray()[0] / (compliance * EA)
         return np.asarray(force[:n_kept] + force[n_kept:] @ axial - z * bend)
 
-    def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
+    def rows(lamina: int, place: float, side: float, _: float) -> sp.csr_matrix:
         cell_rows = [of_cell(lamina, place, side, cell) for cell in cells_at(parts[lamina], place)]
         return sp.csr_matrix(np.mean(cell_rows, axis=0))
 
@@ -661,9 +662,10 @@ def _load_of(structure: Structure, given: Excitation) -> FloatArray:
     """
     layout = structure.layout
     name = getattr(given, "lamina", None) or ""
-    position = float(getattr(given, "position", None) or 0.0)
-    part = layout.parts[layout.names.index(name)]
-    load = point_load(layout, part, position, structure.operators.n_dofs)
+    position = getattr(given, "position", None)
+    n = structure.operators.n_dofs
+    row = row_at(layout, given, n)[:, : layout.n_numbered(n)]
+    load = np.asarray(layout.of_dofs(row).toarray()[0])
     comm = None if layout.reading is None else layout.reading.comm
     # ranks may have the point, or none of it
     if not (load.any() if comm is None else any(comm.allgather(bool(load.any())))):
@@ -1072,6 +1074,7 @@ def layout_of(
     parts: tuple[Part, ...],
     interfaces: tuple[Interface, ...] | None = None,
     reading: Reading | None = None,
+    places: tuple[Place, ...] = (),
 ) -> Layout:
     """Return the layout of the laminae of a case, with their probes.
 
@@ -1081,12 +1084,14 @@ def layout_of(
         interfaces: between them; None: of opposite points, see `opposite`.
         reading: what the points of the parts read from the dofs of a solid; None: `Part.dofs` are
             dofs.
+        places: places of a plate that have readings of their own, the last rows of the reading.
     """
     if interfaces is None:
         per_element = case.contact.points_per_element
         pairs = pairwise(range(len(parts)))
         interfaces = in_order([opposite(parts, *pair, per_element=per_element) for pair in pairs])
-    return Layout(parts, interfaces, probes_of(case, parts[0].x), reading=reading)
+    probes = probes_of(case, parts[0].x)
+    return Layout(parts, interfaces, probes, reading=reading, places=places)
 
 
 def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
@@ -1095,8 +1100,11 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     Beams that are apart over their whole length have their tips alone, and so have points.
 
     The reference probes are at the free end of the longest delamination, or at its middle; without
-    delaminations, at the free end of the structure, or at its middle.
+    delaminations, at the free end of the structure, or at its middle. Of a plate: in the middle of
+    the largest patch, or of the plate; and in the middles of the others.
     """
+    if case.is_plate:
+        return _probes_of_plate(case, x)
     node, name = _reference(case, x)
     probes = [
         Probe(name, i, min(node, own_points(case, i, x).size - 1)) for i in range(len(case.lamina))
@@ -1111,6 +1119,21 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
             if (part, middle) not in {(probe.part, probe.point) for probe in probes}:
                 probes.append(Probe(f"delamination-{number}-{side}", part, middle))
     return tuple(probes)
+
+
+def _probes_of_plate(case: Case, x: FloatArray) -> tuple[Probe, ...]:
+    """Return the probes of a plate; see `probes_of`."""
+    names = [lamina.name for lamina in case.lamina]
+    middle = case.reference_point
+    places = [("middle", Place(part, *middle, 0)) for part in range(len(names))]
+    for number, patch in enumerate(case.delamination, start=1):
+        for side in patch.between:
+            place = Place(names.index(side), *patch.middle, 0)
+            if place not in (known for _, known in places):
+                places.append((f"delamination-{number}-{side}", place))
+    return tuple(
+        Probe(name, place.part, _nearest(x, place.x, case), place) for name, place in places
+    )
 
 
 def _reference(case: Case, x: FloatArray) -> tuple[int, str]:

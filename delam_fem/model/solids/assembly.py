@@ -20,6 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import HarmonicExcitation
 from delam_fem.contact.laws import SCHEMES
 from delam_fem.model import operators as distributed
 from delam_fem.model.beams import closed_form, network
@@ -39,10 +40,12 @@ from delam_fem.model.linear import tied
 from delam_fem.model.loads import with_load
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
+from delam_fem.model.places import places_of_case, row_at
 from delam_fem.model.solids import facing
 from delam_fem.model.solids.body import (
     Body,
     middle_line,
+    place_rows,
     points_along,
     reading_rows,
 )
@@ -312,9 +315,7 @@ def _with_masses(
         )
     for point_mass in case.masses:
         number = layout.names.index(point_mass.lamina)
-        part = layout.parts[number]
-        place = place_of(part, case.position_of(point_mass))
-        row = layout.of_dofs(columns_of(part, place, layout.n_numbered(0)))
+        row = layout.of_dofs(row_at(layout, point_mass, 0, case.length))
         mass = _with_product(mass, point_mass.mass, row, number, comm)
         load = np.abs(row[:, :-1].toarray().ravel())
         total = sum(comm.allgather(float(load.sum())))
@@ -358,9 +359,13 @@ def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float
         return []
     springs = []
     n = layout.n_numbered(0)
-    if case.is_plate:  # its edges are lines
+    if case.is_plate:  # its edges are lines; beams have no places beside their middle line
         inside = case.support.model_copy(update={"placed": case.support.inside})
-        case = case.model_copy(update={"support": inside})
+        if not inside.placed:
+            return []
+        drive = HarmonicExcitation(frequency=1.0, amplitude=1.0)
+        plain = {"support": inside, "point_mass": (), "sensor": (), "excitation": drive}
+        case = case.model_copy(update=plain)
     beams = closed_form.assemble(case.as_beams)
     for support, number in network.point_supports(case, beams.layout, beams.operators.n_dofs):
         part = layout.parts[number]
@@ -502,14 +507,16 @@ def _layout(
     n = x.size
     comm = unknowns.solid.comm
     parts = parts_of(case, x, np.arange(2 * n * count).reshape(count, n, 2))
-    rows = gathered(reading_rows(unknowns.solid, x), comm)
+    places = places_of_case(case)
+    every = [reading_rows(unknowns.solid, x), place_rows(unknowns.solid, places)]
+    rows = gathered(sp.vstack(every, format="csr"), comm)
     reading = Reading(
         sp.csr_matrix(rows @ unknowns.free),
         np.asarray(rows @ unknowns.base),
         unknowns.parts,
         comm if comm.size > 1 else None,
     )
-    return layout_of(case, parts, facing.interfaces(parts, touching, case), reading)
+    return layout_of(case, parts, facing.interfaces(parts, touching, case), reading, places)
 
 
 def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:
@@ -522,12 +529,12 @@ def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:
     solid, mesh = unknowns.solid, unknowns.solid.mesh
     accurate = (part.x[:-1, None] + np.diff(part.x)[:, None] * GAUSS[case.model.degree]).ravel()
 
-    def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
+    def rows(lamina: int, place: float, side: float, z: float) -> sp.csr_matrix:
         at = float(part.positions(np.array([place]))[0])
         first = int(np.clip(np.searchsorted(accurate, at) - 1, 0, accurate.size - 2))
         near = accurate[first : first + 2]
         share = (at - near[0]) / (near[1] - near[0])
-        points = middle_line(mesh, lamina, near)
+        points = middle_line(mesh, lamina, near, z)
         points[:, Y] += side * (0.5 - _INSIDE) * case.lamina[lamina].along("thickness", near)
         strain = evaluate(solid, points, locate(mesh, points, lamina)).derivative(X, X)
         row = gathered(sp.csr_matrix(np.array([[1.0 - share, share]])) @ strain, solid.comm)

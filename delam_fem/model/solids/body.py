@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.model import _dolfinx
 from delam_fem.model.beams.network import network
+from delam_fem.model.layout import Place
 from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.facing import Pairs, pressure
 from delam_fem.model.solids.forms import Recovery, Solid, evaluate
@@ -215,6 +216,8 @@ class Shape:
         return tuple(result)
 
 
+_INSIDE = 1e-7
+"""Depth below the surface at which places are read, in thicknesses."""
 UP = 1
 """Number of the component that is the deflection."""
 _BESIDE = 1e-5
@@ -268,13 +271,36 @@ def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:
     return sp.vstack([deflection, slope], format="csr")[order]
 
 
-def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
+def place_rows(solid: Solid, places: Sequence[Place]) -> sp.csr_matrix:
+    """Return the deflections at places of a plate, this rank's share, shape (k, n_dofs).
+
+    Raises:
+        CaseError: a place is outside of its lamina.
+    """
+    mesh = solid.mesh
+    if not places:
+        return sp.csr_matrix((0, mesh.dim * solid.n_nodes))
+    points = np.concatenate(
+        [
+            middle_line(mesh, part, np.array([x]), z, 0.5 + side * (0.5 - _INSIDE))
+            for part, x, z, side in places
+        ]
+    )
+    cells = locate(mesh, points, np.array([place.part for place in places]))
+    return evaluate(solid, points, cells).displacement(UP)
+
+
+def middle_line(
+    mesh: SolidMesh, lamina: int, x: FloatArray, z: float = 0.0, height: float = 0.5
+) -> FloatArray:
     """Return the points at half of the height and width of a lamina, shape (n, dim) [m].
 
     Args:
         mesh: the mesh.
         lamina: number of the lamina.
         x: positions along the lamina, shape (n,) [m].
+        z: distance from the middle of the width [m].
+        height: share of the thickness that is below the points.
 
     Raises:
         CaseError: the lamina does not reach one of the positions.
@@ -283,7 +309,7 @@ def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
     origins = np.zeros((x.size, mesh.dim))
     origins[:, 0] = x
     if mesh.dim == 3:
-        origins[:, 2] = 0.5 * (corners[..., 2].min() + corners[..., 2].max())
+        origins[:, 2] = z + 0.5 * (corners[..., 2].min() + corners[..., 2].max())
     upwards = np.zeros_like(origins)
     upwards[:, UP] = 1.0
     hits = meetings(corners, origins, upwards, FACET_OF[mesh.cell])
@@ -296,8 +322,10 @@ def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
         raise CaseError(
             f"mesh.file: expected lamina {lamina + 1} (counted from 1 at the bottom) to reach from "
             f"x = {x[0]:g} m to {x[-1]:g} m, there is nothing of it at {at:g} m"
+            + f", z = {z:g} m"
+            * bool(z)
         )
-    origins[:, UP] = 0.5 * (low + high)
+    origins[:, UP] = (1.0 - height) * low + height * high
     return origins
 
 
