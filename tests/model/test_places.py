@@ -119,8 +119,8 @@ def test_a_reduced_plate_has_the_places_of_its_case(tmp_path: Path) -> None:
     )
     reduction = reduced_case(case, 8)
     reduction.save(tmp_path)
-    kept = load_case(tmp_path / "case.toml")
-    full, reduced = assemble(case), assemble(kept)
+    read_back = load_case(tmp_path / "case.toml")
+    full, reduced = assemble(case), assemble(read_back)
     assert reduced.layout.places == full.layout.places
     V = reduction.basis.vectors
     np.testing.assert_allclose(
@@ -129,8 +129,8 @@ def test_a_reduced_plate_has_the_places_of_its_case(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         reduced.operators.probes.toarray(), full.operators.probes @ V, atol=1e-9
     )
-    other = kept.model_copy(
-        update={"sensor": (kept.sensor[0].model_copy(update={"position": (0.05, 0.04)}),)}
+    other = read_back.model_copy(
+        update={"sensor": (read_back.sensor[0].model_copy(update={"position": (0.05, 0.04)}),)}
     )
     with pytest.raises(CaseError, match=r"position: expected one of the .* places .* reduce"):
         assemble(other)
