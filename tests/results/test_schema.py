@@ -156,7 +156,9 @@ def table(*rows: tuple[str, ...]) -> str:
     return "\n".join([heading, "|" + "---|" * len(rows[0]), *body])
 
 
-def test_the_document_shows_the_schema() -> None:
+@pytest.mark.stored
+def test_the_document_shows_the_schema(request: pytest.FixtureRequest) -> None:
+    """`--store` writes the tables, as it writes texts of tests/golden."""
     dimensions = [(f"`{name}`", meaning) for name, meaning in schema.DIMENSIONS.items()]
     variables = [
         (f"`{row.name}`", ", ".join(row.dims) or "–", row.units, row.long_name)
@@ -172,8 +174,13 @@ def test_the_document_shows_the_schema() -> None:
         "schema": f"{of_dimensions}\n\n{of_variables}",
         "summary": table(("entry", "unit", "meaning"), *measures),
     }
-    tables = dict(MARKED.findall(DOCUMENT.read_text("utf-8")))
-    assert tables == expected, "put the expected tables between the markers"
+    text = DOCUMENT.read_text("utf-8")
+    if request.config.getoption("store"):
+        marked = [f"<!-- {name} -->\n{body}\n<!-- end -->" for name, body in expected.items()]
+        DOCUMENT.write_text(MARKED.sub(lambda _: marked.pop(0), text), "utf-8")
+        return
+    tables = dict(MARKED.findall(text))
+    assert tables == expected, "write them by -m stored --store"
 
 
 def test_every_number_of_a_summary_is_a_measure() -> None:
