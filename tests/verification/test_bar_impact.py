@@ -107,6 +107,7 @@ def test_exact_values() -> None:
     assert STEEL_BAR.contact_force == pytest.approx(1270.83, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["newton@moreau-jean", "penalty"])
 def test_unit_bar(name: str) -> None:
     bar = UNIT_BAR

@@ -34,6 +34,7 @@ ONE_CONTACT = 0.1 + 1e-9
 is so depends on round-off."""
 
 
+@pytest.mark.slow
 def test_a_damped_linear_motion_contracts_as_its_slowest_mode(tmp_path: Path) -> None:
     """The largest exponent is -Dω of the thin lamina's first mode, where no contact adds any."""
     data = {
@@ -86,6 +87,7 @@ def exponent(
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("omega", "s", "e", "engine"),
     [(1.8, 0.2, 0.5, "compiled"), (2.2, 0.0, 0.5, "petsc"), (2.5, 0.0, 0.5, "compiled")],

@@ -79,6 +79,7 @@ def test_no_drift_over_2000_periods(operators: Operators) -> None:
     assert long.recorder.energy_residual() < 1e-11
 
 
+@pytest.mark.slow
 def test_refined_steps_follow_uniform_fine_steps(operators: Operators) -> None:
     """Contact fills most of the time; open phases are computed in coarse steps."""
     uniform = motion(operators, periods=4, steps_per_period=800)

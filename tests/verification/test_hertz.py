@@ -32,6 +32,7 @@ def test_cylinder_on_a_rigid_plane(cells: int) -> None:
     assert result.radius == pytest.approx(CYLINDER, rel=APPROACH)
 
 
+@pytest.mark.slow
 def test_vertices_converge_in_the_first_order() -> None:
     """A force at a vertex makes a dent as large as a cell, so the body seems softer there."""
     errors = [contact(2, CYLINDER, cells, "vertices") for cells in (8, 16, 32)]

@@ -47,6 +47,7 @@ def stepped(s: float, e: float) -> StrobeMap:
     return StrobeMap(problem, slow_modes(operators))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("omega", "s", "e"), [(2.0, 0.0, 0.5), (2.2, 0.0, 0.5), (2.6, 0.0, 0.8)])
 def test_coarse_multipliers_of_the_impact_oscillator(omega: float, s: float, e: float) -> None:
     """Differences of 1e-6 see the time grid instead: they give -1 and ½ for the first row."""

@@ -401,6 +401,7 @@ strobes = 2
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["gap.restitution", "stop.1.stiffness"])
 def test_a_sweep_over_a_number_of_a_contact_is_its_runs(key: str, tmp_path: Path) -> None:
     case = two_contacts()

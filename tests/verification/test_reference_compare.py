@@ -13,6 +13,7 @@ FIRST_IMPACTS = 1e-11  # m up to the 20th impact; seen 3e-14
 pytest.importorskip("dolfinx")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("impulse", ["lumped", "consistent"])
 @pytest.mark.parametrize("law", ["newton", "newton-penalty"])
 def test_both_paths_agree(law: str, impulse: str) -> None:
