@@ -6,8 +6,11 @@ import pytest
 from mpi_pool import Crew
 
 SCRIPT = """
+from dataclasses import replace
+
 import numpy as np
 from delam_fem.case.files import preset
+from delam_fem.contact.decisions import PairNumbers
 from delam_fem.engines.session import scheme_of
 from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
@@ -19,11 +22,19 @@ from delam_fem.simulation.refinement import Refinement
 STEPS = 200
 
 
-def compare(way, law, impulse, refine):
+def numbers_of(n):
+    none = np.full(n, np.nan)
+    e = np.linspace(0.3, 0.6, n)
+    return PairNumbers(np.zeros(n, bool), e, none, none, np.ones(n))
+
+
+def compare(way, law, impulse, refine, numbers):
     keys = {"time.periods": 2, "time.steps_per_period": STEPS, "mesh.elements": 6}
     case = preset("paper", keys | {"contact.law": law, "contact.impulse": impulse})
     structure = closed_form.assemble(case)
     o = structure.operators
+    if numbers == "own":
+        o = replace(o, pair_numbers=numbers_of(o.n_pairs))
     given = o
     if way == "uncoupled":  # each lamina on a rank of its own; further ranks have no dofs
         laminae = [part.own_dofs for part in structure.layout.parts]
@@ -35,6 +46,7 @@ def compare(way, law, impulse, refine):
             M, C, K, BaseCoupling(b.mass[own], b.damping[own], b.stiffness[own], b.corner),
             o.gap_matrix[:, own], o.gap0, o.lumped_mass[own], o.pair_weights,
             o.probes[:, own], comm=comm, is_uncoupled=True,
+            pair_numbers=o.pair_numbers,
         )
     options = dict(steps_per_period=STEPS, periods=2, time_step=case.time_step, frames_per_period=4,
                    refinement=Refinement(int(refine)))
@@ -49,6 +61,11 @@ def compare(way, law, impulse, refine):
         assert (np.abs(mine.u - its.u).max(axis=0) <= 1e-9 * scale).all(), (mine.u - its.u) / scale
         own = its.u, its.v, b.impulses
         assert all(np.array_equal(x, y) for x, y in zip(comm.bcast(own), own, strict=True))
+    if numbers == "own":  # each pair leaves with its own e
+        jumps = one.recorder.window[0].jumps.columns()
+        e = -jumps.rate_post / jumps.rate_pre
+        assert np.allclose(e, o.pair_numbers.restitution[jumps.hit], atol=1e-9), e
+        assert e.min() > 0.29 > case.contact.restitution, e
     ledger = one.recorder.ledger
     assert np.allclose(ledger, both.recorder.ledger, rtol=1e-6, atol=1e-9 * ledger.max())
     assert both.recorder.energy_residual() < 1e-9
@@ -63,13 +80,14 @@ for words in arguments:
 """
 
 
-HALVES = "uncoupled newton-penalty lumped 1"
-REFINED = "uncoupled newton@moreau-jean consistent 4"
-SLICES = "sliced newton@moreau-jean consistent 1"
+HALVES = "uncoupled newton-penalty lumped 1 law"
+REFINED = "uncoupled newton@moreau-jean consistent 4 law"
+SLICES = "sliced newton@moreau-jean consistent 1 law"
+OWN = "uncoupled newton lumped 1 own"
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.nightly), 3])
 def test_ranks_have_the_histories_of_one(ranks: int, crew: Crew) -> None:
     """The third rank has no dofs where the laminae are apart, and a slice of both elsewhere."""
-    crew.run(ranks, SCRIPT, HALVES, REFINED, SLICES)
+    crew.run(ranks, SCRIPT, HALVES, REFINED, SLICES, OWN)
