@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
 
 import numpy as np
 import scipy  # loads its parts when they are used
@@ -30,7 +31,7 @@ from delam_fem.case.excitation import (
     drive,
     parts_of,
 )
-from delam_fem.case.sections import DISAGREEING, MATERIALS, Lamina
+from delam_fem.case.sections import DISAGREEING, ENDS, MATERIALS, Lamina
 
 Bounds = tuple[float, float]
 
@@ -77,6 +78,51 @@ def warnings(case: Case) -> list[str]:
         return []
     texts = [text for lamina in case.lamina for text in _of_lamina(lamina)]
     return [*texts, *_of_gaps(case), *_of_excitation(case), *_of_masses(case)]
+
+
+G = 9.80665
+"""Acceleration of free fall [m/s2]."""
+SAGS = {(0, 2): 8.0, (1, 1): 384.0 / 5.0, (1, 2): 185.0, (2, 2): 384.0}
+"""q l⁴ / (EI sag) by what both ends hold, from the weaker: nothing, deflections, slopes as well."""
+LEAST_SAG = 0.1
+"""Share of the gap from which a sag matters."""
+
+
+def of_weight(case: Case) -> Iterator[str]:
+    """Yield a warning if weight, which the case leaves out, would close gaps of level strips."""
+    if case.is_axial or case.gravity is not None:
+        return
+    holds = case.support.holds
+    ends = [holds(end) * (2 - case.support.turns(end)) for end in ENDS]
+    kind_of_laminae = (min(ends), max(ends))
+    pieces: list[tuple[str, float, tuple[str, str], float, tuple[int, int]]] = [
+        (f"delamination.{number}.opening", one.opening, one.between, one.end - one.start, (2, 2))
+        for number, one in enumerate(case.delamination, start=1)
+    ]
+    if case.gap is not None and kind_of_laminae in SAGS:
+        stack = [lamina.name for lamina in case.lamina]
+        pieces += [
+            ("gap.tip", case.gap.tip or 0.0, pair, case.length, kind_of_laminae)
+            for pair in pairwise(stack)
+        ]
+    by_name = {lamina.name: lamina for lamina in case.lamina}
+    for key, gap, names, length, kind in pieces:
+        sags = [
+            by_name[name].uniform.mass_per_length
+            * G
+            * length**4
+            / (SAGS[kind] * by_name[name].uniform.flexural_rigidity)
+            for name in names
+        ]
+        if gap > 0.0 and abs(sags[0] - sags[1]) > LEAST_SAG * gap:
+            texts = " and ".join(
+                f"{name} sags by {1e3 * sag:.3g} mm" for name, sag in zip(names, sags, strict=True)
+            )
+            yield (
+                f"[gravity] is not given: if the strips are level, {texts} by weight, "
+                f"beside {key} = {1e3 * gap:g} mm; if they stand or lie on edge, say so by "
+                "gravity.inclination = 90 or gravity.roll = 90"
+            )
 
 
 def tell(case: Case) -> None:

@@ -169,8 +169,10 @@ def show_case(case: Case, engine: EngineName) -> None:
     Raises:
         CaseError: the case cannot be computed, or must be confirmed.
     """
+    from delam_fem.case import plausible
     from delam_fem.engines.cost import require_affordable, run_cost
     from delam_fem.pipeline import checked
+    from delam_fem.results import rest
 
     cost = run_cost(case, engine)
     rows = [*_about(case)]
@@ -183,8 +185,9 @@ def show_case(case: Case, engine: EngineName) -> None:
     structure, warnings = checked(case, engine)
     rows.append(("unknowns", str(structure.operators.n_dofs)))
     rows.append(("pairs that may touch", str(structure.operators.gap0.size)))
+    rows += rest.rows_of(structure, case)
     table(title, ("", ""), [*rows, ("needs", str(cost))])
-    for text in warnings:
+    for text in (*warnings, *plausible.of_weight(case)):
         tell(f"warning: {text}")
 
 
@@ -215,6 +218,7 @@ def _about(case: Case) -> list[tuple[str, str]]:
         *((f"lamina {lamina.name}", _lamina(lamina)) for lamina in case.lamina),
         ("structure", _structure(case)),
         *_attached(case),
+        *_loads(case),
         ("excitation", case.excitation.words),
         ("contact", f"{combined_name(law, scheme)}: {LAWS[law].meaning}"),
     ]
@@ -315,6 +319,29 @@ def _attached(case: Case) -> Iterator[tuple[str, str]]:
         rate = f", {sensor.sampling_rate:g} Hz" if sensor.sampling_rate else ", every step"
         noise = f", noise {sensor.noise:g} {sensor.unit}" if sensor.noise else ""
         yield f"sensor {sensor.name}", f"{sensor.words}{rate}{noise}"
+
+
+def _loads(case: Case) -> Iterator[tuple[str, str]]:
+    """Yield rows of weight and constant loads."""
+    if case.gravity is not None:
+        given = case.gravity
+        yield (
+            "gravity",
+            f"{given.acceleration:g} m/s², inclination {given.inclination:g}°, roll "
+            f"{given.roll:g}°; gaps {given.gaps}",
+        )
+    for number, load in enumerate(case.load, start=1):
+        where = load.lamina or (f"between {' and '.join(load.between)}" if load.between else "all")
+        if load.axial is not None:
+            text = f"tension {load.axial:g} N, {where}"
+        elif load.force is not None:
+            at = "" if load.position is None else f" at {1e3 * load.position:g} mm"
+            text = f"{load.force:g} N, {where}{at}"
+        else:
+            start, end = load.reach(case.length, case.delamination)
+            reach = f"{1e3 * start:g} to {1e3 * end:g} mm"
+            text = f"{load.per_length:g} N/m, {where}, {reach}"
+        yield f"load {number}", text
 
 
 def _point_support(case: Case, support: PointSupport) -> str:

@@ -42,6 +42,34 @@ def summary_of(structure: Structure, case: Case) -> dict[str, Any] | None:
     }
 
 
+def rows_of(structure: Structure, case: Case) -> list[tuple[str, str]]:
+    """Return what the state of rest is in words, as rows of a table: label and text."""
+    summary = summary_of(structure, case)
+    if summary is None:
+        return []
+    tips = summary["tip_displacement"]
+    if tips is None:
+        return [("at rest", "there is no state of rest: something that nothing holds falls")]
+    pairs = zip(structure.layout.names, tips, strict=True)
+    rows = [("at rest", ", ".join(f"{name} {1e3 * tip:+.4g} mm" for name, tip in pairs))]
+    forces = summary["contact_force"]
+    pressed = [f"{name} by {force:.4g} N" for name, force in forces.items() if force > 0.0]
+    if forces:
+        rows.append(("pressed together", ", ".join(pressed) or "nothing"))
+    o = structure.operators
+    if o.n_pairs and o.equilibrium is not None:
+        gap = o.gap_matrix @ o.equilibrium.displacement + o.gap0
+        texts = [
+            f"{name} {1e3 * gap[numbers].min():.4g} to {1e3 * gap[numbers].max():.4g} mm"
+            for name, numbers in contacts_of(structure, case).items()
+        ]
+        rows.append(("gaps in place", ", ".join(texts)))
+    if summary["buckling_factor"] is not None:
+        words = f"at {summary['buckling_factor']:.4g} times its weight and axial forces"
+        rows.append(("buckles", words))
+    return rows
+
+
 def contacts_of(structure: Structure, case: Case) -> dict[str, IntArray]:
     """Return the pairs of each contact by its name: of interfaces, stops and impactors."""
     layout = structure.layout

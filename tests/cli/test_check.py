@@ -143,3 +143,59 @@ def test_a_case_that_needs_much_is_shown(tmp_path: Path) -> None:
     assert {"lamina thick", "time", "needs"} <= set(table)
     assert "GB" in table["needs"]
     assert "--yes" in checked.stderr
+
+
+LEVEL = """name = "two strips"
+[[lamina]]
+name = "steel"
+length = 0.3
+width = 0.03
+thickness = 0.001
+material = "steel"
+damping_ratio = 0.01
+[[lamina]]
+name = "aluminium"
+length = 0.3
+width = 0.03
+thickness = 0.002
+material = "aluminium"
+damping_ratio = 0.01
+[gap]
+tip = 0.001
+exponent = 2.0
+[mesh]
+elements = 10
+[excitation]
+kind = "harmonic"
+frequency = 10.0
+amplitude = 1e-4
+[contact]
+law = "newton-penalty"
+[time]
+periods = 2
+"""
+
+
+def test_what_sags_more_than_a_tenth_of_the_gap_is_told(tmp_path: Path) -> None:
+    """q L⁴ / 8 EI is 4.45 mm for a steel strip of 300 × 1 mm, 1.15 mm for aluminium of 2 mm."""
+    path = tmp_path / "two.toml"
+    path.write_text(LEVEL)
+    told = invoke("check", path)
+    assert told.exit_code == 0
+    assert "steel sags by 4.45 mm and aluminium sags by 1.15 mm" in told.output
+    path.write_text(LEVEL.replace("[mesh]", "[gravity]\nroll = 90\n[mesh]"))
+    assert "sags" not in invoke("check", path).output
+    assert "sags" not in invoke("check", path, "--set", "gravity.inclination=90").output
+
+
+def test_the_state_of_rest_is_shown(tmp_path: Path) -> None:
+    path = tmp_path / "two.toml"
+    path.write_text(
+        LEVEL.replace("[mesh]", "[gravity]\nroll = 180\n[[load]]\naxial = -3.0\n[mesh]")
+    )
+    shown = " ".join(invoke("check", path).output.split())
+    assert "tension -3 N, all" in shown
+    assert "at rest │ steel +" in shown
+    assert "pressed together │ steel-aluminium by" in shown
+    assert "gaps in place │ steel-aluminium" in shown
+    assert "buckles │ at" in shown
