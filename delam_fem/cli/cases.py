@@ -324,11 +324,11 @@ def _attached(case: Case) -> Iterator[tuple[str, str]]:
 def _loads(case: Case) -> Iterator[tuple[str, str]]:
     """Yield rows of weight and constant loads."""
     if case.gravity is not None:
-        given = case.gravity
+        gravity = case.gravity
         yield (
             "gravity",
-            f"{given.acceleration:g} m/s², inclination {given.inclination:g}°, roll "
-            f"{given.roll:g}°; gaps {given.gaps}",
+            f"{gravity.acceleration:g} m/s², inclination {gravity.inclination:g}°, roll "
+            f"{gravity.roll:g}°; gaps {gravity.gaps}",
         )
     for number, load in enumerate(case.load, start=1):
         where = load.lamina or (f"between {' and '.join(load.between)}" if load.between else "all")

@@ -193,9 +193,9 @@ def test_the_state_of_rest_is_shown(tmp_path: Path) -> None:
     path.write_text(
         LEVEL.replace("[mesh]", "[gravity]\nroll = 180\n[[load]]\naxial = -3.0\n[mesh]")
     )
-    shown = " ".join(invoke("check", path).output.split())
-    assert "tension -3 N, all" in shown
-    assert "at rest │ steel +" in shown
-    assert "pressed together │ steel-aluminium by" in shown
-    assert "gaps in place │ steel-aluminium" in shown
-    assert "buckles │ at" in shown
+    output = " ".join(invoke("check", path).output.split())
+    assert "tension -3 N, all" in output
+    assert "at rest │ steel +" in output
+    assert "pressed together │ steel-aluminium by" in output
+    assert "gaps in place │ steel-aluminium" in output
+    assert "buckles │ at" in output
