@@ -165,6 +165,8 @@ if TYPE_CHECKING:
     from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
     from delam_fem.model.reduction import reduced_case as reduced_case
     from delam_fem.model.responses import of_channels as of_channels
+    from delam_fem.model.solids.body import Body as Body
+    from delam_fem.model.solids.mesh import volumes as volumes
     from delam_fem.model.solids.meshing import cells_along as cells_along, solid_mesh as solid_mesh
     from delam_fem.model.stops_sensors import struck as struck, with_sensors as with_sensors
     from delam_fem.numerics import (
@@ -321,6 +323,8 @@ _HOMES = {
     "model.massless": "Reduced reduce",
     "model.reduction": "reduced_case",
     "model.responses": "of_channels",
+    "model.solids.body": "Body",
+    "model.solids.mesh": "volumes",
     "model.solids.meshing": "cells_along solid_mesh",
     # Motions
     "engines.cost": (

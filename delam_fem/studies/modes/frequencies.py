@@ -42,6 +42,7 @@ from delam_fem.api import (
     springs_of,
     style,
 )
+from delam_fem.studies.modes.plates import PlateModes, plate_modes
 from delam_fem.studies.modes.study import Modes as Options
 
 Kind = Literal["free", "closed"]
@@ -81,6 +82,7 @@ class StructureModes(Finding):
         opening_amplitudes: of the drive at each frequency, at which the first pair opens that
             weight and loads keep closed; None: none is closed.
         unit: unit of these amplitudes.
+        plate: of plates, what lies above the patches, and the surface.
     """
 
     kind: Kind
@@ -97,6 +99,7 @@ class StructureModes(Finding):
     buckling_factor: float | None = None
     opening_amplitudes: tuple[float | None, ...] = ()
     unit: str = "m"
+    plate: PlateModes | None = None
 
     @property
     def bilinear_frequencies(self) -> FloatArray:
@@ -123,12 +126,17 @@ class StructureModes(Finding):
             "buckling_factor": self.buckling_factor,
             "opening_amplitude": self.opening_amplitudes,
         }
+        if self.plate is not None:
+            numbers["defect_share"] = self.plate.shares
         is_closed = any(amplitude is not None for amplitude in self.opening_amplitudes)
+        has_shares = self.plate is not None and self.plate.shares.size > 0
+        shares = self.plate.shares if self.plate is not None and has_shares else None
         heading = (
             "mode",
             "frequency [Hz]",
             *(["motion"] if self._has_others else []),
             *(f"opens {place}" for place in self.places),
+            *(f"energy at {place}" for place in self.places if has_shares),
             f"{other} mode alike [Hz]",
             "bilinear [Hz]",
             *([f"drive that opens [{self.unit}]"] if is_closed else []),
@@ -139,6 +147,7 @@ class StructureModes(Finding):
                 f"{frequency:.6g}",
                 *([self.motions[k]] if self._has_others else []),
                 *(f"{opening:.3f}" for opening in self.openings[k]),
+                *([] if shares is None else [f"{share:.1%}" for share in shares[k]]),
                 number(self.partner_frequencies[k], ".6g"),
                 number(self.bilinear_frequencies[k], ".6g"),
                 *([number(self.opening_amplitudes[k] or np.nan, ".4g")] if is_closed else []),
@@ -158,7 +167,13 @@ class StructureModes(Finding):
         return any(motion != BENDING for motion in self.motions)
 
     def figure(self) -> Figure:
-        """Draw the shape of each mode; shaded where the laminae are apart."""
+        """Draw the shape of each mode; shaded where laminae are apart; of a plate its plan."""
+        if self.plate is not None:
+            titles = [
+                f"{k + 1}: {frequency:.5g} Hz, {self.motions[k]}"
+                for k, frequency in enumerate(self.frequencies)
+            ]
+            return self.plate.figure(titles, f"Modes, delaminations {self.kind}")
         figure, panels = style.side_by_side(
             len(self.frequencies), PANEL, above=0.7, sharex=True, sharey=True
         )
@@ -234,11 +249,15 @@ def structure_modes(
     largest = np.abs(deflections).max(axis=(1, 2))
     motions, sizes = _motions(structure, vectors, largest)
     is_bending = np.array([motion == BENDING for motion in motions])
-    largest = np.where(is_bending, largest, sizes)
+    largest = np.where(is_bending & (not case.is_plate), largest, sizes)
     places, spans, pairs = _delaminations(case, structure)
     gaps = np.abs(o.gap_matrix @ vectors)
     openings = np.array([gaps[rows].max(axis=0, initial=0.0) / largest for rows in pairs])
     shapes = deflections / largest[:, None, None]
+    plate = None
+    if case.is_plate and structure.body is not None:
+        plate = plate_modes(structure.body, case, vectors)
+        motions = plate.named(motions)
     flat = shapes.reshape(n, -1)
     upwards = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])  # the largest deflection
     return StructureModes(
@@ -256,6 +275,7 @@ def structure_modes(
         o.buckling_factor,
         tuple(opening_amplitude(o, f, springs_of(o, case)) for f in frequencies.tolist()),
         "N" if o.base.is_force else "m",
+        plate,
     )
 
 
