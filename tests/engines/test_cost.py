@@ -66,6 +66,7 @@ def test_ordinary_computations_need_no_confirmation() -> None:
         require_affordable(run_cost(preset("paper", keys), "petsc"), "x", is_confirmed=False)
 
 
+@pytest.mark.slow
 def test_a_sweep_of_many_points_leaves_no_folder(tmp_path) -> None:  # type: ignore[no-untyped-def]
     axes = [
         {"key": "excitation.frequency", "start": 1.0, "stop": 4.0, "count": 10_000},

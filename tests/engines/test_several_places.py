@@ -56,6 +56,7 @@ def works_of(result: df.Result) -> FloatArray:
     return np.asarray((0.5 * (force[:, 1:] + force[:, :-1]) * np.diff(moved)).sum(axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["petsc", "compiled"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_acts_at_several_places_adds_up(kind: str, engine: Any) -> None:
