@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -114,15 +115,21 @@ def test_the_unit_of_noise_is_that_of_the_sensor() -> None:
         preset("paper", {"sensor": [{**keys, "noise": "1 mm"}]})
 
 
+def notes_of(annotation: Any) -> list[Any]:
+    """Return the notes of an annotated type and of its parts."""
+    notes = list(getattr(annotation, "__metadata__", ()))
+    for part in getattr(annotation, "__args__", ()):
+        notes += notes_of(part)
+    return notes
+
+
 def test_units_are_those_of_the_documents() -> None:
     """The unit in a docstring, which documents show, is the one that texts are converted to."""
     n_units = 0
     for table in tables():
         for key in table.keys:
             field = table.model.model_fields.get(key.name)
-            notes = [] if field is None else [*field.metadata]
-            for part in getattr(getattr(field, "annotation", None), "__args__", ()):
-                notes += getattr(part, "__metadata__", ())
+            notes = [] if field is None else [*field.metadata, *notes_of(field.annotation)]
             units = [note.name for note in notes if isinstance(note, Unit)]
             if units:
                 assert key.unit.split(" per node")[0].replace("-", "1") == units[0], key.name
