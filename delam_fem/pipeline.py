@@ -550,6 +550,7 @@ def _result(
         never_opens(case),
         quality.limit_warning(case, summary),
         quality.alternating_warning(case, history),
+        quality.range_warning(case, history),
         quality.released_warning(recorder),
         *quality.quality_warnings(case, structure, residual),
         *overlap_warnings(history, case),

@@ -354,6 +354,25 @@ def alternating_warning(case: Case, history: xr.Dataset) -> str | None:
     )
 
 
+def range_warning(case: Case, history: xr.Dataset) -> str | None:
+    """Return a warning if signals of sensors reach the ends of their ranges, else None."""
+    shares = {}
+    for sensor in case.sensor:
+        if sensor.range is not None:
+            step = 0.0 if sensor.bits is None else 2.0 * sensor.range / 2**sensor.bits
+            size = np.abs(history[f"{SENSOR}{sensor.name}"].to_numpy())
+            share = float(np.mean(size >= (sensor.range - step) * (1.0 - 1e-12)))
+            shares[f"{sensor.name}: {sensor.range:g} {sensor.unit}"] = share
+    over = {name: share for name, share in shares.items() if share > 0.0}
+    if not over:
+        return None
+    names = ", ".join(f"{name} in {100.0 * share:.2g} %" for name, share in over.items())
+    return (
+        f"sensors reach the ends of their ranges ({names} of the samples), what is beyond is cut "
+        "off; take a larger sensor.NAME.range, or a smaller drive"
+    )
+
+
 def open_balance(residual: float) -> str:
     """Return the sentence that the energy ledger does not close."""
     if not np.isfinite(residual):

@@ -136,3 +136,20 @@ def test_what_does_not_fit_is_told(keys: dict[str, Any], expected: str) -> None:
     force = {"name": "f", "quantity": "contact force", "between": ["one", "two"], "mass": 0.1}
     with pytest.raises(CaseError, match="mass: expected none with quantity"):
         beam_of(sensor=[force])
+
+
+@pytest.mark.parametrize("reach, is_over", [(0.5, True), (1.5, False)])
+def test_a_signal_that_reaches_the_end_of_its_range_is_a_warning(
+    reach: float, is_over: bool
+) -> None:
+    """The range is a multiple of the largest acceleration of the same run without one."""
+    keys = {"time.periods": 2, "time.steps_per_period": 100, "contact.law": "none"}
+    rig = df.preset("paper", keys)
+    sensor = {"name": "a", "quantity": "acceleration", "lamina": "thin", "position": 0.6}
+    data = rig.model_dump(exclude_unset=True, exclude_none=True)
+    free = df.run(Case(**(data | {"sensor": [sensor]})), "compiled")
+    largest = float(np.abs(free.history["sensor_a"]).max())
+    result = df.run(Case(**(data | {"sensor": [sensor | {"range": reach * largest}]})), "compiled")
+    told = [text for text in result.summary["warnings"] if "ranges" in text]
+    assert bool(told) is is_over
+    assert float(np.abs(result.history["sensor_a"]).max()) <= reach * largest

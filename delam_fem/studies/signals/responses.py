@@ -517,6 +517,10 @@ ORDER = 20
 NEAR = 0.05
 """Relative distance from a peak within which a pole belongs to it."""
 LARGEST_DAMPING = 0.3
+LEAST_DAMPING = 1e-3
+"""Damping ratio with which a fit begins at least."""
+ABOUT = 3
+"""Lines on each side of a peak that show its root, where they are not even."""
 PROMINENCE = 0.05
 """Height of a peak above its surroundings, in decades of the summed amplitude squared."""
 AGREEING, STABLE = 0.7, 0.003
@@ -601,7 +605,10 @@ def poles(data: xr.Dataset, lower: float, upper: float) -> tuple[list[Pole], dic
     starts: list[complex] = []
     for peak in _peaks(frequency, response / size, lower, upper):
         if all(abs(abs(start) / (2.0 * np.pi) - peak) > NEAR * peak for start in starts):
-            starts += filter(None, [_at_peak(roots, peak)])
+            start = _at_peak(roots, peak)
+            if start is None and lines is not frequency:  # between its lines nothing is known
+                start = _of_lines(2j * np.pi * frequency + decay, damped, frequency, peak)
+            starts += filter(None, [start])
     names = [str(name) for name in data["output"].to_numpy()]
     if not starts:
         return [], dict.fromkeys(names, 1.0)
@@ -680,6 +687,29 @@ def _at_peak(roots: Sequence[Values], peak: float) -> complex | None:
     middle = complex(np.median(table.real), np.median(table.imag))
     scatter = float(_scatter(np.abs(table) - abs(middle)))
     return None if scatter > STABLE * abs(middle) else middle
+
+
+def _of_lines(s: Values, values: Values, frequency: FloatArray, peak: float) -> complex | None:
+    """Return the root of the lines about a peak, of any distances; None: they show none.
+
+    There H is r/(s - λ) and a straight line, which is projected out: s H = λ H; see `on_axis`.
+
+    Args:
+        s: where the responses are known, shape (n,) [1/s].
+        values: responses, shape (n_outputs, n).
+        frequency: shape (n,) [Hz].
+        peak: frequency of the peak [Hz].
+    """
+    k = int(np.argmin(np.abs(frequency - peak)))
+    near = slice(max(0, k - ABOUT), k + ABOUT + 1)
+    line, _ = np.linalg.qr(np.array([np.ones(s[near].size), s[near] - s[k]]).T)
+    h, sh = (v - (v @ line.conj()) @ line.T for v in (values[:, near], s[near] * values[:, near]))
+    root = complex(np.vdot(h, sh) / np.vdot(h, h))
+    size = abs(root)
+    if abs(size / (2.0 * np.pi) - peak) > NEAR * peak or root.imag < 0.0:
+        return None
+    damping = min(max(-root.real / size, LEAST_DAMPING), LARGEST_DAMPING)
+    return complex(-damping * size, size * np.sqrt(1.0 - damping**2))
 
 
 def _fitted(

@@ -175,6 +175,19 @@ def test_a_band_that_does_not_begin_at_zero(first: float) -> None:
         poles(data, 5.0, 130.0)
 
 
+@pytest.mark.parametrize("left_out", [0, 3])
+def test_poles_are_found_from_odd_lines_wider_apart_than_a_peak(left_out: int) -> None:
+    """Odd lines alone, and with one of three left out: then the peak of 0.07 Hz is between them."""
+    f = 0.25 * np.arange(21, 520, 2)
+    if left_out:
+        f = f[np.arange(f.size) % left_out != 1]
+    fitted_poles, _ = poles(mixed(f), 6.0, 125.0)
+    expected = MODES[1:] if left_out else MODES
+    assert [pole.frequency for pole in fitted_poles] == pytest.approx(
+        [f for f, _ in expected], rel=1e-4
+    )
+
+
 @pytest.mark.parametrize("segment", [20.0, 40.0])
 def test_a_hann_window_adds_nothing_to_damping(segment: float) -> None:
     """Without its correction a mode of 3.2 Hz and 1.2 % has 8 % too much at 40 s, 30 % at 20 s."""
