@@ -35,11 +35,12 @@ _DIMENSIONS: Mapping[str, tuple[int, ...]] = {
     **dict.fromkeys(("format", "case", "mesh", "is_force"), (0,)),
     **dict.fromkeys(("x", "squares", "corner", "gap0", "weights", "lower"), (1,)),
     **dict.fromkeys(("reading_base", "reading_part", "places"), (1,)),
-    **dict.fromkeys(("base", "H", "probes", "readings", "strains", "start"), (2,)),
+    **dict.fromkeys(("base", "H", "probes", "readings", "strains", "start", "spots"), (2,)),
     **dict.fromkeys(("dofs", "sections"), (3,)),
     "damping": (1, 2),
 }
-"""Numbers of dimensions that the arrays of a file may have; `places_k` are those of interface k."""
+"""Numbers of dimensions that the arrays of a file may have; `places_k` are those of interface k, as
+are x and z in `pairs_k` [m]. `spots` are places of a plate: part, x, z and side."""
 _COMPARED: Mapping[str, set[str] | None] = {
     "lamina": None,
     "support": None,
@@ -103,7 +104,7 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
         "strains": strains,
     }
     if layout.places:
-        content["places"] = np.array(layout.places, dtype=np.float64)
+        content["spots"] = np.array(layout.places, dtype=np.float64)
     content["lower"] = np.array(
         [interface.parts[0] for interface in layout.interfaces], dtype=np.int64
     )
@@ -193,6 +194,8 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
         ):
             raise ValueError(f"{name} has no numbers that can be used")
         allowed = _DIMENSIONS.get("places" if name.startswith("places_") else name)
+        if name.startswith("pairs_"):
+            allowed = (2,)
         if allowed is not None and values.ndim not in allowed:
             raise ValueError(f"{name} has {values.ndim} dimensions")
     squares, damping = data["squares"], data["damping"]
@@ -230,7 +233,7 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
         )
         for number, k in enumerate(data["lower"].tolist())
     ]
-    rows = data.get("places", np.zeros((0, 4))).tolist()
+    rows = data.get("spots", np.zeros((0, 4))).tolist()
     places = tuple(Place(int(part), x, z, int(side)) for part, x, z, side in rows)
     layout = layout_of(origin, parts, in_order(interfaces), reading, places)
     return Structure(operators, layout)
