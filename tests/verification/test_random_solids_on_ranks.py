@@ -153,7 +153,12 @@ def case_of(seed: int) -> tuple[str, Case]:
         data["sensor"] += [
             {"name": "contact", "quantity": "contact force", "between": ["lower", "upper"]}
         ]
-    return draw.choice(["petsc", "petsc", "compiled"]), Case.model_validate(data)
+    engine = draw.choice(["petsc", "petsc", "compiled"])
+    if likely(0.2) and "initial" not in data:
+        data["gravity"] = {"acceleration": 0.2}
+    if likely(0.2) and "initial" not in data:
+        data["load"] = [{"lamina": "upper", "position": 0.3, "force": 0.02}]
+    return engine, Case.model_validate(data)
 
 
 def compared(seeds: range, ranks: int, crew: Crew) -> None:
