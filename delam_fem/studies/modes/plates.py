@@ -14,13 +14,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
-from delam_fem.api import Body, Case, FloatArray, IntArray, style, volumes
+from delam_fem.api import Case, FloatArray, IntArray, style, volumes
+
+if TYPE_CHECKING:
+    from delam_fem.api import Body  # it needs dolfinx
 
 LOCAL = 0.5
 """Share of the energy in a sublaminate from which a mode is local to its patch."""
