@@ -190,7 +190,6 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
     )
     require_mass(case, "compare", "its masses are at nodes; converge refines the case")
     require_plain(case, "compare")
-    require(not case.is_loaded, "gravity, load: compare", "none, as the reference has none", "some")
     require(
         case.excitation.acts_on == "base",
         "excitation: compare",
@@ -268,6 +267,9 @@ def operator_differences(given: Operators, expected: Operators) -> dict[str, flo
     H = np.abs((given.gap_matrix - expected.gap_matrix).toarray())
     largest = np.abs(expected.gap0).max(initial=0.0) or 1.0  # 0: all closed at rest
     vectors = {"lumped mass": lumped, "H": H, "gap0": np.abs(given.gap0 - expected.gap0) / largest}
+    if expected.load is not None and given.load is not None:
+        size = np.abs(expected.load).max()
+        vectors["loads"] = np.abs(given.load - expected.load) / size
     return blocks | columns | {name: float(each.max(initial=0.0)) for name, each in vectors.items()}
 
 

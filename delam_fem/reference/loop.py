@@ -24,6 +24,7 @@ from delam_fem.case.excitation import base_motion
 from delam_fem.case.sections import Contact
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.reference.loads import rest
 from delam_fem.system.errors import CaseError
 
 Impact = tuple[int, float, float]
@@ -203,7 +204,7 @@ def simulate_reference(
         operators: operators of the structure, from any assembler.
         case: case with excitation, contact law and time step.
         periods: number of periods to compute.
-        initial: initial state; default: at rest at t = 0.
+        initial: initial state; default: at rest at t = 0, under weight and loads if there are any.
 
     Returns:
         Histories of the probes at every step, impacts and final state.
@@ -216,6 +217,9 @@ def simulate_reference(
         raise CaseError(refusal)
     zeros = np.zeros(operators.n_dofs)
     state = initial or Standing(0, zeros, zeros, np.zeros(operators.n_pairs, dtype=bool))
+    if initial is None and case.begins_at_rest:
+        lying, closed = rest(operators, case)
+        state = Standing(0, lying, zeros, closed)
     N, dt = case.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)
     base = base_motion(case.excitation).states(steps * dt)
@@ -271,8 +275,9 @@ class _System:
         return self.solve_mass(self.force(base) - self.operators.damping @ v - self.K @ u)
 
     def force(self, base: FloatArray) -> FloatArray:
-        """Return the force due to the base motion (q, q', q'') and to the rest gaps of springs."""
-        return np.asarray(self.spring_force - self.base_columns @ base)
+        """Return the force of the base motion (q, q', q''), rest gaps of springs, and loads."""
+        force = self.spring_force - self.base_columns @ base
+        return np.asarray(force if self.operators.load is None else force + self.operators.load)
 
     def _require_springs(self, P: BoolArray) -> None:
         if not np.array_equal(P, self.springs):

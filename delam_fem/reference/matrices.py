@@ -32,11 +32,13 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import eigh
 from scipy.optimize import brentq
+from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import InitialGap, Lamina, Profile, x_of
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
+from delam_fem.reference.loads import axial_blocks, load_vector
 from delam_fem.system.errors import CaseError
 
 DOFS = 2
@@ -487,6 +489,7 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
         for k, consistent, diagonal in point_masses(case, lamina.name, stack.x):
             masses.append((i, k, consistent))
             lumps.append((i, k, diagonal))
+    bending += axial_blocks(stack)
     inertia = masses if case.time.mass == "consistent" else lumps
     M = stack.summed(inertia)
     K = stack.summed(bending)
@@ -513,6 +516,9 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
     if dampers.nnz:
         C = sp.csr_matrix(C + dampers)
     n = stack.n_free
+    load = load_vector(stack) if case.is_loaded else None
+    if case.gravity is not None and case.gravity.gaps == "in place":
+        gap0 = gap0 - H @ splu(sp.csc_matrix(K[:n, :n])).solve(load)
     m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
     m_aa, c_aa, k_aa = (float(matrix[n, n]) for matrix in (M, C, K))
     eye = sp.identity(n, format="csr")
@@ -526,6 +532,7 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int = -1) -> Operators:
         gap0=gap0,
         pair_weights=weights,
         probes=sp.csr_matrix(eye[stack.dofs[:, observed, 0]]),
+        load=load if load is not None and load.any() else None,
     )
 
 
@@ -542,7 +549,8 @@ def _of_lamina(
     """
     lamina = case.lamina[i]
     has_masses = any(mass.lamina == lamina.name for mass in case.masses)
-    if not has_masses and case.support.is_cantilever and not stack.is_varying:
+    is_plain = not (has_masses or stack.is_varying or case.has_axial_forces)
+    if is_plain and case.support.is_cantilever:
         return rayleigh(case, lamina)
     dofs = np.unique(stack.dofs[i])
     dofs = dofs[dofs >= 0]
