@@ -24,7 +24,6 @@ from delam_fem.case.excitation import base_motion
 from delam_fem.case.sections import Contact
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.reference.loads import rest
 from delam_fem.system.errors import CaseError
 
 Impact = tuple[int, float, float]
@@ -241,6 +240,32 @@ def simulate_reference(
     return ReferenceRun(
         steps[1:] * dt, motion[0], motion[1], events, Standing(int(steps[-1]), u, v, P)
     )
+
+
+MOST_CHANGES = 200
+"""Sets of closed springs that are tried for the state of rest."""
+
+
+def rest(operators: Operators, case: Case) -> tuple[FloatArray, BoolArray]:
+    """Return displacements at rest, shape (n,) [m], and the pairs whose springs carry a load.
+
+    Raises:
+        CaseError: the springs that are closed do not stay the same.
+    """
+    o = operators
+    load = np.zeros(o.n_dofs) if o.load is None else o.load
+    closed = np.zeros(o.n_pairs, dtype=bool)
+    weights = np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
+    for _ in range(MOST_CHANGES):
+        H = o.gap_matrix[closed]
+        springs = H.T @ sp.diags(case.contact.penalty_stiffness * weights[closed])
+        K = sp.csc_matrix(o.stiffness + springs @ H)
+        u = splu(K).solve(load - springs @ o.gap0[closed])
+        overlaps = o.gap_matrix @ u + o.gap0 < 0.0
+        if case.contact.law == "none" or np.array_equal(overlaps, closed):
+            return u, closed
+        closed = overlaps
+    raise CaseError("reference: found no state of rest")
 
 
 class _System:
