@@ -17,8 +17,8 @@ strain energy under these constraints (a saddle point problem). Free dofs are nu
 from the bottom, deflection before slope; those of laminae that are apart lamina by lamina.
 
 Weight and loads are integrals of the shape functions, and the geometric stiffness ∫ N w' v' dx
-those of their slopes. The axial force N of a lamina that is apart is what hangs behind each place; of one
-that is held at both ends, its mean is 0.
+those of their slopes. The axial force N of a lamina that is apart is what hangs behind each place;
+of one that is held at both ends, its mean is 0.
 """
 
 from __future__ import annotations
