@@ -730,13 +730,13 @@ def axial_blocks(stack: Stack) -> list[tuple[int, int, FloatArray]]:
             "gravity.inclination: the reference has weight along the axis of laminae that are "
             "apart; given a bonded stack"
         )
-    total = sum(lamina.axial_rigidity for lamina in case.lamina)
+    EA = stack.sections[2]
     blocks = []
     for i, lamina in enumerate(case.lamina):
         tension = 0.0
         for load in case.load:
             if load.axial is not None and load.lamina is None:
-                tension += load.axial * lamina.axial_rigidity / total
+                tension += load.axial * float(EA[i] / EA.sum())
             elif load.axial is not None and load.lamina == lamina.name:
                 tension += load.axial
         pulls = _behind(stack, i, along)
@@ -776,7 +776,7 @@ def load_vector(stack: Stack) -> FloatArray:
     end = float(stack.x[-1])
     for i, lamina in enumerate(case.lamina):
         if across:
-            add(i, (0.0, end), across * lamina.uniform.mass_per_length)
+            add(i, (0.0, end), across * section(lamina)[0])
         for mass in case.masses:
             if mass.lamina == lamina.name:
                 push(i, end if mass.position is None else x_of(mass.position), across * mass.mass)
@@ -802,7 +802,7 @@ def _behind(stack: Stack, i: int, along: float) -> list[Polynomial]:
     case = stack.case
     x = stack.x
     end = float(x[-1])
-    per_length = case.lamina[i].uniform.mass_per_length
+    per_length = section(case.lamina[i])[0]
     masses = [
         (mass.mass, end if mass.position is None else x_of(mass.position))
         for mass in case.masses
