@@ -64,6 +64,7 @@ def is_curable(order: tuple[str, ...]) -> bool:
 QUICK = ("dolfinx", "delam_fem", "pyvista", "netCDF4", "h5py")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "order",
     [

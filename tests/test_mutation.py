@@ -71,6 +71,7 @@ def test_mutants_of_a_module_know_their_lines() -> None:
     assert all(any(c.isdigit() or c == ">" for c in text[m.line - 1]) for m in mutants)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "limit", "expected"),
     [("pass", 60, "passed"), ("assert 0", 60, "failed"), ("while True: pass", 2, "timeout")],
