@@ -922,8 +922,7 @@ class Case(Section):
                 n_turns += point.holds_slopes
         if self.is_axial:
             return int(not x)
-        rows = [[1.0, place / length] for place in x] + [[0.0, 1.0]] * bool(n_turns)
-        return 2 - (int(np.linalg.matrix_rank(np.array(rows))) if rows else 0)
+        return 2 - bool(x) - (n_turns > 0 or len(set(x)) > 1)  # shift and turn
 
     def _n_rigid_of_plate(self) -> int:
         """Return the number of the six rigid motions that the edges and points of a plate leave.
