@@ -72,6 +72,7 @@ WHY_NOT = {
     "overlay": RIGID,
     "pod": "nothing is measured: hits are drawn; those of rigs are the matter of `detect`",
     "resonance": "EI, clamps: they change the frequency, which is drawn; mesh: nothing touches",
+    "responses": "there is no shaker; noise is drawn; mesh: twice the elements on all rigs",
     "settled": f"{RIGID}; a run has no noise, and its drive is that of the case",
     "stability": COMPUTED,
     "tap": "there is no shaker",
@@ -88,6 +89,8 @@ UNCOUNTED = {
     "is given",
     "`measure response --poles`: errors of poles": "two standard errors, counted in "
     "tests/studies/signals/test_poles.py; measured.md has the shares",
+    "`identify keys` from frequency responses": "counted in short; "
+    "[identification](../identification.md#limits) has the shares",
     "`converge`: solids": "a truth costs many minutes",
 }
 """What is printed and has no count, and why."""
