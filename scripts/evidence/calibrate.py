@@ -72,7 +72,6 @@ WHY_NOT = {
     "overlay": RIGID,
     "pod": "nothing is measured: hits are drawn; those of rigs are the matter of `detect`",
     "resonance": "EI, clamps: they change the frequency, which is drawn; mesh: nothing touches",
-    "responses": "there is no shaker; noise is drawn; mesh: twice the elements on all rigs",
     "settled": f"{RIGID}; a run has no noise, and its drive is that of the case",
     "stability": COMPUTED,
     "tap": "there is no shaker",
