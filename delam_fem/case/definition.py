@@ -679,6 +679,12 @@ class Case(Section):
         for number, delamination in enumerate(self.delamination, start=1):
             of_plates[f"delamination.{number}.across"] = delamination.across is not None
         for number, support in enumerate(self.support.placed, start=1):
+            if support.is_edge and not is_solid:
+                raise inconsistent(
+                    f"support.{number}.side",
+                    "expected 'start' or 'end', or an edge of a plate with model.kind = \"solid\", "
+                    f"given {support.side!r}",
+                )
             of_plates[f"support.{number}.side"] = support.is_edge
         for key, is_there in of_plates.items():
             if not is_there or self.is_plate:
