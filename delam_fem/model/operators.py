@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -313,6 +314,20 @@ class Operators(Recorded[sp.csr_matrix]):
             dofs = np.flatnonzero(label == number)
             M, C, K = (A[dofs][:, dofs].tocsc() for A in matrices)
             yield dofs, M, C, K
+
+    @cached_property
+    def pair_mass(self) -> FloatArray:
+        """Mass that each pair meets if its nodes move alone, shape (n_pairs,) [kg]."""
+        H = self.gap_matrix
+        with np.errstate(divide="ignore", invalid="ignore"):  # points of contact may have no mass
+            inverse = H.multiply(H) @ (1.0 / self.mass.diagonal())
+            return np.asarray(1.0 / inverse)
+
+    @cached_property
+    def probe_stiffness(self) -> float:
+        """The largest p K pᵀ of the probes p [N/m]; 0 without probes."""
+        p = self.probes
+        return float(np.asarray(p.multiply(p @ self.stiffness).sum(axis=1)).max(initial=0.0))
 
     def without_contact(self) -> Operators:
         """Return the same operators without pairs."""

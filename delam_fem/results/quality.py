@@ -432,8 +432,8 @@ class Blow(NamedTuple):
 def spring_blows(case: Case, structure: Structure) -> list[Blow]:
     """Return the shortest blow on each kind of contact springs; [] without springs.
 
-    A mass m that meets a spring k leaves it after π √(m/k). m is what the pair meets at its place,
-    1/W of the diagonal of M: a node, an impactor, a point. Springs at one place add up, as those of
+    A mass m that meets a spring k leaves it after π √(m/k). m is what the pair meets at its place
+    (`Operators.pair_mass`): a node, an impactor, a point. Springs at one place add up, as those of
     Hertz's contact do.
     """
     o = structure.operators
@@ -442,15 +442,13 @@ def spring_blows(case: Case, structure: Structure) -> list[Blow]:
     has_springs = law_numbers(case, o).has_springs(o.n_pairs)
     if not has_springs.any():
         return []
-    H = o.gap_matrix
     weights = np.ones(o.n_pairs) if o.pair_weights is None else o.pair_weights
-    mobility = np.asarray(H.multiply(H) @ (1.0 / o.mass.diagonal()))
     stiffness = case.spring[0] * np.where(has_springs, weights, 0.0)
     for stop in structure.layout.stops:
         places = np.unique(stop.places, return_inverse=True)[1]
         stiffness[stop.pairs] = np.bincount(places, stiffness[stop.pairs])[places]
     with np.errstate(divide="ignore", invalid="ignore"):  # a mass-less or a rigid side, no spring
-        durations = np.where(stiffness > 0.0, np.pi / np.sqrt(stiffness * mobility), np.inf)
+        durations = np.where(stiffness > 0.0, np.pi * np.sqrt(o.pair_mass / stiffness), np.inf)
     step = case.time_step / case.time.refine
     blows = (
         Blow(key, float(durations[pairs].min(initial=np.inf)), step)

@@ -145,7 +145,7 @@ def verdict_and_truth(case: Case, periods: int) -> tuple[str, bool]:
     state = coarse.solved.state
     trajectory = map_.trajectory(state, parameter, periods)
     closed_orbit = PeriodicOrbit(
-        case, periods, coarse, None, np.inf, scatter, map_.info, trajectory, 0.0, 0
+        case, periods, coarse, None, np.inf, scatter, map_.info, trajectory, {}, 0.0, 0
     )
     steps = FINER * case.steps_per_period
     fine = CaseFamily(case.with_overrides({"time.steps_per_period": steps}), FREQUENCY)
