@@ -6,7 +6,8 @@ drive q solves
     (M s² + C s + K) U = -(m_b s² + c_b s + k_b)                                                (F1)
 
 The motions at many s lie in a space of few dimensions. It is spanned by solutions at some s, and
-by further ones where (F1) is satisfied worst, until it is satisfied everywhere to `TOLERANCE`.
+by further ones where (F1) is satisfied worst, until it is satisfied everywhere to `TOLERANCE`, or
+to the round-off that is left where it was solved.
 
 Source: A. C. Antoulas, Approximation of Large-Scale Dynamical Systems, 2005, ch. 11 (rational
 interpolation); A. Bunse-Gerstner, D. Kubalińska, G. Vossen, D. Wilczek, J. Comput. Appl. Math. 233
@@ -31,6 +32,9 @@ FIRST, MORE = 8, 4
 """Points at which (F1) is solved at first, and in each further round."""
 TOLERANCE = 1e-9
 """Largest norm of what (F1) leaves, over that of its right-hand side."""
+ROUND_OFFS = 10.0
+"""Multiple of what is left at solved points that is still round-off at others: of a force, whose
+motion is small beside the stiffness of short elements, more than `TOLERANCE` is left."""
 
 
 def motions(operators: Operators, s: ComplexArray) -> tuple[FloatArray, ComplexArray]:
@@ -48,8 +52,10 @@ def motions(operators: Operators, s: ComplexArray) -> tuple[FloatArray, ComplexA
     powers = np.stack([np.ones_like(s), s, s**2])  # (3, k)
     basis = np.zeros((o.n_dofs, 0))
     points = np.unique(np.linspace(0, s.size - 1, min(FIRST, s.size)).astype(np.int64))
+    solved: list[int] = []
     while True:
         columns = [basis]
+        solved += points.tolist()
         for k in points.tolist():
             Z = o.stiffness + s[k] * o.damping + s[k] ** 2 * o.mass
             U = regular(Z)(-(powers[:, k] @ of_drive).astype(np.complex128))
@@ -65,7 +71,8 @@ def motions(operators: Operators, s: ComplexArray) -> tuple[FloatArray, ComplexA
             product @ (power * Y) for product, power in zip(products, powers, strict=True)
         )
         share = np.linalg.norm(residual, axis=0) / np.linalg.norm(of_drive.T @ powers, axis=0)
-        if share.max() <= TOLERANCE or basis.shape[1] >= min(o.n_dofs, 2 * s.size):
+        least = max(TOLERANCE, ROUND_OFFS * float(share[solved].max()))
+        if share.max() <= least or basis.shape[1] >= min(o.n_dofs, 2 * s.size):
             return basis, Y
         points = _worst(share)
 
