@@ -182,8 +182,26 @@ def _process_pool(workers: int) -> ProcessPoolExecutor:
     executor = _ListeningPool(
         workers, mp_context=context, initializer=_prepare_worker, initargs=(messages, level)
     )
+    _let_threads_close(executor._call_queue._reader)  # type: ignore[attr-defined]
     executor.listen(messages)
     return executor
+
+
+def _let_threads_close(connection: Any) -> None:
+    """Let several threads close a connection.
+
+    Of two that do so at once, the second would close the file a second time. It would fail, or
+    close one that was opened meanwhile. The thread that feeds the workers of a pool waits forever
+    after such a failure, and with it the end of the process.
+    """
+    lock = threading.Lock()
+    close = connection.close
+
+    def close_once() -> None:
+        with lock:
+            close()
+
+    connection.close = close_once
 
 
 class _Worker(SpawnProcess):
@@ -204,11 +222,11 @@ class _Spawning(SpawnContext):
 class _ListeningPool(ProcessPoolExecutor):
     """A process pool whose workers' messages appear in the log of this process."""
 
-    _listener: QueueListener | None = None
+    _listener: _Listener | None = None
 
     def listen(self, messages: Any) -> None:
         """Take in the messages in a queue, until the pool is shut down."""
-        self._listener = QueueListener(messages, _Here())
+        self._listener = _Listener(messages)
         self._listener.start()
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -227,6 +245,29 @@ class _ListeningPool(ProcessPoolExecutor):
         self._listener = None
         if listener is not None:
             listener.stop()
+
+
+class _Listener(QueueListener):
+    """A thread that takes in the messages of workers.
+
+    No message ends it: a worker that was killed while it sent one keeps the lock of the queue, so
+    that nobody could send another.
+    """
+
+    def __init__(self, messages: Any) -> None:
+        """Store the queue of the messages."""
+        super().__init__(messages, _Here())
+        self._ending, self._end = multiprocessing.Pipe(duplex=False)
+
+    def dequeue(self, block: bool) -> Any:
+        """Wait for a message, or for the end once all messages are taken in."""
+        messages = self.queue._reader  # type: ignore[attr-defined]
+        ready = multiprocessing.connection.wait([messages, self._ending])
+        return self.queue.get() if messages in ready else None
+
+    def enqueue_sentinel(self) -> None:
+        """Let the thread end."""
+        self._end.close()
 
 
 class _Here(logging.Handler):

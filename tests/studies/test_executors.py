@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from logging.handlers import QueueHandler
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
 
@@ -136,6 +140,45 @@ def test_an_error_ends_the_workers_at_once() -> None:
     while worker.exitcode is None and time.monotonic() < end:
         worker.join(0.1)  # the thread of the pool may ask for the status at the same time
     assert worker.exitcode == -signal.SIGKILL
+
+
+def test_two_threads_may_close_what_the_workers_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They do when a pool breaks; a file that was closed twice kept the process from its end."""
+    with executors.pool("process", 1) as opened:
+        reader = opened.executor._call_queue._reader
+        closed = []
+
+        def close_slowly(connection: Connection) -> None:
+            closed.append(connection.fileno())
+            time.sleep(0.1)
+
+        with monkeypatch.context() as slow:
+            slow.setattr(Connection, "_close", close_slowly)
+            threads = [threading.Thread(target=reader.close) for _ in range(2)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        (file,) = closed
+        os.close(file)
+
+
+def die_with_the_lock_of_the_messages() -> None:
+    """Die as a worker that is killed in the midst of a message."""
+    (handler,) = (h for h in logging.getLogger("delam_fem").handlers if isinstance(h, QueueHandler))
+    handler.queue._wlock.acquire()
+    die()
+
+
+def test_a_worker_that_dies_in_a_message_keeps_nobody() -> None:
+    with executors.pool("process", 1) as opened:
+        dead = opened.executor.submit(die_with_the_lock_of_the_messages)
+        with pytest.raises(BrokenProcessPool):
+            dead.result(timeout=600.0)
+        renewal = threading.Thread(target=opened.renew, daemon=True)
+        renewal.start()
+        renewal.join(timeout=600.0)
+        assert not renewal.is_alive()
 
 
 def die() -> None:
