@@ -1,18 +1,19 @@
 """Move imports of the simulator's modules to its seam, `delam_fem.api`.
 
     .venv/bin/python scripts/to_seam.py delam_fem/studies delam_fem/paper scripts tests
-    .venv/bin/ruff check --select I --fix . && .venv/bin/ruff format .
+    .venv/bin/ruff check --select I,F401 --fix . && .venv/bin/ruff format .
 
 A name of the seam is imported from there. Names of a module that the seam has as a whole
 (`style`, `html`, `settling`, …) are written as its attributes, unless the file uses the name of
-the module for something else. Whatever is not in the seam stays as it is.
+the module for something else. Calls through a module of what a name of the seam stands for
+(`STANDS_FOR`) become calls of that. Whatever is not in the seam stays as it is.
 """
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,11 @@ from delam_fem import api
 
 PACKAGE = "delam_fem"
 SEAM = f"{PACKAGE}.api"
+STANDS_FOR = {
+    f"{PACKAGE}.model.beams.closed_form.assemble": ("assemble", "needs_dolfinx=False"),
+    f"{PACKAGE}.model.discretise.assemble": ("assemble", ""),
+}
+"""Functions of one argument: the name of the seam for them, and what its calls have besides."""
 
 
 class Edit(NamedTuple):
@@ -50,17 +56,7 @@ def rewritten(source: str, *, uses_modules: bool) -> str:
     """
     names, modules = homes()
     tree = ast.parse(source)
-    encoded = source.encode()
-    starts = [0]
-    for line in encoded.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
-
-    def place(node: ast.expr | ast.stmt) -> tuple[int, int]:
-        assert node.end_lineno is not None
-        assert node.end_col_offset is not None
-        start = starts[node.lineno - 1] + node.col_offset
-        return start, starts[node.end_lineno - 1] + node.end_col_offset
-
+    place = places(source)
     bound = set(bound_names(tree))
     prefixed: dict[str, str] = {}
     edits: list[Edit] = []
@@ -93,7 +89,68 @@ def rewritten(source: str, *, uses_modules: bool) -> str:
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and node.id in prefixed:
             edits.append(Edit(*place(node), prefixed[node.id]))
-    for edit in sorted(edits, reverse=True):
+    return edited(source, edits)
+
+
+def with_calls_of_the_seam(source: str) -> str:
+    """Return a source that calls names of the seam in place of functions of other modules.
+
+    A file that uses such a name for something else keeps its calls.
+    """
+    tree = ast.parse(source)
+    place = places(source)
+    bound = set(bound_names(tree))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module != SEAM:
+            bound |= {alias.asname or alias.name for alias in node.names}
+    edits: list[Edit] = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ImportFrom) or not node.module or node.level:
+            continue
+        for alias in node.names:
+            module = f"{node.module}.{alias.name}"
+            for function, (name, argument) in STANDS_FOR.items():
+                if not function.startswith(f"{module}.") or name in bound:
+                    continue
+                written = f"{alias.asname or alias.name}.{function.removeprefix(f'{module}.')}"
+                calls = [
+                    call
+                    for call in ast.walk(tree)
+                    if isinstance(call, ast.Call)
+                    and ast.unparse(call.func) == written
+                    and len(call.args) == 1
+                ]
+                for call in calls:
+                    edits.append(Edit(*place(call.func), name))
+                    if argument:
+                        end = place(call)[1] - 1
+                        edits.append(Edit(end, end, f", {argument}"))
+                if calls:
+                    start = place(node)[0]
+                    indent = " " * node.col_offset
+                    edits.append(Edit(start, start, f"from {SEAM} import {name}\n{indent}"))
+    return edited(source, edits)
+
+
+def places(source: str) -> Callable[[ast.expr | ast.stmt], tuple[int, int]]:
+    """Return the function that gives the first byte of a node and that behind it."""
+    starts = [0]
+    for line in source.encode().splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+
+    def place(node: ast.expr | ast.stmt) -> tuple[int, int]:
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
+        start = starts[node.lineno - 1] + node.col_offset
+        return start, starts[node.end_lineno - 1] + node.end_col_offset
+
+    return place
+
+
+def edited(source: str, edits: Iterable[Edit]) -> str:
+    """Return a source with edits that do not overlap."""
+    encoded = source.encode()
+    for edit in sorted(set(edits), reverse=True):
         encoded = encoded[: edit.start] + edit.text.encode() + encoded[edit.end :]
     return encoded.decode()
 
@@ -119,7 +176,8 @@ def main(folders: list[str]) -> None:
     for folder in folders:
         for path in sorted(Path(folder).rglob("*.py")):
             before = path.read_text(encoding="utf-8")
-            after = rewritten(before, uses_modules=not folder.startswith("tests"))
+            after = with_calls_of_the_seam(before)
+            after = rewritten(after, uses_modules=not folder.startswith("tests"))
             if after != before:
                 path.write_text(after, encoding="utf-8")
                 sys.stdout.write(f"{path}\n")

@@ -16,10 +16,9 @@ from pydantic import Field
 from synthetic import FRAMES, LEDGER, NODES, STEPS, WINDOW, small_case
 
 from delam_fem import Case
-from delam_fem.api import N_BASE, Lamina, PeriodRecord, Structure
+from delam_fem.api import N_BASE, Lamina, PeriodRecord, Structure, assemble
 from delam_fem.case.sections import Stop
 from delam_fem.contact.decisions import Decision
-from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Probe
 from delam_fem.results import dataset
 from delam_fem.results.schema import add
@@ -151,7 +150,7 @@ def _case(overrides: dict[str, object]) -> Case:
 
 def _structure(case: Case) -> Structure:
     """Return the structure with its reference probes at `NODE` and one further probe."""
-    made = closed_form.assemble(case)
+    made = assemble(case, needs_dolfinx=False)
     layout, o = made.layout, made.operators
     probes = (*(Probe("tip", i, NODE) for i in range(3)), Probe("mid", 1, 2))
     gap0 = np.concatenate([gap * shape(layout.x)[1:] for gap in GAPS])

@@ -24,8 +24,7 @@ from scipy.optimize import root
 from scipy.sparse import csr_matrix
 
 import delam_fem as df
-from delam_fem.api import Case, FloatArray, atomic, drive
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Case, FloatArray, assemble, atomic, drive
 
 ROOT = Path(__file__).parents[2]
 CASES = Path("docs", "examples", "others")
@@ -110,7 +109,7 @@ def at_ends(history: xr.Dataset) -> tuple[float, ...]:
 
 def few_modes(case: Case) -> xr.Dataset:
     """Compute three tubes with five modes each, and the contacts that are near, as they did."""
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     squares, shapes = eigh(o.stiffness.toarray(), o.mass.toarray(), subset_by_index=[0, 14])
     near = o.gap0 < 0.1
     operators = df.Operators(

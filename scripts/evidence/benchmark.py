@@ -31,9 +31,8 @@ from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
-from delam_fem.api import N_SIZES, EngineName, session_of
+from delam_fem.api import N_SIZES, EngineName, assemble, session_of
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import matrix
 from delam_fem.reference.loop import simulate_reference
 
@@ -97,7 +96,7 @@ def fastest(
 
 def bare_operations(case: df.Case, repeats: int) -> float:
     """Return the time of one MatSolve and two MatMult with the matrices of a case [µs]."""
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     dt = case.time_step
     rows = o.mass + dt / 2 * o.damping + dt**2 / 4 * o.stiffness
     A = linear_algebra.PetscFactor(matrix(rows, COMM), "benchmark_")
@@ -123,7 +122,7 @@ def case_of(elements: int, periods: int, **settings: Any) -> df.Case:
 
 def step(case: df.Case, repeats: int, engine: EngineName) -> float:
     """Return the time of a step with its record, after loading and set-up [µs]."""
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     times = []
     for _ in range(repeats):
         with session_of(case, operators, engine=engine, comm=MPI.COMM_SELF) as opened:
@@ -146,7 +145,7 @@ def slope(
     steps = []
     for periods in lengths:
         case = df.preset(preset, keys | {"time.periods": periods})
-        operators = closed_form.assemble(case).operators
+        operators = assemble(case, needs_dolfinx=False).operators
         times = []
         for _ in range(repeats):
             with session_of(case, operators, engine=engine, comm=MPI.COMM_SELF) as opened:
@@ -186,7 +185,7 @@ def beside_limit(limit: Path, repeats: int) -> list[dict[str, Any]]:
 
 def plain_loop(case: df.Case, repeats: int) -> float:
     """Return the time of a step in the plain NumPy and SciPy loop of the reference [µs]."""
-    model = closed_form.assemble(case)
+    model = assemble(case, needs_dolfinx=False)
     steps = case.n_periods * case.time.steps_per_period
     loop = fastest(
         lambda: simulate_reference(model.operators, case, periods=case.n_periods), repeats
@@ -197,7 +196,7 @@ def plain_loop(case: df.Case, repeats: int) -> float:
 def _one_run(periods: int) -> int:
     """Compute some periods in a worker; return the number of steps."""
     case = case_of(20, periods, **SCHEMES[BASELINE])
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     with session_of(case, operators) as opened:
         opened.run()
     return periods * case.time.steps_per_period
@@ -212,7 +211,7 @@ def lasting_contact(n: int, repeats: int) -> dict[str, Any]:
     keys = {"mesh.elements": n, "output.window_periods": 1, "output.fields_per_period": 0}
     case = df.preset("embedded", keys | {"time.periods": 10})
     paper = case_of(n, 5, **SCHEMES["newton@moreau-jean"])
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     return {
         "elements": n,
         "dofs": operators.n_dofs,
@@ -320,9 +319,9 @@ def plane_seconds(workers: int, periods: int) -> float:
 
 FIRST_STEPS = """
 from delam_fem import preset, run
-from delam_fem.model.beams import closed_form
+from delam_fem.api import assemble
 case = preset("default", {"time.periods": 1})
-run(case, "compiled", structure=closed_form.assemble(case))
+run(case, "compiled", structure=assemble(case, needs_dolfinx=False))
 """
 """Program of a first run: imports, loading of compiled code, one period."""
 

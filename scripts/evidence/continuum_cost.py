@@ -37,10 +37,9 @@ MOST_STEPS = 2000
 
 def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     """Measure one structure on all ranks of this process's launcher (collective)."""
-    from delam_fem.api import MPI, Operators, motion_of, preset
+    from delam_fem.api import MPI, Operators, assemble, motion_of, preset
     from delam_fem.engines.petsc import linear_algebra
     from delam_fem.engines.petsc.theta import MoreauJean
-    from delam_fem.model import discretise
     from delam_fem.model.operators import spread
 
     comm = MPI.COMM_WORLD
@@ -48,7 +47,7 @@ def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     keys |= {"contact.law": "newton@moreau-jean", "contact.impulse": "consistent"}
     case = preset("paper", keys | {"time.steps_per_period": STEPS_PER_PERIOD})
     clock = Clock()
-    operators = discretise.assemble(case, comm=comm).operators
+    operators = assemble(case, comm=comm).operators
     assembly, _ = clock.turn()
     o = spread(operators, comm) if isinstance(operators, Operators) else operators
     dt = case.time_step

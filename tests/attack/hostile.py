@@ -110,14 +110,13 @@ def toml(rng: random.Random, text: str) -> bytes:
 
 def usable(case: Case) -> None:
     """Go as far with a case as a command does before it computes."""
-    from delam_fem.api import node_coordinates
-    from delam_fem.model.beams import closed_form
+    from delam_fem.api import assemble, node_coordinates
 
     require_affordable(run_cost(case, "petsc"), "case", is_confirmed=False)
     if case.mesh.file is not None:
         node_coordinates(case)
     elif (case.mesh.elements or 0) <= 50:
-        closed_form.assemble(case)
+        assemble(case, needs_dolfinx=False)
 
 
 def a_case(rng: random.Random, folder: Path) -> None:
@@ -342,7 +341,7 @@ LAWS = ("none", "newton", "newton-penalty", "penalty", "newton@moreau-jean", "re
 def a_run(rng: random.Random, folder: Path) -> None:
     """Compute a small case with sizes far from those of any beam."""
     import delam_fem as df
-    from delam_fem.model.beams import closed_form
+    from delam_fem.api import assemble
 
     keys: dict[str, object] = {**SMALL, "contact.law": rng.choice(LAWS)}
     for _ in range(rng.choice((1, 1, 2))):
@@ -351,7 +350,7 @@ def a_run(rng: random.Random, folder: Path) -> None:
         if key == "lamina.thick.length":
             keys["lamina.thin.length"] = keys[key]
     case = preset("paper", keys)
-    result = df.run(case, rng.choice(ENGINES), structure=closed_form.assemble(case))
+    result = df.run(case, rng.choice(ENGINES), structure=assemble(case, needs_dolfinx=False))
     residual = result.summary["energy_residual"]
     if result.summary["outcome"] == "completed":
         assert residual is not None and residual < 1e-2, f"completed with residual {residual}"

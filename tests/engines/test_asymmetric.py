@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from mixed import FORCE, INNER, STOPS, apart, bonded
 
-from delam_fem.api import Case, session_of
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Case, assemble, session_of
 
 SAME = 1e-7
 """Of the largest value; round-off that some tens of impacts have amplified."""
@@ -64,7 +63,7 @@ CASES: dict[str, Case] = {
 @pytest.mark.parametrize("name", CASES)
 def test_engines_move_alike_and_their_ledgers_close(name: str) -> None:
     case = CASES[name]
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     solutions = []
     for engine in ("petsc", "compiled"):
         with session_of(case, operators, engine=engine) as session:

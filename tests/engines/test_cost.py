@@ -12,6 +12,7 @@ from delam_fem.api import (
     CaseError,
     Cost,
     EngineName,
+    assemble,
     load_case,
     preset,
     reduced_case,
@@ -20,7 +21,6 @@ from delam_fem.api import (
     step_hours,
 )
 from delam_fem.engines.cost import START_SECONDS
-from delam_fem.model import discretise
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep, sweep_cost
 from delam_fem.system import mpi
@@ -127,7 +127,7 @@ def test_a_mesh_file_and_a_reduced_model_are_counted(tmp_path: Path) -> None:
     keys = {"model.kind": "plane-stress", "mesh.file": str(solids)}
     beam = preset("default", {"contact.law": "none"})
     plane = beam.with_overrides(keys)
-    n_dofs = discretise.assemble(plane).operators.n_dofs
+    n_dofs = assemble(plane).operators.n_dofs
     like = {"model.kind": "plane-stress", "mesh.elements": n_dofs // 24}
     known = step_hours(beam.with_overrides(like), "petsc")
     assert 0.4 < step_hours(plane, "petsc") / known < 2.5

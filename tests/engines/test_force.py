@@ -9,9 +9,8 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 import delam_fem as df
-from delam_fem.api import run, solve
+from delam_fem.api import assemble, run, solve
 from delam_fem.case.excitation import HalfSine
-from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import point_load
 from delam_fem.studies.sweeps.grid import sweep_of
 
@@ -42,7 +41,7 @@ def test_steady_response_is_that_of_the_frequency_domain(engine: str) -> None:
         contact__law="none", time__periods=150, lamina__lower__damping_ratio=0.05,
         lamina__upper__damping_ratio=0.05, output__window_periods=1, time__steps_per_period=1000,
     )  # fmt: skip
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     o, w = structure.operators, 2.0 * np.pi * 60.0
     load = point_load(structure.layout, structure.layout.parts[1], 0.173, o.n_dofs)
     U = spsolve((o.stiffness + 1j * w * o.damping - w**2 * o.mass).tocsc(), 0.01 * load)
@@ -58,7 +57,7 @@ def test_steady_response_is_that_of_the_frequency_domain(engine: str) -> None:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_work_of_the_force_is_force_times_path(engine: str) -> None:
     case = case_of()
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     result = run(case, engine, structure=structure)
     h = result.history
     assert result.summary["energy_residual"] < ROUND_OFF
@@ -73,7 +72,7 @@ def test_work_of_the_force_is_force_times_path(engine: str) -> None:
 
 def test_work_against_the_probe_under_the_force() -> None:
     case = case_of(excitation__position=0.2)  # where the reference probes are
-    h = run(case, "petsc", structure=closed_form.assemble(case)).history
+    h = run(case, "petsc", structure=assemble(case, needs_dolfinx=False)).history
     q = np.concatenate([[0.0], h.tip_displacement.sel(lamina="upper").to_numpy()])
     F = np.concatenate([[0.0], h.force.to_numpy()])
     work = (0.5 * (F[1:] + F[:-1]) * np.diff(q)).reshape(4, -1).sum(axis=1)
@@ -82,7 +81,7 @@ def test_work_against_the_probe_under_the_force() -> None:
 
 def test_both_engines_and_twice_the_force() -> None:
     case, twice = case_of(), case_of(excitation__amplitude=0.02)
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     by = {
         engine: run(case, engine, structure=structure).history.tip_displacement.to_numpy()
         for engine in ENGINES
@@ -97,14 +96,16 @@ def test_force_on_separate_laminae_reaches_one_of_them() -> None:
     keys = {key: value for key, value in FORCE.items() if not key.startswith("mesh")}
     keys |= {"excitation.lamina": "thin", "contact.law": "none", "excitation.position": 0.5}
     case = df.preset("default", keys)
-    tips = run(case, "compiled", structure=closed_form.assemble(case)).history.tip_displacement
+    tips = run(
+        case, "compiled", structure=assemble(case, needs_dolfinx=False)
+    ).history.tip_displacement
     assert not tips.sel(lamina="thick").to_numpy().any()
     assert np.abs(tips.sel(lamina="thin").to_numpy()).max() > 1e-5
 
 
 def test_short_blow_changes_the_velocity_like_an_impulse() -> None:
     case = case_of(lamina__lower__damping_ratio=0.0, lamina__upper__damping_ratio=0.0)
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     o, duration = structure.operators, 1e-7
     blow = HalfSine(10.0, duration)
     end = solve(
@@ -119,7 +120,7 @@ def test_short_blow_changes_the_velocity_like_an_impulse() -> None:
 
 def test_force_where_the_lamina_is_held() -> None:
     with pytest.raises(df.CaseError, match=r"expected a point that can move, given 0.0 m"):
-        closed_form.assemble(case_of(excitation__position=0.0))
+        assemble(case_of(excitation__position=0.0), needs_dolfinx=False)
 
 
 BLOW = {
@@ -131,7 +132,7 @@ BLOW = {
 
 def test_the_whole_run_of_a_blow_is_recorded_by_both_engines() -> None:
     case = df.preset("embedded", FORCE | BLOW)
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     histories = [run(case, engine, structure=structure).history for engine in ENGINES]
     for history in histories:
         t, F = history.time.to_numpy(), history.force.to_numpy()

@@ -11,9 +11,8 @@ import scipy.linalg
 from project import ROOT
 
 from delam_fem import CaseError, load_case, run
-from delam_fem.api import Case
+from delam_fem.api import Case, assemble
 from delam_fem.engines.session import ENGINES
-from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import point_load
 
 E, RHO, L, AREA = 2e11, 7800.0, 1.0, 1e-4
@@ -42,7 +41,7 @@ def test_frequencies_are_those_of_linear_elements() -> None:
         ("consistent", 6.0 * (1.0 - np.cos(angle)) / (2.0 + np.cos(angle))),
         ("lumped", 2.0 * (1.0 - np.cos(angle))),
     ):
-        o = closed_form.assemble(case_of(time={"mass": mass})).operators
+        o = assemble(case_of(time={"mass": mass}), needs_dolfinx=False).operators
         eigenvalues = scipy.linalg.eigh(o.stiffness.toarray(), o.mass.toarray(), eigvals_only=True)
         np.testing.assert_allclose(eigenvalues, expected * E / RHO * n**2 / L**2, rtol=1e-9)
 
@@ -50,7 +49,7 @@ def test_frequencies_are_those_of_linear_elements() -> None:
 @pytest.mark.parametrize("ends", [("clamped", "free"), ("free", "clamped"), ("free", "free")])
 def test_each_mode_has_the_ratio_and_rigid_motions_no_force(ends: tuple[str, str]) -> None:
     case = case_of(excitation=SHAKER, support=dict(zip(("start", "end"), ends, strict=True)))
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     squares, shapes = scipy.linalg.eigh(o.stiffness.toarray(), o.mass.toarray())
     ratios = shapes.T @ o.damping @ shapes
     expected = 2.0 * 0.02 * np.sqrt(np.maximum(squares, 0.0))
@@ -64,7 +63,7 @@ def test_each_mode_has_the_ratio_and_rigid_motions_no_force(ends: tuple[str, str
 
 def test_a_force_between_nodes_stretches_what_is_before_it() -> None:
     """u(x) = F x/EA at and beyond the force: straight between nodes, so exact at nodes."""
-    structure = closed_form.assemble(case_of())
+    structure = assemble(case_of(), needs_dolfinx=False)
     o, x = structure.operators, 0.7 * L
     load = point_load(structure.layout, structure.layout.parts[0], x, o.n_dofs)
     u = scipy.linalg.solve(o.stiffness.toarray(), load)

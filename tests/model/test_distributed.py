@@ -7,18 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.api import MPI, preset
-from delam_fem.model.beams import closed_form
+from delam_fem.api import MPI, assemble, preset
 from delam_fem.model.operators import DistributedOperators, gather, spread
 
 
 @pytest.fixture
 def alone() -> DistributedOperators:
-    return spread(closed_form.assemble(preset("paper")).operators, MPI.COMM_SELF)
+    return spread(assemble(preset("paper"), needs_dolfinx=False).operators, MPI.COMM_SELF)
 
 
 def test_a_single_rank_owns_everything(alone: DistributedOperators) -> None:
-    o = closed_form.assemble(preset("paper")).operators
+    o = assemble(preset("paper"), needs_dolfinx=False).operators
     assert (alone.n_own, alone.own) == (o.n_dofs, slice(0, o.n_dofs))
     x = np.arange(o.n_dofs) / o.n_dofs
     vector, image = alone.stiffness.createVecs()

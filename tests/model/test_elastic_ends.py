@@ -13,9 +13,7 @@ from support import recorded, require_equal_engines
 
 import delam_fem as df
 from delam_fem import CaseError
-from delam_fem.api import Case, lowest
-from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Case, assemble, lowest
 from delam_fem.reference import matrices
 
 EI, L, RHO_A = 10.0, 0.5, 0.1
@@ -41,7 +39,7 @@ def case_of(*supports: dict[str, Any], **sections: Any) -> Case:
 
 
 def first(case: Case, n: int = 1) -> float:
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     return float(lowest(o.stiffness, o.mass, n)[0][-1])
 
 
@@ -99,7 +97,7 @@ def test_a_free_beam_on_a_soft_spring_bounces_as_a_mass() -> None:
         {"side": "start", "kind": "free"}, {"position": 0.5 * L, "kind": "spring", "stiffness": k}
     )
     assert case.n_rigid == 1
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     squares = eigh(o.stiffness.toarray(), o.mass.toarray(), eigvals_only=True)
     assert abs(squares[0]) < 1e-3 * squares[1]
     assert squares[1] == pytest.approx(k / (RHO_A * L), rel=1e-3)
@@ -126,7 +124,7 @@ def test_a_damper_at_the_end_of_a_bar_reflects_what_its_impedance_says(ratio: fl
         excitation={"kind": "force", "lamina": "lower", "position": 0.0, "amplitude": 1.0,
                     "frequency": frequency},
     )  # fmt: skip
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     w = 2.0 * np.pi * frequency
     dynamic = (o.stiffness + 1j * w * o.damping - w**2 * o.mass).toarray()
     load = np.eye(o.n_dofs)[0]
@@ -159,7 +157,7 @@ def test_words_and_tables_of_ends_are_one_case() -> None:
     """Bit by bit, and in the case file; a table of one end leaves the other as it is."""
     words = case_of({"start": "pinned", "end": "pinned"})
     tables = case_of(*({"side": end, "kind": "pinned"} for end in ("start", "end")))
-    one, other = (closed_form.assemble(case).operators for case in (words, tables))
+    one, other = (assemble(case, needs_dolfinx=False).operators for case in (words, tables))
     for name in ("mass", "damping", "stiffness"):
         assert (getattr(one, name) != getattr(other, name)).nnz == 0
     assert Case.from_toml(tables.to_toml()) == tables
@@ -173,10 +171,10 @@ def test_each_lamina_beside_a_gap_is_the_single_one_on_the_same_supports() -> No
     """Matrices of two laminae are those of each alone, damping at their own modes included."""
     inner = {"position": 0.63 * L, "kind": "spring", "stiffness": 300.0, "damping": 0.5}
     supports = (START, TIP, inner, {"position": 0.4 * L, "kind": "pinned"})
-    both = closed_form.assemble(case_of(*supports, **TWO))
+    both = assemble(case_of(*supports, **TWO), needs_dolfinx=False)
     o = both.operators
     for lamina, part in zip((LOWER, UPPER), both.layout.parts, strict=True):
-        alone = closed_form.assemble(case_of(*supports, lamina=[lamina])).operators
+        alone = assemble(case_of(*supports, lamina=[lamina]), needs_dolfinx=False).operators
         dofs = part.own_dofs
         for name in ("mass", "damping", "stiffness"):
             block = getattr(o, name)[dofs][:, dofs].toarray()
@@ -199,7 +197,7 @@ def test_weak_forms_and_the_reference_have_the_same_elastic_ends(kind: str) -> N
     if kind == "free":
         ends = (TIP | {"side": "start"}, TIP)
     case = case_of(*ends, **sections)
-    one, other = (assemble(case) for assemble in (discretise.assemble, closed_form.assemble))
+    one, other = (assemble(case), assemble(case, needs_dolfinx=False))
     judge = matrices.assemble(case, other.layout.parts[0].x)
     for name in ("mass", "damping", "stiffness", "gap_matrix"):
         mine, closed, judged = (getattr(o, name) for o in (one.operators, other.operators, judge))
@@ -287,7 +285,7 @@ def test_solids_on_elastic_ends_are_near_the_beam(support: dict[str, Any]) -> No
     lamina = {k: v for k, v in LOWER.items() if k != "bending_stiffness"} | beam
     case = case_of(support, lamina=[lamina], mesh={"elements": 16})
     solid = case.with_overrides({"model.kind": "plane-stress"})
-    o = discretise.assemble(solid).operators
+    o = assemble(solid).operators
     f = float(lowest(o.stiffness, o.mass, 1)[0][0])
     assert f == pytest.approx(first(case), rel=2e-3)
 

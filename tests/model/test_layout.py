@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from delam_fem.api import Layout, Part, Structure, preset
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Layout, Part, Structure, assemble, preset
 from delam_fem.model.layout import BASE, FIXED, Interface, Probe
 
 X = np.array([0.0, 0.1, 0.3])
@@ -17,7 +16,7 @@ X = np.array([0.0, 0.1, 0.3])
 
 @pytest.fixture(scope="module")
 def structure() -> Structure:
-    return closed_form.assemble(preset("paper", {"mesh.elements": 3}))
+    return assemble(preset("paper", {"mesh.elements": 3}), needs_dolfinx=False)
 
 
 def part(name: str = "a", x: np.ndarray = X, **changed: np.ndarray) -> Part:
@@ -60,7 +59,7 @@ def test_laminae_are_clamped_at_the_base_and_free_at_the_tip(structure: Structur
 
 
 def test_a_layout_fits_its_operators(structure: Structure) -> None:
-    fewer = closed_form.assemble(preset("paper", {"mesh.elements": 2})).operators
+    fewer = assemble(preset("paper", {"mesh.elements": 2}), needs_dolfinx=False).operators
     with pytest.raises(ValueError, match="dof 11, expected below 8"):
         replace(structure, operators=fewer)
     without = replace(structure.layout, interfaces=())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from delam_fem.api import Case, CaseError, Part, preset
+from delam_fem.api import Case, CaseError, Part, assemble, preset
 from delam_fem.model.beams import closed_form, forms
 from delam_fem.model.layout import (
     BASE,
@@ -95,20 +95,22 @@ def test_both_discretisations_have_the_same_pairs(p: int) -> None:
 
 
 def test_one_point_per_element_is_the_node_bit_for_bit() -> None:
-    o = closed_form.assemble(case_of(1, 4)).operators
+    o = assemble(case_of(1, 4), needs_dolfinx=False).operators
     assert o.gap_matrix.data.tolist() == [-1.0, 1.0] * 4
     assert o.gap_matrix.indices.tolist() == [0, 8, 2, 10, 4, 12, 6, 14]
     assert o.pair_weights is None
 
 
 def test_a_finer_mesh_of_the_same_points_has_the_same_gaps_at_rest() -> None:
-    few, many = (closed_form.assemble(case).operators for case in (case_of(4, 5), case_of(1, 20)))
+    few, many = (
+        assemble(case, needs_dolfinx=False).operators for case in (case_of(4, 5), case_of(1, 20))
+    )
     assert few.gap0 == pytest.approx(many.gap0, rel=ROUND_OFF)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0])
 def test_laminae_that_follow_the_gap_touch_at_every_point(exponent: float) -> None:
-    structure = closed_form.assemble(case_of(4, 3, **{"gap.exponent": exponent}))
+    structure = assemble(case_of(4, 3, **{"gap.exponent": exponent}), needs_dolfinx=False)
     layout, o = structure.layout, structure.operators
     x, L = layout.parts[0].x[1:], layout.parts[0].x[-1]
     u = np.zeros(o.n_dofs)
@@ -120,13 +122,13 @@ def test_laminae_that_follow_the_gap_touch_at_every_point(exponent: float) -> No
 
 
 def test_springs_share_the_stiffness_of_an_element() -> None:
-    weights = closed_form.assemble(case_of(4, 3)).operators.pair_weights
+    weights = assemble(case_of(4, 3), needs_dolfinx=False).operators.pair_weights
     assert weights is not None
     assert weights == pytest.approx([0.25] * 11 + [0.125])
 
 
 def test_fields_are_given_at_nodes_and_points() -> None:
-    structure = closed_form.assemble(case_of(2, 2))
+    structure = assemble(case_of(2, 2), needs_dolfinx=False)
     layout = structure.layout
     assert layout.stations.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert layout.stations_of(layout.interfaces[0]).tolist() == [1, 2, 3, 4]
@@ -145,8 +147,8 @@ def test_a_table_is_read_at_the_points_themselves(tmp_path: Path) -> None:
     rows = [(0.0, 0.0), (0.1, 0.004), (0.2, 0.005), (0.685, 0.012)]
     table = tmp_path / "gap.csv"
     table.write_text("\n".join(f"{x},{gap}" for x, gap in rows))
-    o = closed_form.assemble(case_of(4, 5, **{"gap.file": str(table)})).operators
-    fine = closed_form.assemble(case_of(1, 20, **{"gap.file": str(table)})).operators
+    o = assemble(case_of(4, 5, **{"gap.file": str(table)}), needs_dolfinx=False).operators
+    fine = assemble(case_of(1, 20, **{"gap.file": str(table)}), needs_dolfinx=False).operators
     assert o.gap0 == pytest.approx(fine.gap0, rel=1e-12)
 
 
@@ -165,7 +167,7 @@ def test_separate_impulses_need_points_with_nodes_of_their_own() -> None:
 
 def test_separate_impulses_on_points_of_one_element_would_add_energy() -> None:
     """Why they are refused: all pairs of a strip that falls flat get the whole rebound each."""
-    structure = closed_form.assemble(case_of(4, 3))
+    structure = assemble(case_of(4, 3), needs_dolfinx=False)
     o, v = structure.operators, np.zeros(structure.operators.n_dofs)
     v[structure.layout.parts[1].dofs[1:, 0]] = -1.0
     inverse = np.diag(1.0 / o.require_lumped_mass())

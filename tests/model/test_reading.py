@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from delam_fem.api import Layout, Structure, first_mode, keeping_closed, nodal, preset, with_sensors
-from delam_fem.model.beams import closed_form
+from delam_fem.api import (
+    Layout,
+    Structure,
+    assemble,
+    first_mode,
+    keeping_closed,
+    nodal,
+    preset,
+    with_sensors,
+)
 from delam_fem.model.layout import BASE, Reading
 from delam_fem.model.linear import kept_closed
 
@@ -44,7 +52,7 @@ def turned(structure: Structure) -> tuple[Structure, np.ndarray]:
 
 
 def test_fields_and_modes_are_those_of_the_readings() -> None:
-    beams = closed_form.assemble(CASE)
+    beams = assemble(CASE, needs_dolfinx=False)
     other, Q = turned(beams)
     y = np.random.default_rng(1).normal(size=(3, Q.shape[0]))
     base = np.array([0.5, -1.0, 2.0])
@@ -67,7 +75,7 @@ def test_sensors_read_through_the_readings() -> None:
             {"name": "a", "lamina": "thin", "position": 0.6, "quantity": "acceleration"},
         ]
     })  # fmt: skip
-    beams = closed_form.assemble(CASE)
+    beams = assemble(CASE, needs_dolfinx=False)
     other, Q = turned(beams)
     rows = [with_sensors(s, case).operators.sensors.toarray() for s in (beams, other)]
     np.testing.assert_allclose(rows[1], rows[0] @ Q, rtol=1e-7, atol=1e-7 * np.abs(rows[1]).max())
@@ -84,7 +92,7 @@ def test_the_base_moves_what_is_read() -> None:
 
 
 def test_keeping_closed_leaves_no_gap_and_all_other_motions() -> None:
-    beams = closed_form.assemble(preset("default", {"mesh.elements": 6}))
+    beams = assemble(preset("default", {"mesh.elements": 6}), needs_dolfinx=False)
     other, Q = turned(beams)
     S = keeping_closed(other)
     H = other.operators.gap_matrix
@@ -96,7 +104,7 @@ def test_keeping_closed_leaves_no_gap_and_all_other_motions() -> None:
 
 
 def test_a_layout_may_not_number_more_than_it_reads() -> None:
-    other, _ = turned(closed_form.assemble(CASE))
+    other, _ = turned(assemble(CASE, needs_dolfinx=False))
     reading = Reading(sp.csr_matrix((3, 24)), np.zeros(3), np.zeros(24, np.int64))
     with pytest.raises(ValueError, match="expected below 3, the number of readings"):
         Structure(other.operators, Layout(**{**vars(other.layout), "reading": reading}))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
-from delam_fem.api import CaseError, Structure, preset
-from delam_fem.model.beams import closed_form
+from delam_fem.api import CaseError, Structure, assemble, preset
 
 AT = {"lamina": "thin", "position": 0.3}
 STRAIN = {"name": "e", "quantity": "strain"}
@@ -24,7 +23,7 @@ def test_strain_of_a_cantilever_under_a_tip_force(x: float, surface: str, sign: 
     """w'' = F (L - x) / EI, and the top of a beam that bends upwards is compressed."""
     sensor = {**STRAIN, "lamina": "thin", "position": x, "surface": surface}
     case = preset("paper", {"sensor": [sensor]})
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     part, thin = structure.layout.parts[1], case.lamina[1]
     load = np.zeros(structure.operators.n_dofs)
     load[part.dofs[-1, 0]] = 0.2
@@ -41,7 +40,7 @@ def test_strain_of_a_bonded_stack_is_that_of_one_thick_beam(
 ) -> None:
     """1.4 and 0.6 mm of one metal are a beam of 2 mm before the delamination: -z M / EI."""
     sensor = {**STRAIN, "lamina": lamina, "position": 0.1, "surface": surface}
-    structure = closed_form.assemble(preset("edge", {"sensor": [sensor]}))
+    structure = assemble(preset("edge", {"sensor": [sensor]}), needs_dolfinx=False)
     load = np.zeros(structure.operators.n_dofs)
     for part in structure.layout.parts:  # where they are apart, each carries its share
         load[part.dofs[-1, 0]] += 0.1
@@ -52,7 +51,7 @@ def test_strain_of_a_bonded_stack_is_that_of_one_thick_beam(
 
 def test_rigid_motion_has_no_strain() -> None:
     sensors = [{**STRAIN, "name": f"e{k}", **AT, "position": 0.02 * k} for k in range(3)]
-    structure = closed_form.assemble(preset("paper", {"sensor": sensors}))
+    structure = assemble(preset("paper", {"sensor": sensors}), needs_dolfinx=False)
     part = structure.layout.parts[1]
     u = np.zeros(structure.operators.n_dofs)
     u[part.dofs[1:, 0]] = 0.01
@@ -63,8 +62,8 @@ def test_rigid_motion_has_no_strain() -> None:
 
 def test_probes_and_layout_do_not_change() -> None:
     sensor = {"name": "d", "quantity": "displacement", **AT}
-    plain = closed_form.assemble(preset("paper"))
-    structure = closed_form.assemble(preset("paper", {"sensor": [sensor]}))
+    plain = assemble(preset("paper"), needs_dolfinx=False)
+    structure = assemble(preset("paper", {"sensor": [sensor]}), needs_dolfinx=False)
     assert (structure.operators.probes != plain.operators.probes).nnz == 0
     assert structure.layout.probes == plain.layout.probes
     assert structure.operators.observed.shape[0] == 3

@@ -11,10 +11,8 @@ import pytest
 from covertable import make
 
 from delam_fem import CaseError, Result, load_case, run, save_case
-from delam_fem.api import Case, EngineName, toml_text
+from delam_fem.api import Case, EngineName, assemble, toml_text
 from delam_fem.engines.session import ENGINES
-from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
 from delam_fem.results.schema import VARIABLES
 
 EI, L, A, GAP, K = 10.0, 0.5, 2e-3, 1e-3, 400.0
@@ -146,7 +144,10 @@ def test_engines_agree(row: dict[str, Any]) -> None:
             "gap": {"tip": 5e-4},
         }
     case = case_of(stop | (ELASTIC if is_elastic else {}), **sections)
-    results = [run(case, engine=engine, structure=closed_form.assemble(case)) for engine in ENGINES]
+    results = [
+        run(case, engine=engine, structure=assemble(case, needs_dolfinx=False))
+        for engine in ENGINES
+    ]
     one, other = (result.history for result in results)
     events = one["event_time"].to_numpy()
     end = events[9] if events.size > 9 else math.inf  # before the tenth impact
@@ -166,7 +167,7 @@ def test_dolfinx_assembles_the_same_stops() -> None:
     case = case_of(
         [{"position": 0.4 * L, "side": "both"}, {"start": 0.3, "end": L, "on": "ground"}]
     )
-    operators, expected = discretise.assemble(case).operators, closed_form.assemble(case).operators
+    operators, expected = assemble(case).operators, assemble(case, needs_dolfinx=False).operators
     np.testing.assert_allclose(
         operators.gap_matrix.toarray(), expected.gap_matrix.toarray(), atol=1e-12
     )
@@ -193,7 +194,7 @@ def test_a_stop_along_a_stretch_has_a_shape(
     data = case_of([]).model_dump(exclude_unset=True, exclude_none=True) | {"stop": [stop]}
     (tmp_path / "case.toml").write_text(toml_text(data))
     case = load_case(save_case(load_case(tmp_path / "case.toml"), tmp_path / "copy"))
-    assembled = closed_form.assemble(case)
+    assembled = assemble(case, needs_dolfinx=False)
     [stop_pairs] = assembled.layout.stops
     np.testing.assert_allclose(assembled.operators.gap0[stop_pairs.pairs], GAP + np.array(opened))
 
@@ -289,10 +290,10 @@ def test_what_does_not_go_together_is_told() -> None:
     with pytest.raises(CaseError, match="gap: "):
         case_of([], gap={"tip": 1e-3})
     with pytest.raises(CaseError, match=r"stop\.1: "):
-        closed_form.assemble(case_of({"position": 0.0}))
+        assemble(case_of({"position": 0.0}), needs_dolfinx=False)
     both = [{"position": L}, {"position": L, "on": "ground", "side": "below"}]
     with pytest.raises(CaseError, match="at different places, as the base moves"):
-        closed_form.assemble(case_of(both))
+        assemble(case_of(both), needs_dolfinx=False)
     lumped = {"law": "newton", "impulse": "lumped"}
     with pytest.raises(CaseError, match=r"stop\.1\.position: "):
-        closed_form.assemble(case_of({"position": 0.3}, contact=lumped))
+        assemble(case_of({"position": 0.3}, contact=lumped), needs_dolfinx=False)

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from delam_fem import CaseError, run
-from delam_fem.api import Case, lowest
+from delam_fem.api import Case, assemble, lowest
 from delam_fem.engines.session import ENGINES
-from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
 
 EI, L, RHO_A = 10.0, 0.5, 0.1
 LAMINA = {
@@ -32,7 +30,7 @@ def case_of(*supports: dict[str, Any], **sections: Any) -> Case:
 
 
 def first(case: Case, n: int = 1) -> float:
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     return float(lowest(o.stiffness, o.mass, n)[0][-1])
 
 
@@ -65,7 +63,7 @@ def test_stiff_springs_are_rigid_supports(kind: str) -> None:
     free = first(case_of(PINNED))
     assert soft == pytest.approx(free, rel=1e-6)
     case = case_of(PINNED, place | {"kind": "spring"} | stiff)
-    one, other = discretise.assemble(case).operators, closed_form.assemble(case).operators
+    one, other = assemble(case).operators, assemble(case, needs_dolfinx=False).operators
     difference = abs(one.stiffness - other.stiffness).max()
     assert difference < 1e-9 * abs(other.stiffness).max()
 
@@ -82,8 +80,8 @@ def test_a_spring_at_a_place_moves_smoothly_with_it() -> None:
 def test_a_spring_holds_no_node(place: float) -> None:
     """The reference is the middle, as without it, also where the node nearest to it is an end."""
     case = case_of(PINNED, {"position": place * L, "kind": "spring", "stiffness": 10.0})
-    (probe,) = closed_form.assemble(case).layout.probes
-    assert probe == closed_form.assemble(case_of(PINNED)).layout.probes[0]
+    (probe,) = assemble(case, needs_dolfinx=False).layout.probes
+    assert probe == assemble(case_of(PINNED), needs_dolfinx=False).layout.probes[0]
 
 
 def test_a_slow_base_carries_springs_and_pins_along() -> None:
@@ -110,7 +108,10 @@ def test_engines_agree_and_the_ledger_closes() -> None:
     for sections in ({}, two):
         case = case_of(*supports, stop=[stop], **sections)
         case = case.with_overrides({"excitation.amplitude": 5e-4})
-        results = [run(case, engine=name, structure=closed_form.assemble(case)) for name in ENGINES]
+        results = [
+            run(case, engine=name, structure=assemble(case, needs_dolfinx=False))
+            for name in ENGINES
+        ]
         both = [result.history["tip_displacement"].to_numpy() for result in results]
         n = np.searchsorted(results[0].history["time"], results[0].history["event_time"][:10])[-1]
         np.testing.assert_allclose(both[0][:, :n], both[1][:, :n], rtol=0.0, atol=1e-9)

@@ -13,9 +13,7 @@ from support import require_equal_engines
 
 import delam_fem as df
 from delam_fem import CaseError
-from delam_fem.api import Case, lowest
-from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Case, assemble, lowest
 from delam_fem.reference import matrices
 from delam_fem.studies.identification.unknowns import value_of
 from delam_fem.studies.sweeps.grid import unit_of
@@ -42,7 +40,7 @@ def case_of(lamina: dict[str, Any], *more: dict[str, Any], **sections: Any) -> C
 
 
 def frequencies(case: Case, n: int = 3) -> Any:
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     return lowest(o.stiffness, o.mass, n)[0]
 
 
@@ -167,8 +165,8 @@ def test_a_table_of_one_value_is_the_number() -> None:
         ((), {}, {}), ((upper,), bonded, {}), ((upper,), gap, {}), ((), {}, bars),
     ):  # fmt: skip
         laminae = [other | extra for other in more]
-        one = closed_form.assemble(case_of(extra, *laminae, **sections)).operators
-        other = closed_form.assemble(case_of(extra | flat, *laminae, **sections)).operators
+        one = assemble(case_of(extra, *laminae, **sections), needs_dolfinx=False).operators
+        other = assemble(case_of(extra | flat, *laminae, **sections), needs_dolfinx=False).operators
         for name in ("mass", "damping", "stiffness"):
             difference = abs(getattr(one, name) - getattr(other, name)).max()
             scale = 1e-3 if name == "damping" else 1e-8  # exact modes, or those of the mesh
@@ -183,7 +181,7 @@ def test_a_force_at_the_tip_bends_as_the_integral_says(table: dict[str, Any]) ->
         for k, x in enumerate((0.21, 0.4))
     ]
     case = case_of({"thickness": table}, sensor=sensors)
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     o = structure.operators
     u = np.linalg.solve(o.stiffness.toarray(), np.eye(o.n_dofs)[-2])
     (lamina,) = case.lamina
@@ -200,7 +198,7 @@ def test_a_force_at_the_tip_bends_as_the_integral_says(table: dict[str, Any]) ->
 
 def test_a_bar_of_changing_width_stretches_as_the_integral_says() -> None:
     width = {"x": [0.0, L], "value": [B, 0.3 * B]}
-    o = closed_form.assemble(case_of({"motion": "axial", "width": width})).operators
+    o = assemble(case_of({"motion": "axial", "width": width}), needs_dolfinx=False).operators
     axial = np.linalg.solve(o.stiffness.toarray(), np.eye(o.n_dofs)[-1])[-1]
     truth = L / (E * H * 0.7 * B) * np.log(1.0 / 0.3)
     assert axial == pytest.approx(truth, rel=1e-3)
@@ -221,7 +219,7 @@ def test_weak_forms_closed_forms_and_the_reference_agree(kind: str) -> None:
     case = case_of(lower, upper, **sections)
     for mass in ("consistent", "lumped"):
         case = case.with_overrides({"time.mass": mass})
-        one, other = (assemble(case) for assemble in (discretise.assemble, closed_form.assemble))
+        one, other = (assemble(case), assemble(case, needs_dolfinx=False))
         for name in ("mass", "damping", "stiffness"):
             a, b = (getattr(structure.operators, name) for structure in (one, other))
             assert abs(a - b).max() < 1e-8 * abs(b).max(), name
@@ -235,7 +233,7 @@ def test_weak_forms_closed_forms_and_the_reference_agree(kind: str) -> None:
             matrices.assemble(case, x)
         return
     judge = matrices.assemble(case, x)
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     for name in ("mass", "damping", "stiffness"):
         assert (
             abs(getattr(judge, name) - getattr(o, name)).max() < 1e-8 * abs(getattr(o, name)).max()
@@ -253,7 +251,7 @@ def test_solids_follow_the_thickness(kind: str) -> None:
     ):  # fmt: skip
         case = case_of(lamina, *more, **(sections | {"mesh": {"elements": 20}}))
         solid = case.with_overrides({"model.kind": kind})
-        o = discretise.assemble(solid).operators
+        o = assemble(solid).operators
         n = 2 if kind == "plane-stress" else 1  # the next one bends to the side
         f = lowest(o.stiffness, o.mass, n)[0]
         np.testing.assert_allclose(f, frequencies(case, n), rtol=1e-2 if more else 2e-3)
@@ -265,7 +263,7 @@ def test_massless_nodes_converge_as_the_others_do() -> None:
     errors = []
     for n in (20, 40):
         case = case_of({"thickness": TAPER}, mesh={"elements": n}, time={"mass": "massless"})
-        o = closed_form.assemble(case).operators
+        o = assemble(case, needs_dolfinx=False).operators
         K, M = o.stiffness.toarray(), o.mass.toarray()
         squares = 1.0 / np.linalg.eigvals(np.linalg.solve(K, M)).real.clip(1e-300)
         errors.append(np.sqrt(np.sort(squares)[:2]) / (2.0 * np.pi) / truth - 1.0)

@@ -7,9 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.api import BaseCoupling, Operators, at_start, response
-from delam_fem.model import discretise
-from delam_fem.model.beams import closed_form
+from delam_fem.api import BaseCoupling, Operators, assemble, at_start, response
 from delam_fem.model.linear import slowest_decay
 
 DISCRETE = 1e-3
@@ -20,7 +18,7 @@ DISCRETE = 1e-3
 def test_the_slowest_mode_of_two_laminae_is_the_lowest_of_the_thin_one(kind: str) -> None:
     case = df.preset("paper", {"damping.rayleigh": kind, "mesh.elements": 10})
     omega = case.lamina[1].angular_frequencies(1)[0]
-    decay = slowest_decay(closed_form.assemble(case).operators)
+    decay = slowest_decay(assemble(case, needs_dolfinx=False).operators)
     assert decay == pytest.approx(0.008 * omega, rel=DISCRETE)
 
 
@@ -28,7 +26,7 @@ def test_the_less_damped_lamina_decides() -> None:
     keys = {"lamina.thick.damping_ratio": 0.001, "mesh.elements": 10}
     case = df.preset("paper", keys)
     omega = case.lamina[0].angular_frequencies(1)[0]
-    decay = slowest_decay(closed_form.assemble(case).operators)
+    decay = slowest_decay(assemble(case, needs_dolfinx=False).operators)
     assert decay == pytest.approx(0.001 * omega, rel=DISCRETE)
 
 
@@ -37,7 +35,7 @@ def test_contact_points_without_mass_decide_nothing(kind: str) -> None:
     keys = {"damping.rayleigh": kind, "mesh.elements": 4, "time.mass": "massless"}
     case = df.preset("default", keys | {"contact.law": "newton", "contact.restitution": 0.0})
     omega = case.lamina[1].angular_frequencies(1)[0]
-    decay = slowest_decay(discretise.assemble(case, needs_dolfinx=False).operators)
+    decay = slowest_decay(assemble(case, needs_dolfinx=False).operators)
     assert decay == pytest.approx(0.008 * omega, rel=0.02)  # 7 of 16 motions have no mass
 
 

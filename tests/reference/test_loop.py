@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.api import Case, CaseError, preset
-from delam_fem.model.beams.closed_form import assemble
+from delam_fem.api import Case, CaseError, assemble, preset
 from delam_fem.reference.loop import Standing, simulate_reference
 
 ENERGY = 1e-10  # average acceleration conserves exactly; 200 steps of round-off on stiff modes
@@ -24,7 +23,7 @@ def case_with(overrides: dict[str, object]) -> Case:
 
 def test_free_motion_conserves_energy() -> None:
     case = case_with(FREE)
-    ops = assemble(case).operators
+    ops = assemble(case, needs_dolfinx=False).operators
     rng = np.random.default_rng(3)
     start = Standing(0, 1e-3 * rng.standard_normal(16), rng.standard_normal(16), np.zeros(4, bool))
     end = simulate_reference(ops, case, periods=1, initial=start).final
@@ -40,7 +39,7 @@ def test_free_motion_conserves_energy() -> None:
 def test_springs_store_and_return_energy() -> None:
     # All pairs rest on their springs and stay closed, so the law has nothing to do.
     case = case_with({**FREE, "contact.law": "newton-penalty", "contact.penalty_stiffness": 5e3})
-    ops = assemble(case).operators
+    ops = assemble(case, needs_dolfinx=False).operators
     closed = np.zeros(16)
     closed[0:8:2] = 1.5 * ops.gap0  # g0 = tip (x/L)^2, so is the shape of lamina 1
     closed[1:8:2] = 2.0 * closed[0:8:2] / (0.685 / 4 * np.arange(1, 5))
@@ -61,7 +60,7 @@ def test_springs_store_and_return_energy() -> None:
 @pytest.mark.parametrize("impulse", ["lumped", "consistent"])
 def test_restart_repeats_the_run(impulse: str) -> None:
     case = case_with({**SMALL, "contact.impulse": impulse})
-    model = assemble(case).operators
+    model = assemble(case, needs_dolfinx=False).operators
     complete_run = simulate_reference(model, case, periods=3)
     first = simulate_reference(model, case, periods=1)
     resumed = simulate_reference(model, case, periods=2, initial=first.final)
@@ -75,7 +74,7 @@ def test_restart_repeats_the_run(impulse: str) -> None:
 
 def test_times_are_ends_of_steps_and_events_fall_on_them() -> None:
     case = case_with(SMALL)
-    run = simulate_reference(assemble(case).operators, case, periods=2)
+    run = simulate_reference(assemble(case, needs_dolfinx=False).operators, case, periods=2)
     np.testing.assert_allclose(run.times, np.arange(1, 401) * case.time_step, rtol=1e-14)
     assert run.displacement.shape == run.velocity.shape == (2, 400)
     assert {e.time for e in run.events} <= set(run.times.tolist())
@@ -85,7 +84,7 @@ def test_times_are_ends_of_steps_and_events_fall_on_them() -> None:
 
 def test_recorded_velocity_is_the_one_after_the_impact() -> None:
     case = case_with({**SMALL, "excitation.frequency": 3.25, "contact.law": "newton"})
-    run = simulate_reference(assemble(case).operators, case, periods=4)
+    run = simulate_reference(assemble(case, needs_dolfinx=False).operators, case, periods=4)
     tips = [e for e in run.events if e.pair == 3]
     assert tips
     for event in tips:
@@ -100,10 +99,10 @@ def test_laws_that_it_does_not_have_are_refused(law: str) -> None:
     with pytest.raises(
         CaseError, match=f"the reference has none, newton, newton.*'{law.partition('@')[0]}'"
     ):
-        simulate_reference(assemble(case).operators, case, periods=1)
+        simulate_reference(assemble(case, needs_dolfinx=False).operators, case, periods=1)
 
 
 def test_central_difference_is_refused() -> None:
     case = case_with({**SMALL, "time.scheme": "central-difference"})
     with pytest.raises(CaseError, match=r"time\.scheme: the reference has newmark"):
-        simulate_reference(assemble(case).operators, case, periods=1)
+        simulate_reference(assemble(case, needs_dolfinx=False).operators, case, periods=1)

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.api import Case, CaseError, preset
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Case, CaseError, assemble, preset
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import compare, operator_differences
 
@@ -61,7 +60,7 @@ def test_constraints_give_what_the_transformation_gives(
 ) -> None:
     turn = {"support.rotational_stiffness": 20.0} if yields else {}
     stack_case = case(delaminations, supports, **{"time.mass": mass}, **turn)
-    made = closed_form.assemble(stack_case)
+    made = assemble(stack_case, needs_dolfinx=False)
     expected = matrices.assemble(stack_case, made.layout.x, made.layout.probes[0].point)
     differences = operator_differences(made.operators, expected)
     assert max(differences.values()) < ROUND_OFF, differences
@@ -70,7 +69,7 @@ def test_constraints_give_what_the_transformation_gives(
 @pytest.mark.parametrize("kind", ["stiffness", "mass"])
 def test_damping_models_agree(kind: str) -> None:
     stack_case = case(CROSSING, "clamped clamped", **{"damping.rayleigh": kind})
-    made = closed_form.assemble(stack_case)
+    made = assemble(stack_case, needs_dolfinx=False)
     expected = matrices.assemble(stack_case, made.layout.x, 3)
     assert operator_differences(made.operators, expected)["C"] < ROUND_OFF
 
@@ -87,7 +86,7 @@ def test_openings_agree(end: str, tmp_path: Path) -> None:
     ]
     for shape in shapes:
         stack_case = case([{"between": ["a", "b"], **edges, **shape}], supports)
-        made = closed_form.assemble(stack_case)
+        made = assemble(stack_case, needs_dolfinx=False)
         expected = matrices.assemble(stack_case, made.layout.x, 3)
         assert made.operators.gap0.max() > 1e-3
         assert made.operators.gap0 == pytest.approx(expected.gap0, abs=1e-15)

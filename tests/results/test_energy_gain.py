@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from delam_fem.api import LEDGER, Case, Result, preset, run
-from delam_fem.model.beams import closed_form
+from delam_fem.api import LEDGER, Case, Result, assemble, preset, run
 from delam_fem.results.diagnostics import ROUND_OFF, gain_warning, may_add_energy
 
 LITERAL = preset("paper", {"contact.law": "newton"})
@@ -78,7 +77,7 @@ def test_who_may_add_energy(keys: dict[str, object], expected: bool) -> None:
 
 def computed(**keys: object) -> Result:
     case = preset("paper", {**SETTLED, "time.periods": 60, **keys})
-    return run(case, "compiled", structure=closed_form.assemble(case))
+    return run(case, "compiled", structure=assemble(case, needs_dolfinx=False))
 
 
 def test_literal_scheme_warns_in_summary_and_log(caplog: pytest.LogCaptureFixture) -> None:
@@ -110,7 +109,7 @@ def test_gains_of_moreau_jean_are_those_of_pairs_that_part(restitution: float) -
         {**SETTLED, "time.scheme": "moreau-jean", "contact.restitution": restitution,
          "time.periods": 6, "time.steps_per_period": 500, "output.window_periods": 6},
     )  # fmt: skip
-    result = run(case, structure=closed_form.assemble(case))
+    result = run(case, structure=assemble(case, needs_dolfinx=False))
     events = result.history
     impulses, rates = events["event_impulse"].values, events["event_velocity_before"].values
     wanted = 0.5 * (1.0 - restitution) * impulses * rates

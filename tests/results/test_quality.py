@@ -7,8 +7,7 @@ import pytest
 from synthetic import STEPS
 
 import delam_fem as df
-from delam_fem.api import Case, CaseError, Recorder, is_lost, preset
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Case, CaseError, Recorder, assemble, is_lost, preset
 from delam_fem.results import quality
 from delam_fem.results.diagnostics import GROUP_PERIODS, ProbeMotion
 from delam_fem.results.quality import contacts_by_period, quality_warnings
@@ -22,7 +21,7 @@ SHORT = {
 
 
 def warned(case: Case, residual: float) -> str:
-    return "\n".join(quality_warnings(case, closed_form.assemble(case), residual))
+    return "\n".join(quality_warnings(case, assemble(case, needs_dolfinx=False), residual))
 
 
 def test_a_good_run_has_no_warning() -> None:
@@ -61,7 +60,7 @@ def test_a_motion_with_an_open_balance_is_not_completed(
 ) -> None:
     monkeypatch.setattr(Recorder, "energy_residual", lambda *_: 0.5)
     case = preset("paper", {**SHORT, "contact.penalty_stiffness": 1e11})
-    result = df.run(case, "petsc", structure=closed_form.assemble(case))
+    result = df.run(case, "petsc", structure=assemble(case, needs_dolfinx=False))
     assert result.summary["outcome"] == result.history.attrs["outcome"] == "diverged"
     assert "the energy balance does not close" in result.summary["message"]
     warning = result.summary["warnings"][-1]
@@ -71,7 +70,7 @@ def test_a_motion_with_an_open_balance_is_not_completed(
 
 def test_graded_meshes_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     case = preset("paper")
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     x = structure.layout.x.copy()
     monkeypatch.setattr(
         quality, "_lengths", lambda _: np.diff(x) * np.geomspace(1, 1e6, x.size - 1)
@@ -89,7 +88,7 @@ def test_lost(residual: float, lost: bool) -> None:
 def test_a_first_step_out_of_bounds_is_refused() -> None:
     case = preset("paper", {**SHORT, "excitation.amplitude": 1e6})
     with pytest.raises(CaseError, match=r"the first step of .* s already goes beyond"):
-        df.run(case, "petsc", structure=closed_form.assemble(case))
+        df.run(case, "petsc", structure=assemble(case, needs_dolfinx=False))
 
 
 def test_contacts_count_in_the_period_in_which_they_begin() -> None:
@@ -130,7 +129,7 @@ def test_what_is_said_of_balances_is_exact() -> None:
 
 
 def test_meshes_are_judged_by_the_lengths_of_their_elements() -> None:
-    structure = closed_form.assemble(preset("paper", {"mesh.elements": 2}))
+    structure = assemble(preset("paper", {"mesh.elements": 2}), needs_dolfinx=False)
     for ratio, is_told in ((0.99e4, False), (1.02e4, True)):
         x = np.array([0.0, 0.5 / ratio, 0.5 / ratio + 1e-13, 0.5, 0.5 + 0.5 / ratio])
         layout = SimpleNamespace(x=x)

@@ -16,8 +16,7 @@ from hypothesis import example, given, settings, strategies as st
 from synthetic import STEPS, small_case
 
 import delam_fem as df
-from delam_fem.api import EngineName, diagnostics, session_of
-from delam_fem.model.beams import closed_form
+from delam_fem.api import EngineName, assemble, diagnostics, session_of
 from delam_fem.numerics.settling import TOLERANCE, Settling
 from delam_fem.results import quality
 from delam_fem.results.diagnostics import periodicity
@@ -44,7 +43,7 @@ def case_of(**keys: object) -> df.Case:
 
 def judged(case: df.Case) -> tuple[Settling, int | None]:
     """Run a case without a dataset; return the verdict, and the period that strobes alone show."""
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     decay = quality.decay_of(case, structure) * case.period
     with session_of(case, structure.operators, engine="compiled") as opened:
         assert opened.run() == "completed"
@@ -98,7 +97,7 @@ def test_no_linear_run_is_called_subharmonic(
 @pytest.mark.parametrize("law", ["newton", "newton-penalty", "penalty", "newton@moreau-jean"])
 def test_contact_is_noticed_whatever_the_law(law: str) -> None:
     case = case_of(contact__law=law, time__periods=3)
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     with session_of(case, structure.operators) as opened:
         opened.run()
         assert quality.touches(opened.recorder)[1:].all()

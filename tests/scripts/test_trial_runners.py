@@ -16,8 +16,7 @@ from trials.runners import (
     runners,
 )
 
-from delam_fem.api import motion_of
-from delam_fem.model.beams import closed_form
+from delam_fem.api import assemble, motion_of
 
 SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
 
@@ -25,7 +24,7 @@ SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
 @pytest.mark.nightly
 def test_dense_steps_are_those_of_the_package() -> None:
     case = trials.case_of(250, 4)
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     arguments = (ts.MOREAU, RESTITUTION)
     dense = densely(steps.theta_step, ts.theta_matrices, arguments, case, operators)
     of_package = runners()[LIMIT](case, operators)
@@ -39,7 +38,7 @@ def test_exact_steps_are_exact_without_contact() -> None:
         motions = []
         for n in (100, 200):
             case = trials.case_of(n, 2)
-            operators = closed_form.assemble(case).operators
+            operators = assemble(case, needs_dolfinx=False).operators
             operators = dataclasses.replace(operators, gap0=np.full(operators.n_pairs, 5.0))
             bases = motion_of(case)(0)
             m = ts.exact_matrices(ts.Problem.of(operators), case.time_step, *arguments)
@@ -55,7 +54,7 @@ def test_exact_steps_are_exact_without_contact() -> None:
 
 def test_all_modes_are_the_whole_problem() -> None:
     case = trials.case_of(250, 2)
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     np.testing.assert_allclose(
         by_modes(LIMIT, operators.n_dofs // 2, case, operators),
         runners()[LIMIT](case, operators),

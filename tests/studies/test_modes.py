@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from delam_fem.api import Case, CaseError, Structure, preset
+from delam_fem.api import Case, CaseError, Structure, assemble, preset
 from delam_fem.model import linear
-from delam_fem.model.beams.closed_form import assemble
 from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.studies.modes.frequencies import NaturalModes, modes, modes_of
 
@@ -23,7 +22,7 @@ def paper() -> Case:
 
 @pytest.fixture(scope="module")
 def model(paper: Case) -> Structure:
-    return assemble(paper)
+    return assemble(paper, needs_dolfinx=False)
 
 
 def test_first_frequencies_are_those_of_the_cantilevers(paper: Case, model: Structure) -> None:
@@ -53,7 +52,7 @@ def test_iterative_solver_finds_the_same(
 
 def test_all_modes_of_one_element_can_be_had(paper: Case) -> None:
     case = paper.with_overrides({"mesh.elements": 1})
-    lamina_modes = modes_of(assemble(case), case, 2)
+    lamina_modes = modes_of(assemble(case, needs_dolfinx=False), case, 2)
     # Ritz with one cubic: omega1 = 3.533, omega2 = 34.807 for unit length, EI, rho A.
     ratio = lamina_modes.frequencies[0] / lamina_modes.exact[0]
     np.testing.assert_allclose(ratio, [3.5327 / 3.5160, 34.8069 / 22.0345], rtol=1e-4)

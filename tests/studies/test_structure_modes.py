@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from delam_fem.api import Case, CaseError, preset
+from delam_fem.api import Case, CaseError, assemble, preset
 from delam_fem.cli.app import app
-from delam_fem.model import discretise
-from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.beams.network import never_opens
 from delam_fem.studies.modes.frequencies import NaturalModes, StructureModes, modes, structure_modes
 
@@ -26,12 +24,12 @@ def case() -> Case:
 
 @pytest.fixture(scope="module")
 def free(case: Case) -> StructureModes:
-    return structure_modes(assemble(case), case, 4)
+    return structure_modes(assemble(case, needs_dolfinx=False), case, 4)
 
 
 @pytest.fixture(scope="module")
 def closed(case: Case) -> StructureModes:
-    return structure_modes(assemble(case), case, 4, kind="closed")
+    return structure_modes(assemble(case, needs_dolfinx=False), case, 4, kind="closed")
 
 
 def test_closed_delaminations_raise_every_frequency(
@@ -60,7 +58,7 @@ def test_modes_say_how_far_they_open(free: StructureModes, closed: StructureMode
 
 def test_mid_plane_delamination_has_the_same_first_modes_free_and_closed() -> None:
     case = preset("embedded", MID_PLANE)
-    free = structure_modes(assemble(case), case, 2)
+    free = structure_modes(assemble(case, needs_dolfinx=False), case, 2)
     assert free.partner_frequencies == pytest.approx(free.frequencies, rel=1e-12)
     assert free.openings.max() < 1e-8
     assert "never opens" not in str(never_opens(case)) and "ever opens" in str(never_opens(case))
@@ -86,7 +84,9 @@ def test_floating_structures_have_rigid_modes(case: Case, supports: str, rigid: 
     start, end = supports.split()
     floating = case.with_overrides({"support.start": start, "support.end": end})
     for kind in ("free", "closed"):
-        computed = structure_modes(assemble(floating), floating, 4, kind=kind).frequencies
+        computed = structure_modes(
+            assemble(floating, needs_dolfinx=False), floating, 4, kind=kind
+        ).frequencies
         assert computed[:rigid] == pytest.approx(np.zeros(rigid), abs=1e-3)
         assert computed[rigid] > 10.0
     intact = case.with_overrides(
@@ -94,7 +94,7 @@ def test_floating_structures_have_rigid_modes(case: Case, supports: str, rigid: 
     )
     root = 4.730040744862704 if rigid == 2 else 3.926602312047919
     unit = np.sqrt(70e9 * 0.002**2 / 12 / 2700.0) / (2.0 * np.pi * 0.4**2)
-    computed = structure_modes(assemble(intact), intact, 3).frequencies[rigid]
+    computed = structure_modes(assemble(intact, needs_dolfinx=False), intact, 3).frequencies[rigid]
     assert computed == pytest.approx(root**2 * unit, rel=1e-4)
 
 
@@ -134,15 +134,17 @@ def test_command_lists_both_kinds(tmp_path: Path) -> None:
 
 def test_impossible_numbers_of_modes_are_refused(case: Case) -> None:
     with pytest.raises(CaseError, match=r"number of modes: .*given 79"):
-        structure_modes(assemble(case), case, 79)
+        structure_modes(assemble(case, needs_dolfinx=False), case, 79)
 
 
 def test_motions_without_mass_are_no_modes() -> None:
     keys = {"mesh.elements": 4, "time.mass": "massless", "contact.law": "newton"}
     case = preset("default", keys | {"contact.restitution": 0.0})
-    structure = discretise.assemble(case, needs_dolfinx=False)
+    structure = assemble(case, needs_dolfinx=False)
     result = structure_modes(structure, case, 6)
-    usual = structure_modes(assemble(preset("paper", {"mesh.elements": 4})), case, 6)
+    usual = structure_modes(
+        assemble(preset("paper", {"mesh.elements": 4}), needs_dolfinx=False), case, 6
+    )
     assert result.frequencies[:2] == pytest.approx(usual.frequencies[:2], rel=0.01)
     with pytest.raises(CaseError, match="1 to 4, as no more motions have mass, given 6"):
         structure_modes(structure, case, 6, kind="closed")

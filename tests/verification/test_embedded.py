@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.api import N_BASE, EngineName, session_of
-from delam_fem.model.beams import closed_form
+from delam_fem.api import N_BASE, EngineName, assemble, session_of
 from delam_fem.numerics.harmonics import harmonic_amplitudes
 from delam_fem.studies.modes.frequencies import structure_modes
 from delam_fem.studies.sweeps.grid import sweep_of
@@ -29,7 +28,7 @@ COARSE: dict[str, object] = {
 def run(engine: EngineName = "petsc", **overrides: object) -> df.Result:
     keys = {key.replace("__", "."): value for key, value in overrides.items()}
     case = df.preset("embedded", COARSE | keys)
-    return df.run(case, engine, structure=closed_form.assemble(case))
+    return df.run(case, engine, structure=assemble(case, needs_dolfinx=False))
 
 
 def tips(result: df.Result) -> np.ndarray:
@@ -99,7 +98,7 @@ def test_engines_agree_over_the_first_impacts(clapping: df.Result) -> None:
 
 def test_an_interrupted_run_goes_on_bit_for_bit(tmp_path: Path, clapping: df.Result) -> None:
     case = clapping.case
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
 
     def interrupt(period: int, n_periods: int) -> None:
         if period == 3:
@@ -116,7 +115,9 @@ def amplitude(frequency: float, order: int = 1, **overrides: object) -> float:
     keys = {key.replace("__", "."): value for key, value in overrides.items()}
     last = {"time.periods": 120, "output.window_periods": 10}
     case = df.preset("embedded", COARSE | last | keys | {"excitation.frequency": frequency})
-    with session_of(case, closed_form.assemble(case).operators, engine="compiled") as opened:
+    with session_of(
+        case, assemble(case, needs_dolfinx=False).operators, engine="compiled"
+    ) as opened:
         assert opened.run() == "completed"
         window = opened.recorder.window
     u = np.concatenate([record.u[1:, N_BASE + 1] for record in window])
@@ -125,7 +126,9 @@ def amplitude(frequency: float, order: int = 1, **overrides: object) -> float:
 
 def bilinear() -> float:
     case = df.preset("embedded", {"mesh.elements": 20})
-    return float(structure_modes(closed_form.assemble(case), case, 1).bilinear_frequencies[0])
+    return float(
+        structure_modes(assemble(case, needs_dolfinx=False), case, 1).bilinear_frequencies[0]
+    )
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5])

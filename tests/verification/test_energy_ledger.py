@@ -21,6 +21,7 @@ from delam_fem.api import (
     Operators,
     Result,
     Scheme,
+    assemble,
     base_motion,
     preset,
     run,
@@ -28,7 +29,6 @@ from delam_fem.api import (
 )
 from delam_fem.case.excitation import HarmonicMotion
 from delam_fem.contact import laws as contact
-from delam_fem.model.beams import closed_form
 
 Engine = Literal["petsc", "compiled"]
 
@@ -51,7 +51,7 @@ def compute(settings: dict[str, object], periods: int, engine: Engine = "petsc")
     """Run the preset with changes, on the matrices in closed form."""
     window = {"time.periods": periods, "output.window_periods": periods}
     case = preset("paper", {**window, "output.fields_per_period": 0, **settings})
-    return run(case, engine, structure=closed_form.assemble(case))
+    return run(case, engine, structure=assemble(case, needs_dolfinx=False))
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def reaction_work(o: Operators, motions: Motions, base: FloatArray, law: Law) ->
 
 def base_work_error(case: Case, law: Law, steps: int) -> tuple[float, float]:
     """Return the work of the base in a period: the ledger's less the reaction's, the latter."""
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     motion = base_motion(case.excitation)
     motions = simulate(
         o,

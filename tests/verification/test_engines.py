@@ -8,9 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from delam_fem.api import LEDGER, Case, EngineName, Recorder, State, preset, run, session_of
+from delam_fem.api import (
+    LEDGER,
+    Case,
+    EngineName,
+    Recorder,
+    State,
+    assemble,
+    preset,
+    run,
+    session_of,
+)
 from delam_fem.engines.session import ENGINES
-from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import tributary_lengths
 
 SAME = 1e-9
@@ -44,7 +53,7 @@ def case_of(law: str, impulse: str, mass: str, scheme: str, **more: Any) -> Case
 
 def compute(case: Case, name: EngineName, initial: State | None = None) -> tuple[Recorder, State]:
     """Run a case on closed-form operators, which need no quadrature."""
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     with session_of(case, operators, initial=initial, engine=name) as opened:
         assert opened.run() == "completed"
         return opened.recorder, opened.engine.state()
@@ -98,7 +107,7 @@ def test_weighted_pairs(law: str) -> None:
     """Springs per length: what a pair carries is its tributary length times the stiffness."""
     more = {"contact.penalty_stiffness": 3e3, "contact.threshold_velocity": 0.05}
     case = case_of(law, "consistent", "consistent", "newmark", **more)
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     weights = tributary_lengths(structure.layout.parts, structure.layout.interfaces[0])
     operators = replace(structure.operators, pair_weights=weights)
     recorders = []

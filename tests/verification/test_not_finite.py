@@ -12,8 +12,16 @@ from stack import three_laminae
 from synthetic import PERIODS, small_case
 
 import delam_fem as df
-from delam_fem.api import LEDGER, CaseError, EngineName, Recorder, is_lost, solve, statistics
-from delam_fem.model.beams import closed_form
+from delam_fem.api import (
+    LEDGER,
+    CaseError,
+    EngineName,
+    Recorder,
+    assemble,
+    is_lost,
+    solve,
+    statistics,
+)
 from delam_fem.numerics.settling import judge
 from delam_fem.numerics.statistics import Simulations
 from delam_fem.results import quality
@@ -71,7 +79,7 @@ def test_no_column_of_the_ledger_hides(bad: float, column: str) -> None:
     residual = Recorder.energy_residual(stack.recorder)
     assert np.isnan(residual)
     case = df.preset("default", SMALL)
-    (text,) = quality_warnings(case, closed_form.assemble(case), residual)
+    (text,) = quality_warnings(case, assemble(case, needs_dolfinx=False), residual)
     assert "not finite" in text
 
 
@@ -95,7 +103,7 @@ def test_round_off_of_elastic_impacts_is_no_gain(restitution: float) -> None:
         "default",
         {**SMALL, "contact.restitution": restitution, "mesh.elements": 10, "time.periods": 15},
     )
-    result = df.run(case, "compiled", structure=closed_form.assemble(case))
+    result = df.run(case, "compiled", structure=assemble(case, needs_dolfinx=False))
     assert result.history.sizes["event"] > 0
     assert not [text for text in result.summary["warnings"] if "impacts added" in text]
 

@@ -19,7 +19,6 @@ from covertable import make
 from delam_fem import CaseError, Result, load_case, load_sweep, run, run_sweep, save_case
 from delam_fem.api import COMBINATIONS, Case, EngineName, assemble, preset, reduced_case
 from delam_fem.engines.session import ENGINES
-from delam_fem.model.beams import closed_form
 from delam_fem.reference.loop import refused_motion
 from delam_fem.studies.orbits.maps import CaseFamily
 
@@ -272,7 +271,7 @@ def case_of(row: dict[str, Any], first: dict[str, Any], second: dict[str, Any]) 
 @pytest.mark.parametrize("row", ARRAY, ids=lambda row: "-".join(map(str, row.values())))
 def test_engines_agree(row: dict[str, Any]) -> None:
     case = case_of(row, *KINDS[row["kind"]])
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     petsc, compiled = (run(case, engine, structure=structure) for engine in ENGINES)
     one, other = petsc.history, compiled.history
     events = one["event_time"].to_numpy()
@@ -319,7 +318,7 @@ def test_the_numbers_of_the_law_at_each_contact_change_no_bit(row: dict[str, Any
         numbers = {"stiffness": 300.0, "damping": 0.3}
     plain, same = (case_of(row, keys, keys) for keys in ({}, numbers))
     one, other = (
-        run(case, row["engine"], structure=closed_form.assemble(case)).history
+        run(case, row["engine"], structure=assemble(case, needs_dolfinx=False)).history
         for case in (plain, same)
     )
     for name in one.data_vars:
@@ -409,7 +408,7 @@ def test_a_sweep_over_a_number_of_a_contact_is_its_runs(key: str, tmp_path: Path
     (tmp_path / "sweep.toml").write_text(SWEEP.format(key=key))
     data = run_sweep(load_sweep(tmp_path / "sweep.toml"), tmp_path / "sweep", workers=1)
     for k, value in enumerate((0.2, 0.7)):
-        structure = closed_form.assemble(changed := case.with_overrides({key: value}))
+        structure = assemble(changed := case.with_overrides({key: value}), needs_dolfinx=False)
         summary = run(changed, "compiled", structure=structure).summary
         np.testing.assert_array_equal(data["tip_max"][k], summary["tip_max"])
     assert data["tip_max"][0].to_numpy().tolist() != data["tip_max"][1].to_numpy().tolist()

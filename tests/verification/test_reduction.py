@@ -7,9 +7,17 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from delam_fem.api import Case, EngineName, FloatArray, IntArray, Structure, preset, session_of
+from delam_fem.api import (
+    Case,
+    EngineName,
+    FloatArray,
+    IntArray,
+    Structure,
+    assemble,
+    preset,
+    session_of,
+)
 from delam_fem.engines.compiled import inner_points
-from delam_fem.model.beams import closed_form
 from delam_fem.model.component_modes import basis_of, projected
 
 ALL, SOME = 20, 6
@@ -33,7 +41,7 @@ def case_of(**keys: object) -> Case:
 
 @lru_cache(maxsize=1)
 def full() -> Structure:
-    return closed_form.assemble(case_of())
+    return assemble(case_of(), needs_dolfinx=False)
 
 
 def reduced(n: int) -> Structure:
@@ -105,7 +113,7 @@ def test_a_state_is_resumed_bit_for_bit() -> None:
 def test_settled_tips_have_the_extremes_of_the_full_model(frequency: float) -> None:
     """After hundreds of impacts runs share statistics, not histories: extremes, and their means."""
     case = preset("default", {"excitation.frequency": frequency, "time.periods": 80})
-    full_structure = closed_form.assemble(case)
+    full_structure = assemble(case, needs_dolfinx=False)
     some = projected(full_structure, basis_of(full_structure.operators, 8))
     envelopes = []
     for structure in (some, full_structure):

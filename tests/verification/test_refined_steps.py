@@ -19,13 +19,13 @@ from delam_fem.api import (
     Operators,
     Recorder,
     State,
+    assemble,
     preset,
     session_of,
     solve,
 )
 from delam_fem.contact import laws
 from delam_fem.engines.session import ENGINES
-from delam_fem.model.beams import closed_form
 from delam_fem.simulation.recorder import EFFORT, HIT
 from delam_fem.simulation.refinement import Refinement
 
@@ -71,7 +71,7 @@ def case_of(law: str, **keys: Any) -> Case:
 
 
 def compute(case: Case, engine: EngineName) -> Recorder:
-    with session_of(case, closed_form.assemble(case).operators, engine=engine) as opened:
+    with session_of(case, assemble(case, needs_dolfinx=False).operators, engine=engine) as opened:
         assert opened.run() == "completed"
         return opened.recorder
 

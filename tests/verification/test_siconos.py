@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from delam_fem.api import Case, FloatArray, base_motion, preset, run
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Case, FloatArray, assemble, base_motion, preset, run
 
 pytestmark = [
     pytest.mark.siconos,
@@ -55,7 +54,7 @@ class Pair:
 
 def by_siconos(case: Case, directory: Path) -> dict[str, FloatArray]:
     """Return what Siconos makes of a case."""
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     times = case.time_step * np.arange(case.time.steps_per_period * case.n_periods + 1)
     problem_file, result = directory / "problem.npz", directory / "result.npz"
     np.savez(
@@ -90,7 +89,7 @@ def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             "output.fields_per_period": 0,
         },
     )
-    history = run(case, structure=closed_form.assemble(case)).history
+    history = run(case, structure=assemble(case, needs_dolfinx=False)).history
     theirs = by_siconos(case, tmp_path_factory.mktemp("siconos"))
     steps = np.rint(history.event_time.values / case.time_step).astype(int) - 1
     return Pair(

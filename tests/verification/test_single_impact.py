@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from problems import Law, simulate
 
-from delam_fem.api import SCHEMES, FloatArray, Impulse, LawContext, Operators, preset, run
+from delam_fem.api import SCHEMES, FloatArray, Impulse, LawContext, Operators, assemble, preset, run
 from delam_fem.contact import laws
 from delam_fem.engines.petsc.newmark import Newmark
-from delam_fem.model.beams import closed_form
 
 ROUND_OFF = 1e-12
 """Relative to the kinetic energy."""
@@ -26,7 +25,7 @@ SHORT = 1e-9
 def laminae(mass: str, elements: int = 5) -> Operators:
     """Return the two laminae without damping, all pairs far apart."""
     case = preset("paper", {"time.mass": mass, "mesh.elements": elements})
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     return replace(o, damping=0.0 * o.damping, gap0=np.ones(o.n_pairs))
 
 
@@ -101,7 +100,7 @@ def test_energy_of_single_impacts_in_a_run(impulse: str, e: float) -> None:
     settings = {"contact.law": "newton", "contact.impulse": impulse, "time.mass": impulse}
     settings |= {"contact.restitution": e, "time.periods": 2, "output.window_periods": 2}
     case = preset("paper", {**settings, "output.fields_per_period": 0})
-    model = closed_form.assemble(case)
+    model = assemble(case, needs_dolfinx=False)
     history = run(case, structure=model).history
     times, counts = np.unique(history.event_time.values, return_counts=True)
     alone = np.isin(history.event_time.values, times[counts == 1])

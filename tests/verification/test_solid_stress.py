@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 import delam_fem as df
-from delam_fem.model import discretise
+from delam_fem.api import assemble
 
 FORCE = 0.5
 SOLIDS = {
@@ -28,7 +28,7 @@ SOLIDS = {
 def test_bending_stress_of_a_cantilever(name: str, lamina: int) -> None:
     keys, tolerance = SOLIDS[name]
     case = df.preset("paper", keys)
-    structure = discretise.assemble(case)
+    structure = assemble(case)
     o, body = structure.operators, structure.body
     assert body is not None
     u = spsolve(o.stiffness.tocsc(), FORCE * o.probes[lamina].toarray().ravel())

@@ -37,13 +37,13 @@ from delam_fem.api import (
     Case,
     FloatArray,
     Result,
+    assemble,
     base_motion,
     modes_of,
     scheme_of,
     session,
     span_of,
 )
-from delam_fem.model.beams import closed_form
 from delam_fem.studies.sweeps.point import probe_motion
 
 BEFORE, WINDOW, AFTER = 400, 40, 60
@@ -190,7 +190,7 @@ def shaken(case: Case, shaker: float, phase: float) -> FloatArray:
         shaker: second harmonic of the acceleration of its base over the first.
         phase: of that [rad].
     """
-    structure = closed_form.assemble(case)
+    structure = assemble(case, needs_dolfinx=False)
     span = span_of(case)
     base = base_motion(case.excitation)
     once = base.states(span.time_step * np.arange(span.steps_per_period + 1))

@@ -25,11 +25,10 @@ from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
-from delam_fem.api import FloatArray, Recorder, session_of
+from delam_fem.api import FloatArray, Recorder, assemble, session_of
 from delam_fem.engines.compiled.engine import Compiled
 from delam_fem.engines.compiled.matrices import Problem
 from delam_fem.engines.compiled.state import PeriodBuffers, View
-from delam_fem.model.beams import closed_form
 
 SOURCE = Path(__file__).with_name("laminae.c")
 FLAGS = [
@@ -133,7 +132,7 @@ def computed(case: df.Case, native: Native | None) -> tuple[Recorder, float]:
     Raises:
         RuntimeError: the motion did not complete.
     """
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     with session_of(case, operators, engine="compiled", comm=MPI.COMM_SELF) as opened:
         engine = opened.engine
         assert isinstance(engine, Compiled)

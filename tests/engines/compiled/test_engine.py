@@ -20,6 +20,7 @@ from delam_fem.api import (
     Recorder,
     Span,
     State,
+    assemble,
     engine_of,
     motion_of,
     preset,
@@ -40,7 +41,6 @@ from delam_fem.engines.compiled import (
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
 from delam_fem.engines.compiled.matrices import Problem, StepNumbers, build
 from delam_fem.engines.compiled.state import PeriodBuffers, packed, view_at
-from delam_fem.model.beams import closed_form
 from delam_fem.simulation.loop import simulate
 
 ROUND_OFF = 1e-11
@@ -154,7 +154,7 @@ def paper(**settings: object) -> Case:
 
 
 def operators_of(n: int, mass: str = "consistent") -> Operators:
-    return closed_form.assemble(paper(**{"mesh.elements": n, "time.mass": mass})).operators
+    return assemble(paper(**{"mesh.elements": n, "time.mass": mass}), needs_dolfinx=False).operators
 
 
 @numba.njit
@@ -202,7 +202,7 @@ def test_what_couples_more_than_neighbours_is_no_chain() -> None:
 
 def test_rayleigh_damping_is_recognised() -> None:
     case = paper(**{"mesh.elements": 5})
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     coefficients = simd_chains.rayleigh(o)
     assert coefficients is not None
     for i in (0, 1):
@@ -240,7 +240,7 @@ def numbers_in(values: object) -> list[object]:
 
 
 def test_what_sizes_of_steps_share_is_that_of_their_operators() -> None:
-    first = closed_form.assemble(preset("paper", {"time.mass": "lumped"})).operators
+    first = assemble(preset("paper", {"time.mass": "lumped"}), needs_dolfinx=False).operators
     second = dataclasses.replace(first, damping=2.0 * first.damping, gap0=2.0 * first.gap0)
     schemes = [StepNumbers.newmark(1e-3), StepNumbers.moreau_jean(1e-6), StepNumbers.newmark(1e-6)]
     order = [(o, scheme) for scheme in schemes for o in (first, second, first)]
@@ -339,7 +339,7 @@ def test_ball_on_a_spring() -> None:
 
 
 def start(case: Case) -> tuple[Compiled, Recorder]:
-    operators = closed_form.assemble(case).operators
+    operators = assemble(case, needs_dolfinx=False).operators
     span = span_of(case)
     engine = compiled_engine(
         operators, case.contact_law, scheme_of(case), case.time_step, span.refinement
@@ -492,5 +492,8 @@ def test_unstable_central_difference_is_refused() -> None:
     case = paper(**{"time.scheme": "central-difference"})
     with pytest.raises(CaseError, match="the scheme needs a time step"):
         engine_of(
-            closed_form.assemble(case).operators, case.contact_law, scheme_of(case), case.time_step
+            assemble(case, needs_dolfinx=False).operators,
+            case.contact_law,
+            scheme_of(case),
+            case.time_step,
         )

@@ -11,8 +11,7 @@ import pytest
 from massless import massless
 
 import delam_fem as df
-from delam_fem.api import LEDGER, Case, session_of
-from delam_fem.model.beams import closed_form
+from delam_fem.api import LEDGER, Case, assemble, session_of
 from delam_fem.numerics.beams import transmissibility
 
 SHORT: dict[str, object] = {
@@ -71,7 +70,7 @@ def test_a_run_has_the_dataset_of_every_run_and_its_energy_adds_up() -> None:
 
 def test_the_losses_of_a_state_are_those_of_the_ledger_so_far() -> None:
     case = short()
-    with session_of(case, closed_form.assemble(case).operators) as opened:
+    with session_of(case, assemble(case, needs_dolfinx=False).operators) as opened:
         opened.run()
         by_period = opened.recorder.ledger[:, LEDGER.index("damping_loss")]
         lost, _ = opened.engine.state().losses
@@ -83,7 +82,7 @@ def test_its_work_is_that_of_the_finite_elements() -> None:
     keys = {"time__steps_per_period": 1000, "mesh__elements": 10, "time__periods": 2}
     ours = df.run(short(10, 64, **keys)).history
     case = df.preset("default", {k.replace("__", "."): v for k, v in (SHORT | keys).items()})
-    with session_of(case, closed_form.assemble(case).operators) as opened:
+    with session_of(case, assemble(case, needs_dolfinx=False).operators) as opened:
         opened.run()
         work, strobe = opened.recorder.ledger[:, 3], opened.recorder.strobe[:, 0].T
     np.testing.assert_allclose(

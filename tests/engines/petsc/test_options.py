@@ -13,9 +13,8 @@ import scipy.sparse as sp
 from project import ROOT
 
 import delam_fem as df
-from delam_fem.api import MPI, Solution, preset, solve
+from delam_fem.api import MPI, Solution, assemble, preset, solve
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.model import discretise
 from delam_fem.model.operators import matrix, with_near_null
 
 from petsc4py import PETSc  # isort: skip  # the door to MPI comes first
@@ -55,7 +54,7 @@ def test_a_destroyed_factor_leaves_no_matrix_behind() -> None:
 def test_small_factors_solve_as_dense_ones_do(kind: str) -> None:
     """PETSc's Cholesky factors of blocks of 2 × 2 pass for beams and are wrong for solids."""
     case = preset("paper", {"model.kind": kind, "model.poisson": 0.3, "mesh.elements": 8})
-    o, reach = discretise.assemble(case).operators, 5e-6
+    o, reach = assemble(case).operators, 5e-6
     rows = sp.csr_matrix(o.mass + reach * o.damping + reach**2 * o.stiffness)
     load, x = np.cos(np.arange(o.n_dofs)), np.zeros(o.n_dofs)
     expected = np.linalg.solve(rows.toarray(), load)
@@ -155,7 +154,7 @@ def test_the_command_refuses_in_one_line(engine: str, tmp_path: object) -> None:
 def test_a_turn_about_a_pin_is_a_rigid_motion(kind: str, impulse: str) -> None:
     ends = {"support.start": "pinned", "support.end": "free", "contact.impulse": impulse}
     case = preset("embedded", {"model.kind": kind, "mesh.elements": 10, **ends})
-    o = discretise.assemble(case).operators
+    o = assemble(case).operators
     dim = {"plane-stress": 2, "solid": 3}[kind]
     assert o.near_null is not None and o.near_null.shape == (o.n_dofs, 3 * dim - 3)
     middle = 0.5 * sum(lamina.thickness for lamina in case.lamina)

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from delam_fem.api import Operators, preset
-from delam_fem.model.beams import closed_form
+from delam_fem.api import Operators, assemble, preset
 from delam_fem.model.component_modes import basis_of
 
 ROUND_OFF = 1e-9
@@ -14,7 +13,9 @@ ROUND_OFF = 1e-9
 
 
 def operators(elements: int = 20, **keys: object) -> Operators:
-    return closed_form.assemble(preset("default", {"mesh.elements": elements, **keys})).operators
+    return assemble(
+        preset("default", {"mesh.elements": elements, **keys}), needs_dolfinx=False
+    ).operators
 
 
 def with_one_pair() -> Operators:
@@ -77,7 +78,7 @@ def test_a_point_force_has_its_static_shape() -> None:
     case = preset("embedded", {"mesh.elements": 20, "excitation.kind": "force",
         "excitation.lamina": "upper", "excitation.position": 0.1, "excitation.amplitude": 1.0,
         "excitation.frequency": 9.0})  # fmt: skip
-    o = closed_form.assemble(case).operators
+    o = assemble(case, needs_dolfinx=False).operators
     basis = basis_of(o, 3)
     load = -o.base.stiffness
     answer = basis.vectors @ ((basis.vectors.T @ load) / basis.squares)

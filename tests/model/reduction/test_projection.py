@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from delam_fem.api import preset
+from delam_fem.api import assemble, preset
 from delam_fem.model import layout
-from delam_fem.model.beams import closed_form
 from delam_fem.model.component_modes import basis_of, projected
 
 
 @pytest.mark.parametrize("name", ["default", "embedded"])
 def test_the_points_of_the_parts_read_what_they_read_before(name: str) -> None:
-    full = closed_form.assemble(preset(name, {"mesh.elements": 20}))
+    full = assemble(preset(name, {"mesh.elements": 20}), needs_dolfinx=False)
     basis = basis_of(full.operators, 5)
     reduced = projected(full, basis)
     rng = np.random.default_rng(2)
@@ -28,7 +27,7 @@ def test_the_points_of_the_parts_read_what_they_read_before(name: str) -> None:
 
 def test_damping_is_diagonal_where_it_is_rayleigh_s_in_each_body() -> None:
     case = preset("default", {"mesh.elements": 10, "lamina.thin.damping_ratio": 0.03})
-    full = closed_form.assemble(case)
+    full = assemble(case, needs_dolfinx=False)
     reduced = projected(full, basis_of(full.operators, 4))
     C, squares = reduced.operators.damping.toarray(), reduced.operators.stiffness.diagonal()
     part = reduced.layout.reading.part
@@ -46,7 +45,7 @@ def test_other_damping_stays_full() -> None:
 
     import scipy.sparse as sp
 
-    full = closed_form.assemble(preset("default", {"mesh.elements": 5}))
+    full = assemble(preset("default", {"mesh.elements": 5}), needs_dolfinx=False)
     n = full.operators.n_dofs
     dashpot = sp.csr_matrix(([1.0], ([4], [4])), shape=(n, n))
     o = replace(full.operators, damping=sp.csr_matrix(full.operators.damping + dashpot))

@@ -11,7 +11,6 @@ import pytest
 import delam_fem as df
 from delam_fem.api import Case, FloatArray, assemble, load_case, nodal, reduced_case
 from delam_fem.engines.session import ENGINES
-from delam_fem.model.beams import closed_form
 
 L = 0.5
 LAMINA = {
@@ -86,7 +85,7 @@ def tips(result: df.Result) -> FloatArray:
 def test_all_modes_move_as_the_beams_and_few_modes_nearly(name: str, tmp_path: Path) -> None:
     """From a file, in both engines; catches a wrong row, frame, weight, mass or start."""
     case = case_of(**CASES[name])
-    full = df.run(case, engine="compiled", structure=closed_form.assemble(case))
+    full = df.run(case, engine="compiled", structure=assemble(case, needs_dolfinx=False))
     errors = []
     for modes in (1, 5, ALL):
         reduced_beams = reduced(case, modes, tmp_path)
@@ -107,7 +106,7 @@ def test_one_mode_gives_way_at_stops_and_starts_as_the_beams(tmp_path: Path) -> 
         initial=[{"shape": "force", "lamina": "one", "position": 0.2, "displacement": 1e-3},
                  {"shape": "uniform", "velocity": 0.02}],
     )  # fmt: skip
-    full, small = closed_form.assemble(case), assemble(reduced(case, 1, tmp_path))
+    full, small = assemble(case, needs_dolfinx=False), assemble(reduced(case, 1, tmp_path))
     both = []
     for structure in (full, small):
         o = structure.operators
@@ -136,7 +135,7 @@ def test_bonded_laminae_strike_and_are_struck(tmp_path: Path) -> None:
         contact={"law": "penalty"}, sensor=gauges,
         time={"steps_per_period": 2000, "periods": 1}, output={"window_periods": 1},
     )  # fmt: skip
-    full = df.run(case, engine="compiled", structure=closed_form.assemble(case)).history
+    full = df.run(case, engine="compiled", structure=assemble(case, needs_dolfinx=False)).history
     history = df.run(reduced(case, ALL, tmp_path), engine="compiled").history
     for name in ("sensor_strain", "sensor_blow", "sensor_stop", "impactor_displacement"):
         size = np.abs(full[name]).max()
@@ -157,7 +156,7 @@ def test_what_strikes_may_change_but_not_where(tmp_path: Path) -> None:
         "impactor.1.gap": 1e-4,
     }  # fmt: skip
     expected = case.with_overrides(changes)
-    full = df.run(expected, engine="compiled", structure=closed_form.assemble(expected))
+    full = df.run(expected, engine="compiled", structure=assemble(expected, needs_dolfinx=False))
     assert np.abs(tips(full) - tips(df.run(case, engine="compiled"))).max() > 1e-5
     result = df.run(small.with_overrides(changes), engine="compiled")
     np.testing.assert_allclose(tips(result), tips(full), rtol=0.0, atol=ROUND_OFF)

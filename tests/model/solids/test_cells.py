@@ -5,6 +5,7 @@ import numpy.typing as npt
 import pytest
 from box_meshes import two_bricks
 
+from delam_fem.api import volumes
 from delam_fem.model.solids import mesh as cells
 from delam_fem.model.solids.mesh import (
     SolidMesh,
@@ -13,7 +14,6 @@ from delam_fem.model.solids.mesh import (
     meetings,
     reference_coordinates,
     shape_functions,
-    volumes,
 )
 
 Array = npt.NDArray[np.float64]

@@ -11,11 +11,11 @@ from box_meshes import MESHES, case_of
 from mpi_pool import Crew
 from project import ROOT
 
-from delam_fem.api import Case, CaseError, assemble, preset, run, solid_mesh
+from delam_fem.api import Case, CaseError, assemble, preset, run, solid_mesh, volumes
 from delam_fem.model import linear
 from delam_fem.model.solids import meshing
 from delam_fem.model.solids.facing import at_vertices, project
-from delam_fem.model.solids.mesh import SolidMesh, volumes
+from delam_fem.model.solids.mesh import SolidMesh
 
 Array = npt.NDArray[np.float64]
 

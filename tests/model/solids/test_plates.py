@@ -9,10 +9,10 @@ import numpy.typing as npt
 import pytest
 from plates import EDGES, LENGTH, RHO, THICKNESS, bending, plate, radius_of, write_disc
 
-from delam_fem.api import Case, CaseError, assemble, lowest
+from delam_fem.api import Case, CaseError, assemble, lowest, volumes
 from delam_fem.model.contacts import pairs_of_contacts
 from delam_fem.model.mesh import GRADING, graded
-from delam_fem.model.solids.mesh import SolidMesh, volumes
+from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.model.solids.meshing import lattice
 
 Array = npt.NDArray[np.float64]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from box_meshes import two_bricks
 
-from delam_fem.api import MPI, FloatArray
+from delam_fem.api import MPI, Body, FloatArray
 from delam_fem.model import _dolfinx
-from delam_fem.model.solids.body import Body, Shape
+from delam_fem.model.solids.body import Shape
 from delam_fem.model.solids.facing import at_places, at_vertices, project
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import FACETS

@@ -10,9 +10,8 @@ import pytest
 from mpi_pool import Crew
 
 from delam_fem import CaseError, Result, run
-from delam_fem.api import Case, lowest
+from delam_fem.api import Case, assemble, lowest
 from delam_fem.engines.session import ENGINES
-from delam_fem.model import discretise
 
 L, WIDTH, THICKNESS = 0.5, 0.02, 0.005
 LAMINA = {
@@ -51,7 +50,7 @@ def case_of(model: dict[str, Any], **sections: Any) -> Case:
 
 
 def frequencies(case: Case, n: int = 3) -> np.ndarray:
-    o = discretise.assemble(case).operators
+    o = assemble(case).operators
     return lowest(o.stiffness, o.mass, n)[0]
 
 
@@ -89,7 +88,7 @@ def test_supports_inside_hold_nothing_along_x(place: float) -> None:
     """With free ends the whole slides on a clamp, the bonded laminae as one: of 5 nodes, or 2 × 3
     where they are apart, a clamp holds the turns alone."""
     o, pinned = (
-        discretise.assemble(
+        assemble(
             case_of(PLANE, **BONDED, support=[{"start": "free"}, support | {"position": place * L}])
         ).operators
         for support in ({"kind": "clamped"}, {"kind": "pinned"})
@@ -144,7 +143,7 @@ def test_a_solid_moves_as_a_beam(sections: dict[str, Any], tolerance: float) -> 
 def test_fields_of_a_solid_are_in_the_frame_of_the_ground() -> None:
     """Stops on the base change the dofs, not what body and readings give."""
     case = case_of(PLANE, stop=[STOP | {"gap": 1.0}], impactor=[BLOW | {"gap": 1.0}])
-    plain, shifted = (discretise.assemble(one) for one in (case_of(PLANE), case))
+    plain, shifted = (assemble(one) for one in (case_of(PLANE), case))
     assert shifted.operators.base.shift is not None and shifted.body and plain.body
     u = np.random.default_rng(1).standard_normal((1, plain.operators.n_dofs))
     w = np.append(u, [[0.0]], axis=1) - 0.3 * shifted.operators.base.shift
@@ -159,7 +158,7 @@ def test_a_lamina_starts_with_what_is_bonded_to_it() -> None:
     start = [{"shape": "mode", "lamina": "two", "displacement": 1e-4}]
     shapes = []
     for model in ({"kind": "beam"}, PLANE):
-        structure = discretise.assemble(
+        structure = assemble(
             case_of(model, **BONDED, initial=start).with_overrides({"mesh.elements": 40})
         )
         assert structure.operators.start is not None
@@ -225,4 +224,4 @@ def test_what_solids_cannot_give_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     for module in ("assembly", "meshing"):
         monkeypatch.setattr(f"delam_fem.model.solids.{module}.node_coordinates", lambda case: grid)
     with pytest.raises(CaseError, match=r"support\.position: "):
-        discretise.assemble(case_of(PLANE, support=[PIN]))
+        assemble(case_of(PLANE, support=[PIN]))

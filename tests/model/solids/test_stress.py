@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from box_meshes import two_bricks
 
-from delam_fem.api import MPI, FloatArray
-from delam_fem.model.solids.body import Body, Shape
+from delam_fem.api import MPI, Body, FloatArray
+from delam_fem.model.solids.body import Shape
 from delam_fem.model.solids.forms import COMPONENTS, Solid, sampled, von_mises
 
 YOUNG, NU = 3.0, 0.3

@@ -19,8 +19,7 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
-from delam_fem.api import CaseError
-from delam_fem.model.beams import closed_form
+from delam_fem.api import CaseError, assemble
 from delam_fem.studies.executors import Serial
 from delam_fem.studies.sweeps import schedule
 from delam_fem.studies.sweeps.dataset import open_result
@@ -61,7 +60,7 @@ def test_a_point_is_the_run_of_its_case(tmp_path: Path) -> None:
     made = small(record=record)
     data = run_sweep(made, tmp_path, "serial")
     case = made.case(2)
-    result = df.run(case, "petsc", structure=closed_form.assemble(case))
+    result = df.run(case, "petsc", structure=assemble(case, needs_dolfinx=False))
     point, history = data.isel(frequency=2), result.history
     for name in ("tip_min", "tip_max", "thd", "minimum_tip_gap", "impacts_per_period"):
         assert np.array_equal(point[name], result.summary[name]), name
@@ -120,7 +119,7 @@ def test_continuation_carries_the_state(tmp_path: Path) -> None:
         state = None
         for index in order:
             case = made.case(index)
-            model = closed_form.assemble(case)
+            model = assemble(case, needs_dolfinx=False)
             result = df.run(case, "petsc", structure=model, initial=state)
             state = result.state
             point = data.sel(direction=direction).isel(frequency=index % 4)
