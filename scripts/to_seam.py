@@ -25,7 +25,7 @@ STANDS_FOR = {
     f"{PACKAGE}.model.beams.closed_form.assemble": ("assemble", "needs_dolfinx=False"),
     f"{PACKAGE}.model.discretise.assemble": ("assemble", ""),
 }
-"""Functions of one argument: the name of the seam for them, and what its calls have besides."""
+"""What calls with one argument become: a name of the seam, and what its calls have besides."""
 
 
 class Edit(NamedTuple):
@@ -119,6 +119,7 @@ def with_calls_of_the_seam(source: str) -> str:
                     if isinstance(call, ast.Call)
                     and ast.unparse(call.func) == written
                     and len(call.args) == 1
+                    and not call.keywords
                 ]
                 for call in calls:
                     edits.append(Edit(*place(call.func), name))
