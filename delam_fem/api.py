@@ -255,8 +255,8 @@ if TYPE_CHECKING:
     )
     from delam_fem.simulation.refinement import Span as Span
     from delam_fem.simulation.signals import (
+        displacements_of as displacements_of,
         frames_of as frames_of,
-        steps_of as steps_of,
     )
     from delam_fem.system import footprint as footprint, hdf5 as hdf5
     from delam_fem.system.errors import (
@@ -342,7 +342,7 @@ _HOMES = {
     "simulation.loop": "Engine State initial_state one_period set_initial",
     "simulation.recorder": "LEDGER N_BASE N_SIZES PeriodRecord Recorder",
     "simulation.refinement": "Span",
-    "simulation.signals": "frames_of steps_of",
+    "simulation.signals": "displacements_of frames_of",
     # Results
     "results.folder": "Result",
     "results.netcdf": "open_dataset write_dataset",

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, cast
@@ -229,7 +229,12 @@ def _size_of(case: Case) -> float:
 
 def motion_of(case: Case) -> BaseStates:
     """Return the drive of a case (motion of the base, or force) as a function of the period."""
-    return by_period(drive(case.excitation), span_of(case), is_periodic=case.is_periodic)
+    return _motion(case, span_of(case))
+
+
+def _motion(case: Case, span: Span) -> BaseStates:
+    """Return the drive of a case with its span as a function of the period."""
+    return by_period(drive(case.excitation), span, is_periodic=case.is_periodic)
 
 
 def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseStates:
@@ -242,13 +247,28 @@ def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseState
             read-only table.
     """
     n_steps, dt = span.steps_per_period, span.time_step
-    steps = np.arange(n_steps + 1)
     if is_periodic:
-        table = motion.states(steps * dt)
-        table[-1] = table[0]  # both differ by round-off only
-        table.flags.writeable = False
+        if isinstance(motion, HarmonicMotion):
+            table = _harmonic_table(motion, dt, n_steps)
+        else:
+            table = _table(motion, dt, n_steps)
         return lambda period: table
+    steps = np.arange(n_steps + 1)
     return lambda period: motion.states((period * n_steps + steps) * dt)
+
+
+def _table(motion: Prescribed, time_step: float, n_steps: int) -> FloatArray:
+    """Return the read-only table of a motion that repeats after so many steps."""
+    table = motion.states(np.arange(n_steps + 1) * time_step)
+    table[-1] = table[0]  # both differ by round-off only
+    table.flags.writeable = False
+    return table
+
+
+@lru_cache(maxsize=2)
+def _harmonic_table(motion: HarmonicMotion, time_step: float, n_steps: int) -> FloatArray:
+    """Return the table of a harmonic motion; points of a sweep mostly share it."""
+    return _table(motion, time_step, n_steps)
 
 
 def at_rest(span: Span, n_forces: int = 0) -> BaseStates:
@@ -536,12 +556,13 @@ def session_of(
         CaseError: there is no such engine, the law does not go with the scheme or the engine, or
             the time step exceeds the stability limit.
     """
+    span = span_of(case)
     with session(
         operators,
         case.contact_law if law is None else law,
         scheme_of(case),
-        motion_of(case),
-        span_of(case),
+        _motion(case, span),
+        span,
         initial=initial,
         engine=engine,
         comm=comm,

@@ -390,7 +390,12 @@ def periodicity(strobe: FloatArray, half_range: FloatArray) -> tuple[int | None,
         P and its scatter [-]; (None, None) if none of 1…`LARGEST_PERIODICITY` qualifies or if there
         are fewer than 2 P periods.
     """
-    return _first_below(scatters(strobe, half_range), PERIODIC_SCATTER)
+    return first_repeat(scatters(strobe, half_range))
+
+
+def first_repeat(sizes: FloatArray) -> tuple[int | None, float | None]:
+    """Return P and its scatter from all scatters; see `periodicity`."""
+    return _first_below(sizes, PERIODIC_SCATTER)
 
 
 def _first_below(sizes: FloatArray, threshold: float) -> tuple[int | None, float | None]:
@@ -506,7 +511,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     amplitudes = motion.harmonics(N) if case.is_harmonic else None
     repeats = _periodicity_of(motion, N) if case.is_periodic else _NO_PERIODICITY
     contacts = None
-    if motion.is_closed.shape[0] and case.contact.law != "none":
+    if motion.gap_at_rest.size and case.contact.law != "none":
         contacts = count_contacts(motion.is_closed.any(axis=0), GROUP_PERIODS * N) / n_periods
     return {
         **{
@@ -564,7 +569,7 @@ def _periodicity_of(motion: ProbeMotion, N: int) -> dict[str, Any]:
     if not strobe_scatters.size:
         return _NO_PERIODICITY
     is_sure = is_decided(strobe_scatters)
-    P, scatter = _first_below(strobe_scatters, PERIODIC_SCATTER) if is_sure else (None, None)
+    P, scatter = first_repeat(strobe_scatters) if is_sure else (None, None)
     return {
         "periodicity": P,
         "strobe_scatter": scatter,

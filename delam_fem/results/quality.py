@@ -62,10 +62,17 @@ def verdict_of(
         n_periods: number of first periods that are judged; None: all that are finished.
     """
     n = finished(recorder) if n_periods is None else n_periods
-    strobes = _strobes(recorder, n_parts, n)
-    P = diagnostics.periodicity(strobes[0], np.ones(n_parts))[0]
+    return _judged(_strobes(recorder, n_parts, n), recorder, decay)[0]
+
+
+def _judged(strobes: FloatArray, recorder: Recorder, decay: float) -> tuple[Settling, FloatArray]:
+    """Return the verdict on strobes of the first periods, and their scatters."""
+    _, n_parts, n = strobes.shape
+    # a settled motion repeats with a margin, by all judged strobes; the last ones alone may not
+    scatters = diagnostics.scatters(strobes[0], np.ones(n_parts))
+    P = diagnostics.first_repeat(scatters)[0]
     is_linear = not touches(recorder)[n // 2 : n].any()
-    return judge(strobes, P, decay, is_linear=is_linear)
+    return judge(strobes, P, decay, is_linear=is_linear), scatters
 
 
 def _strobes(recorder: Recorder, n_parts: int, n: int) -> FloatArray:
@@ -78,10 +85,11 @@ def _strobes(recorder: Recorder, n_parts: int, n: int) -> FloatArray:
     strobes = recorder.strobe[:n, :, :n_parts].transpose(1, 2, 0)
     last = slice(max(0, n - len(recorder.window)), n)
     low, high = recorder.envelope[last, 0, :n_parts], recorder.envelope[last, 1, :n_parts]
-    speeds = np.concatenate([r.v[: r.n_steps + 1, :n_parts] for r in recorder.window])
+    rows = [record.v[: record.n_steps + 1, :n_parts] for record in recorder.window]
+    speeds = np.ascontiguousarray(np.concatenate(rows).T)  # extremes along rows are fast
     with np.errstate(all="ignore"):  # a motion that diverged is not settled
         moved = high.max(axis=0) - low.min(axis=0) if n else np.zeros(n_parts)
-        half_ranges = np.array([moved, np.ptp(speeds, axis=0)]) / 2.0
+        half_ranges = np.array([moved, np.ptp(speeds, axis=1)]) / 2.0
         least = LEAST_RANGE * half_ranges.max(axis=1, keepdims=True)
         scales = np.where(half_ranges <= least, np.inf, half_ranges)  # NaN stays NaN: not settled
         return np.asarray(strobes / scales[..., None])
@@ -173,7 +181,8 @@ def settling_summary(recorder: Recorder, n_parts: int, case: Case, decay: float)
     """
     if not case.is_periodic:
         return {"settled": None, "settling": None}
-    verdict = verdict_of(recorder, n_parts, decay)
+    strobes = _strobes(recorder, n_parts, finished(recorder))
+    verdict, scatters = _judged(strobes, recorder, decay)
     values = asdict(verdict)
     del values["word"], values["periodicity"]
     entries: dict[str, Any] = {
@@ -182,9 +191,6 @@ def settling_summary(recorder: Recorder, n_parts: int, case: Case, decay: float)
     if verdict.periodicity is None:
         word = verdict.word if verdict.word == "not settled" else "not periodic"
         return entries | {"strobe_scatter": None, "periodicity_class": word}
-    # a settled motion repeats with a margin, by all judged strobes; the last ones alone may not
-    strobes = _strobes(recorder, n_parts, finished(recorder))
-    scatters = diagnostics.scatters(strobes[0], np.ones(n_parts))
     return entries | {
         "strobe_scatter": float(scatters[verdict.periodicity - 1]),
         "periodicity_class": diagnostics.class_name(verdict.periodicity, is_decided=True),
@@ -486,14 +492,18 @@ def unresolved_blows(case: Case, structure: Structure) -> list[str]:
 def _spring_keys(case: Case, structure: Structure) -> dict[str, IntArray]:
     """Return the pairs with springs by the key that gives their stiffness, with its value."""
     of_laminae = f"contact.penalty_stiffness = {case.contact.penalty_stiffness:g} N/m"
-    key_of = np.full(structure.operators.n_pairs, of_laminae, dtype=object)
+    numbers = {of_laminae: 0}
+    number_of = np.zeros(structure.operators.n_pairs, dtype=np.int64)
     for key, table, pairs in pairs_of_contacts(structure.layout, case):
         radius = getattr(table, "radius", None)
-        if radius is not None:
-            key_of[pairs] = f"{key}.radius = {radius:g} m"
-        elif table.stiffness is not None:
-            key_of[pairs] = f"{key}.stiffness = {table.stiffness:g} N/m"
-    return {key: np.flatnonzero(key_of == key) for key in dict.fromkeys(key_of.tolist())}
+        if radius is None and table.stiffness is None:
+            continue
+        said = (
+            f"stiffness = {table.stiffness:g} N/m" if radius is None else f"radius = {radius:g} m"
+        )
+        number_of[pairs] = numbers.setdefault(f"{key}.{said}", len(numbers))
+    texts = list(numbers)
+    return {texts[k]: np.flatnonzero(number_of == k) for k in dict.fromkeys(number_of.tolist())}
 
 
 def released_warning(recorder: Recorder) -> str | None:

@@ -64,6 +64,13 @@ def steps_of(recorder: Recorder) -> tuple[FloatArray, FloatArray, FloatArray]:
     return u, v, base
 
 
+def displacements_of(recorder: Recorder, n_probes: int) -> FloatArray:
+    """Return the first probes after each of the k steps of the window, shape (n_probes, k) [m]."""
+    columns = slice(N_BASE, N_BASE + n_probes)
+    rows = [record.u[1 : record.n_steps + 1, columns] for record in recorder.window]
+    return np.ascontiguousarray(np.concatenate(rows).T)
+
+
 class Instants(NamedTuple):
     """The frames of a window: all dofs and contact states at k instants.
 

@@ -8,6 +8,7 @@ the kernels are in lanes.py, modes.py and algebra.py.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, cast
@@ -18,7 +19,7 @@ from delam_fem.contact import complementarity
 from delam_fem.contact.decisions import IMPACTS, LawNumbers
 from delam_fem.contact.laws import LAWS, ContactLaw, Law, Scheme
 from delam_fem.engines.compiled import matrices, simd_chains as lk, state, steps
-from delam_fem.engines.compiled.matrices import Problem, StepNumbers
+from delam_fem.engines.compiled.matrices import Problem, StepNumbers, System
 from delam_fem.engines.compiled.state import (
     CONTACT_DAMPED,
     DISSIPATED,
@@ -96,8 +97,10 @@ class BlockArrays:
         rows = slice(recorder.n_closed, recorder.n_closed + n_periods)
         self._ledger = recorder.ledger[rows]
         self._n = n_periods
-        _, n_events, n_hits = self.ends[n_periods - 1].tolist() if n_periods else (0, 0, 0)
-        self._events = events.part((0, n_events), (0, n_hits)).copy()
+        first = max(0, n_periods - self.n_slots)
+        self._begin = n_events, n_hits = self.ends[first - 1, 1:].tolist() if first else (0, 0)
+        last = self.ends[n_periods - 1, 1:].tolist() if n_periods else (0, 0)
+        self._events = events.part((n_events, last[0]), (n_hits, last[1])).copy()
 
     def __len__(self) -> int:
         """Return the number of periods."""
@@ -108,8 +111,13 @@ class BlockArrays:
         return [self._record(j) for j in range(max(0, self._n - self.n_slots), self._n)]
 
     def _record(self, j: int) -> PeriodRecord:
-        slot, (n_steps, *last) = j % self.n_slots, self.ends[j].tolist()
+        slot = j % self.n_slots
+        n_steps, *last = self.ends[j].tolist()
         first = self.ends[j - 1, 1:].tolist() if j else (0, 0)
+        impacts, hits = (
+            (begin - shift, end - shift)
+            for begin, end, shift in zip(first, last, self._begin, strict=True)
+        )
         n_frames = int(np.searchsorted(self._frame_steps, n_steps, side="right"))
         return PeriodRecord(
             self.base_states,
@@ -117,9 +125,9 @@ class BlockArrays:
             self.v[slot],
             self._frame_steps,
             self.levels[j],
-            frames=list(self._unknowns.outward(self.frames[slot, :n_frames])),
+            frames=list(self._unknowns.outward(self.frames[slot, :n_frames])) if n_frames else [],
             contact=list(self.contact[slot, :n_frames]),
-            jumps=Jumps(self._events.part((first[0], last[0]), (first[1], last[1]))),
+            jumps=Jumps(self._events.part(impacts, hits)),
             released=float(self._ledger[j, _RELEASED]),
             impact=-float(self._ledger[j, _IMPACT]),
             n_steps=n_steps,
@@ -132,6 +140,24 @@ class BlockArrays:
 
 EVENTS, HITS = 4096, 16384
 """Room in the buffers for events and for hits, besides that of one step; full ones are enlarged."""
+
+MOST_KEPT_HITS = 1 << 18
+"""Room for hits of the largest buffers that wait for the next engine, 8 MB."""
+_thread = threading.local()
+
+
+def _room(n_events: int, n_hits: int) -> Columns:
+    """Return event buffers with room at least for so many: those of the last engine, if they fit.
+
+    The points of a sweep have engines of their own and about as many impacts. New buffers would
+    come from the system page by page, and would grow to their size again.
+    """
+    events: Columns | None = getattr(_thread, "events", None)
+    _thread.events = None
+    if events is None or events.ticks.size < n_events or events.hit.size < n_hits:
+        return Columns.room(n_events, n_hits)
+    return events
+
 
 _PLACES = {name: place for name, (place, _) in View(PeriodBuffers).members.items()}
 _OF_BLOCK = [_PLACES[name] for name in ("n_slots", "base_states", "forces", *OF_BLOCK)]
@@ -214,19 +240,19 @@ class Compiled(Engine):
         self.operators = operators
         self._refinement = refinement
         self._has_acceleration = schemes[-1].has_acceleration
-        built = [matrices.build(operators, scheme) for scheme in schemes]
-        coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
+        (coarse, _), (middle, _), (fine, self.unknowns) = (
+            matrices.build_of_size(operators, scheme, 2 - k) for k, scheme in enumerate(schemes)
+        )
         self.system = fine
-        self.unknowns = built[-1][1]
         self.memory = state.memory(fine.size, operators.n_pairs, operators.n_forces)
         self.memory.load[:] = fine.load
         corner = np.array(operators.base.corner, dtype=float)
         self._problem = Problem(coarse, middle, fine, law, self.memory, corner)
-        self._problem_table = packed(self._problem)
+        self._problem_table = packed(self._problem, (System,))
         self.address = int(self._problem_table.ctypes.data)
         r = refinement.factor
         self._run = steps.prepared(r > 1)
-        self._events = Columns.room(EVENTS + r, HITS + r * operators.n_pairs)
+        self._events = _room(EVENTS + r, HITS + r * operators.n_pairs)
         self._spare: BlockArrays | None = None
         self._recorder: Recorder | None = None
 
@@ -302,6 +328,14 @@ class Compiled(Engine):
         self._spare = cast("BlockArrays | None", recorder.take(block))
         complementarity.require_solved(max(0, -ending))
         return ending == state.COMPLETED
+
+    def destroy(self) -> None:
+        """Leave the event buffers to the next engine of this thread."""
+        if self._events.hit.size <= MOST_KEPT_HITS:
+            _thread.events = self._events
+            r = self._refinement.factor
+            self._events = Columns.room(1 + r, 1 + r * self.operators.n_pairs)
+            self._recorder = None
 
     def _block(self, recorder: Recorder, n_periods: int) -> BlockArrays:
         """Return a block with room for some periods; make the table of a new recorder."""

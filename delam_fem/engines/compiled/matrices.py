@@ -255,6 +255,17 @@ def build(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
     return _system(o, scheme, places), places
 
 
+@lru_cache(maxsize=8)
+def build_of_size(o: Operators, scheme: StepNumbers, coarseness: int) -> tuple[System, Coordinates]:
+    """Return what `build` does, of coarse (2), middle (1) or fine steps (0).
+
+    Raises:
+        ArithmeticError: M or A is singular.
+    """
+    system, unknowns = build(o, scheme)
+    return system._replace(coarseness=coarseness), unknowns
+
+
 def _system(
     o: Operators, scheme: StepNumbers, places: Coordinates, *, is_chained: bool = False
 ) -> System:

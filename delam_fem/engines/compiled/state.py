@@ -11,7 +11,7 @@ The arrays are allocated once; compiled functions get them through a `View`.
 from __future__ import annotations
 
 import struct
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
@@ -108,12 +108,22 @@ def view_at(kind: type) -> Any:
     return function
 
 
-def packed(values: Any) -> IntArray:
+def packed(values: Any, lasting: tuple[type, ...] = ()) -> IntArray:
     """Return the table of a named tuple; who keeps it must keep the tuple's arrays too.
+
+    Args:
+        values: the named tuple.
+        lasting: classes of nested tuples that several tables share; the leaves of the last ones are
+            kept.
 
     Raises:
         TypeError: an array is not what the tuple's class says, or not in one piece.
     """
+    return np.array(_leaves(values, lasting), dtype=np.int64)
+
+
+def _leaves(values: Any, lasting: tuple[type, ...] = ()) -> list[int]:
+    """Return the numbers in the table of a named tuple."""
     kind: Any = type(values)
     leaves: list[int] = []
     for (name, hint, of), value in zip(_members(kind), values, strict=True):
@@ -126,8 +136,28 @@ def packed(values: Any) -> IntArray:
         elif hint in _NUMBERS:
             leaves.append(int(value))
         else:
-            leaves += packed(value).tolist()
-    return np.array(leaves, dtype=np.int64)
+            leaves += _lasting_leaves(_Same(value)) if hint in lasting else _leaves(value)
+    return leaves
+
+
+class _Same:
+    """A tuple as a key that equals itself alone."""
+
+    def __init__(self, value: Any) -> None:
+        """Keep the tuple, so that no other one gets its number."""
+        self.value = value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.value is self.value
+
+
+@lru_cache(maxsize=8)
+def _lasting_leaves(key: _Same) -> list[int]:
+    """Return the leaves of a tuple; neither they nor its arrays change places."""
+    return _leaves(key.value)
 
 
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -795,6 +796,7 @@ def run_divided(problem_at, log_at, first_period, begin, n_periods):  # type: ig
     return _divided_block(_problem(problem_at), _buffers(log_at), first_period, begin, n_periods)
 
 
+@cache
 def prepared(is_divided: bool) -> Callable[..., tuple[int, int, int]]:
     """Return `run_plain` or `run_divided`, compiled or loaded."""
     run = run_divided if is_divided else run_plain

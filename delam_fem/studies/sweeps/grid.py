@@ -532,8 +532,16 @@ class Sweep:
         Raises:
             CaseError: the values do not make a valid case.
         """
+        values = {key: value for key, value in overrides.items() if not is_initial(key)}
         data = pickle.loads(self._data)
-        apply_overrides(data, {k: v for k, v in overrides.items() if not is_initial(k)})
+        apply_overrides(data, values)
+        if not self.base.is_of_points and not any(key.startswith("lamina.") for key in values):
+            try:  # the laminae are those of the base, which are checked
+                return Case.checked(data | {"lamina": self.base.lamina}, label).with_files_checked(
+                    label
+                )
+            except CaseError:
+                pass  # said below, with all that the case says
         return Case.checked(data, label).with_files_checked(label)
 
     def initial_of(self, overrides: Mapping[str, object]) -> dict[str, float]:

@@ -65,6 +65,7 @@ from delam_fem.api import (
     blow_steps,
     decay_of,
     diagnostics,
+    displacements_of,
     first_mode,
     frames_of,
     harmonics,
@@ -79,7 +80,6 @@ from delam_fem.api import (
     session_of,
     set_initial,
     settling_summary,
-    steps_of,
     stop_when_settled,
 )
 from delam_fem.studies.linear import steady_motion
@@ -373,7 +373,6 @@ def row_of(
             values["transient"] = settling["settling"]["transient"]
         word = values.pop("periodicity_class")
         values["is_decided"] = math.nan if word is None else float(word != "undecided")
-        values["energy_residual"] = recorder.energy_residual()
         values["blow_steps"] = blow_steps(case, structure)
     strobe = recorder.strobe[: recorder.n_closed, :, :n_laminae]
     values["strobe_displacement"], values["strobe_velocity"] = strobe.transpose(1, 2, 0)
@@ -453,7 +452,7 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
     for row, pair in zip(is_hit, pairs, strict=True):
         row[steps[impacts.hit == pair]] = True
     return diagnostics.ProbeMotion(
-        np.ascontiguousarray(steps_of(recorder)[0][1:, :n_laminae].T),
+        displacements_of(recorder, n_laminae),
         recorder.strobe[: recorder.n_closed, 0, :n_laminae].T,
         np.where(pairs == NO_PAIR, 0.0, gap0[pairs]),
         is_hit,
@@ -731,6 +730,7 @@ class PointRunner:
     sweep: Sweep
     _known: dict[str, Discretised] = field(default_factory=dict)
     _last: tuple[dict[str, Value], Case, Discretised] | None = None
+    _wanted: tuple[Layout, tuple[Quantity, ...]] | None = None
 
     def point(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         """Compute a point; an exception becomes the outcome "failed".
@@ -759,6 +759,13 @@ class PointRunner:
         """Return the discretised case, from memory if another case with the same model made it."""
         return self._discretised(case).structure
 
+    def _quantities(self, layout: Layout) -> tuple[Quantity, ...]:
+        """Return the numbers that the sweep keeps of a point; see `quantities`."""
+        if self._wanted is None or self._wanted[0] is not layout:
+            wanted = quantities(self.sweep.file.record, layout, self.channels)
+            self._wanted = layout, wanted
+        return self._wanted[1]
+
     def _discretised(self, case: Case) -> Discretised:
         """Return the discretised case, and what points with the same model share beside it."""
         key = assembly_key(case)
@@ -786,8 +793,17 @@ class PointRunner:
             if not (record.node_distortion or record.scan):
                 output = case.output.model_copy(update={"fields_per_period": 0})
                 case = case.model_copy(update={"output": output})
-            self._last = case_values, case, self._discretised(case)
+            known = self._last[2] if self._last and self._shares_model else self._discretised(case)
+            self._last = case_values, case, known
         return self._last[1:]
+
+    @cached_property
+    def _shares_model(self) -> bool:
+        """Whether no axis changes what is assembled, so that all points have one model."""
+        base = self.sweep.base
+        if base.model.is_continuum or base.stop or base.impactor or base.has_stiffnesses:
+            return False
+        return not any(map(_may_assemble, self.sweep.overrides(0)))
 
     def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         record = self.sweep.file.record
@@ -809,10 +825,10 @@ class PointRunner:
                 step = (recorder.n_closed - 1) * recorder.steps_per_period + last
                 where = f"t = {step * case.time_step:.6g} s (period {recorder.n_closed})"
                 return Point(index, outcome, f"diverged at {where}", None), None
-            if is_lost(recorder.energy_residual(), case.time.integration):
+            extra = {"energy_residual": recorder.energy_residual()}
+            if is_lost(extra["energy_residual"], case.time.integration):
                 return Point(index, "diverged", OPEN, None), None
             state = opened.engine.state()
-            extra: dict[str, float] = {}
             if record.lyapunov:
                 exponent = largest_exponent(
                     opened,
@@ -825,9 +841,16 @@ class PointRunner:
                     perturbation=record.perturbation,
                 )
                 extra |= {"lyapunov_exponent": exponent.value, "lyapunov_error": exponent.error}
-        wanted = quantities(record, layout, self.channels)
-        row = row_of(wanted, case, recorder, structure, extra, decay)
+        row = row_of(self._quantities(layout), case, recorder, structure, extra, decay)
         return Point(index, outcome, "", row), state
+
+
+def _may_assemble(key: str) -> bool:
+    """Return whether a key of an axis may affect the assembly of beams without stops."""
+    section, _, name = key.partition(".")
+    free = NOT_ASSEMBLED.get(section, is_initial(key))
+    is_free = name in free if isinstance(free, set) else free
+    return not is_free or name.endswith((*_OF_THE_POINT, "kind", "acts_on"))
 
 
 def assembly_key(case: Case) -> str:

@@ -497,3 +497,21 @@ def test_unstable_central_difference_is_refused() -> None:
             scheme_of(case),
             case.time_step,
         )
+
+
+def test_engines_leave_their_buffers_to_the_next_one_and_write_to_them_no_more() -> None:
+    """What a recorder has is its own; an engine that goes on after its end has new buffers."""
+    case = paper(**{"contact.law": "newton", "time.periods": 4})
+    motion = motion_of(case)
+    first, recorder = start(case)
+    simulate(first, recorder, motion)
+    before = told(recorder)
+    first.destroy()
+    second, others = start(case.with_overrides({"contact.restitution": 0.7}))
+    simulate(second, others, motion)
+    later = told(others)
+    assert told(recorder) == before != later
+    of_first = recorder.of_one_period()
+    simulate(first, of_first, motion)  # as if it had been forgotten
+    assert of_first.impulse[0, 1] > 0
+    assert told(others) == later

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from delam_fem.api import Case, Section, preset
+from delam_fem.api import Case, CaseError, Section, preset
 from delam_fem.studies.sweeps.grid import sweep_of
-from delam_fem.studies.sweeps.point import PointRunner, assembly_key, quantities
+from delam_fem.studies.sweeps.point import PointRunner, _may_assemble, assembly_key, quantities
 
 SMALL = {"mesh.elements": 3}
 SHARED: list[dict[str, object]] = [
@@ -28,6 +28,16 @@ OWN: list[dict[str, object]] = [
     {"time.mass": "lumped"},
     {"contact.points_per_element": 2, "contact.impulse": "consistent"},
 ]
+ASKED = (
+    "excitation.kind",
+    "excitation.acts_on",
+    "excitation.2.lamina",
+    "excitation.position",
+    "gap.stiffness",
+    "time.refine",
+    "stop.1.gap",
+)
+"""Keys of axes whose points are asked for their model, as they may change it."""
 
 
 @pytest.fixture
@@ -104,3 +114,49 @@ def test_points_say_whether_they_have_settled_and_may_run_until_they_have() -> N
     row = short.point(1, None)[0].row
     assert row is not None and row[starts["settled"]] == 0.0
     assert np.isnan(row[starts["periodicity"]]) and row[starts["transient"]] > 0.01
+
+
+@pytest.mark.parametrize("keys", SHARED)
+def test_axes_that_count_as_free_change_no_model(keys: dict[str, object]) -> None:
+    """Points that are not asked for their model have that of the first one."""
+    case = preset("paper", SMALL)
+    free = {key: value for key, value in keys.items() if not _may_assemble(key)}
+    assert free or "name" in keys
+    assert assembly_key(case.with_overrides(free)) == assembly_key(case)
+
+
+@pytest.mark.parametrize("keys", [*OWN, *({key: 0} for key in ASKED)])
+def test_axes_that_may_change_the_model_are_not_free(keys: dict[str, object]) -> None:
+    assert any(map(_may_assemble, keys))
+
+
+def test_points_share_a_model_as_far_as_nothing_else_is_varied() -> None:
+    axes = [
+        {"key": "contact.restitution", "values": [0.1, 0.5]},
+        {"key": "excitation.frequency", "values": [3.0, 3.5]},
+    ]
+    data = {"name": "s", "base": "paper", "set": SMALL | {"time.periods": 1}}
+    runner = PointRunner(sweep_of(data | {"axis": axes}))
+    models = {id(runner._prepared(index)[1]) for index in range(4)}
+    assert len(models) == 1
+    gaps = [*axes, {"key": "gap.tip", "values": [0.01, 0.02]}]
+    runner = PointRunner(sweep_of(data | {"axis": gaps}))
+    models = {id(runner._prepared(index)[1]) for index in range(8)}
+    assert len(models) == 2
+
+
+@pytest.mark.parametrize("base", ["default", "paper", "embedded"])
+def test_cases_of_points_are_those_that_overrides_make(base: str) -> None:
+    """Laminae that no axis changes are taken over as they are."""
+    axis = {"key": "contact.restitution", "values": [0.1, 0.5]}
+    sweep = sweep_of({"name": "s", "base": base, "axis": [axis]})
+    for values in (
+        {"contact.restitution": 0.3},
+        {f"lamina.{sweep.base.lamina[0].name}.thickness": 0.0021},
+        {"excitation.amplitude": "3 mm", "time.periods": 7},
+    ):
+        case, other = sweep.case_of(values, "point"), sweep.base.with_overrides(values)
+        assert case == other
+        assert case.to_toml() == other.to_toml()
+    with pytest.raises(CaseError, match=r"contact\.restitution"):
+        sweep.case_of({"contact.restitution": -1.0}, "point")
