@@ -167,15 +167,6 @@ def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
 
 
 @njit
-def largest_of(values, first, n):  # type: ignore[no-untyped-def]
-    """Return the largest absolute value of n numbers from a place on."""
-    largest = 0.0
-    for i in range(first, first + n):
-        largest = max(largest, abs(values[i]))
-    return largest
-
-
-@njit
 def absolute_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
     """Return the sum of |A_ij x_j| over j, where x is the field of X that begins at `shift`."""
     result = 0.0

@@ -27,7 +27,6 @@ from delam_fem.engines.compiled import inner_points, simd_chains as lk
 from delam_fem.engines.compiled.algebra import (
     absolute_product,
     clear,
-    largest_of,
     require_compliance,
     row_product,
     solve_mass,
@@ -400,10 +399,9 @@ def _round_off(system, memory, n):  # type: ignore[no-untyped-def]
     largest = 0.0
     of_place = OF_PLACE / system.scheme.time_step
     if H.width > 0:  # modes
-        motion = of_place * largest_of(X, 0, size) + OF_SPEED * largest_of(X, size, size)
+        motion = of_place * lk.largest_of(X, 0, size) + OF_SPEED * lk.largest_of(X, size, size)
         for j in range(n):
-            first = H.start[memory.hit[j]]
-            largest = max(largest, largest_of(H.value, first, H.width))
+            largest = max(largest, system.gap_largest[memory.hit[j]])
         return largest * motion
     for j in range(n):
         place = absolute_product(H, memory.hit[j], X, 0)
@@ -431,7 +429,7 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     n, changes = closing_pairs(
         law, n_pairs, gap, memory.rate, free, resting, hit, before, after, lacking
     )
-    noise = _round_off(system, memory, n) if system.is_touching else 0.0
+    noise = _round_off(system, memory, n) if n and system.is_touching else 0.0
     if not needs_impulse(lacking, n, noise):
         n = 0
     if n == 0 and not changes:

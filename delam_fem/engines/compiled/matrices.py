@@ -123,6 +123,7 @@ class System(NamedTuple):
         base: base columns of M, C, K, shape (3, size).
         inverse_lumped: inverse of the lumped mass, shape (size,).
         gap_rows: H by rows.
+        gap_largest: largest |H_kj| of each row in modes, shape (n_pairs,); otherwise empty.
         gap0: gaps at rest, shape (n_pairs,) [m].
         roots: √w of the weights of the pairs, shape (n_pairs,).
         base_rows: `base` as a matrix by rows.
@@ -162,6 +163,7 @@ class System(NamedTuple):
     base: FloatArray
     inverse_lumped: FloatArray
     gap_rows: Rows
+    gap_largest: FloatArray
     gap0: FloatArray
     roots: FloatArray
     base_rows: Rows
@@ -281,6 +283,9 @@ def _system(
     to_rows = algebra.dense_rows if is_modal or is_reduced(o) else algebra.rows
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
     probes = o.observed
+    gap_rows = to_rows(o.gap_matrix @ to.T)
+    shape = (o.n_pairs, gap_rows.width)
+    gap_largest = np.abs(gap_rows.value.reshape(shape)).max(1) if gap_rows.width else _NOTHING
     is_selecting = bool((np.diff(probes.indptr) == 1).all() and (probes.data == 1.0).all())
     return System(
         size=size,
@@ -303,7 +308,8 @@ def _system(
         stiffness=algebra.rows(stiffness),
         base=simd_chains.flat(base).reshape(3, size),
         inverse_lumped=to @ inverse_lumped,
-        gap_rows=to_rows(o.gap_matrix @ to.T),
+        gap_rows=gap_rows,
+        gap_largest=gap_largest,
         gap0=np.array(o.gap0, dtype=float),
         roots=np.ones(o.n_pairs) if o.pair_weights is None else np.sqrt(o.pair_weights),
         base_rows=to_rows(sp.csr_matrix(base)),

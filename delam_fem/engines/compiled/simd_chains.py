@@ -445,6 +445,16 @@ def least_lane(gap):  # type: ignore[no-untyped-def]
 
 
 @njit
+def largest_of(X, first, n):  # type: ignore[no-untyped-def]
+    """Return the largest absolute value of n numbers from a place on, n a multiple of 4."""
+    least = zero = splat(0.0)  # -|x|
+    for i in range(first, first + n, WIDTH):
+        x = load(X, i)
+        least = smaller(smaller(zero - x, x), least)
+    return -least_lane(least)
+
+
+@njit
 def loss(X, size, form):  # type: ignore[no-untyped-def]
     """Return zᵀ C z in lane order, where z is the field P."""
     first = P * size
