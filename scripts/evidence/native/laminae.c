@@ -11,6 +11,7 @@
  *     u of a slot        | step 0: m.u, c.u, k.u, probes | step 1 | ... | step N |
  */
 #include <math.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 #include "tables.h"
