@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,31 @@ def covering(*axes: Sequence[Any]) -> list[ParameterSet]:
         )
         for cell in (*of_two, *further)
     ]
+
+
+TWICE = 2
+"""How often each setting of an array occurs in its quick rows."""
+
+
+def settings_in_a_row(row: dict[str, Any]) -> str:
+    """Return the settings of a row of an array as the name of a test."""
+    return "-".join(map(str, row.values()))
+
+
+def slow_beyond(
+    rows: Iterable[dict[str, Any]], name_of: Callable[[dict[str, Any]], str] = settings_in_a_row
+) -> list[ParameterSet]:
+    """Return the rows of an array as parameters; quick are those in which each setting is twice."""
+    times: Counter[tuple[str, str]] = Counter()
+    parameters = []
+    for row in rows:
+        settings = [(name, str(value)) for name, value in row.items()]
+        is_quick = any(times[setting] < TWICE for setting in settings)
+        if is_quick:
+            times.update(settings)
+        marks = () if is_quick else pytest.mark.slow
+        parameters.append(pytest.param(row, id=name_of(row), marks=marks))
+    return parameters
 
 
 def recorded(case: Case, engine: EngineName) -> Recorder:

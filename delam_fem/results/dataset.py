@@ -49,69 +49,70 @@ def history(
     gap0 = structure.operators.gap0
     start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
     n = len(layout.parts)
-    data = xr.Dataset(coords={"lamina": list(layout.names)})
+    names: dict[str, list[str]] = {"lamina": list(layout.names)}
     if len(layout.interfaces) != 1:
-        data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
+        names["interface"] = [interface.name for interface in layout.interfaces]
     if recorder.n_forces:
         places = [place_in_words(one) for one, *_ in places_of(case.excitation)]
-        data = data.assign_coords({FORCE_PLACE: places[0 if recorder.is_forced else 1 :]})
-    u, v, base = _add_motion(data, recorder, n, start)
+        names[FORCE_PLACE] = places[0 if recorder.is_forced else 1 :]
+    u, v, base = (rows[1:] for rows in steps_of(recorder))
+    variables = _of_motion(recorder, u[:, :n], v[:, :n], base)
     if probes := layout.probes[n:]:
         columns = slice(n, len(layout.probes))  # those of sensors follow
-        data = data.assign_coords(probe=[probe.name for probe in probes])
-        add(
-            data,
-            probe_displacement=u[:, columns].T,
-            probe_velocity=v[:, columns].T,
-            probe_lamina=[probe.part for probe in probes],
-            probe_node=[layout.station_of_point(probe.point) for probe in probes],
-        )
-    _add_periods(data, recorder, n)
+        names["probe"] = [probe.name for probe in probes]
+        variables |= {
+            "probe_displacement": u[:, columns].T,
+            "probe_velocity": v[:, columns].T,
+            "probe_lamina": [probe.part for probe in probes],
+            "probe_node": [layout.station_of_point(probe.point) for probe in probes],
+        }
+    variables |= _of_periods(recorder, n)
     x = layout.parts[0].positions(layout.stations)
     observed = layout.probes[0].point
-    add(data, x=x, tip_node=layout.station_of_point(observed))
-    data = data.set_coords("x")
+    variables |= {"x": x, "tip_node": layout.station_of_point(observed)}
     if not case.has_one_length:
-        add(data, end=[lamina.length for lamina in case.lamina])
+        variables["end"] = [lamina.length for lamina in case.lamina]
     at_rest = _of_interfaces(layout, gap0, are_gaps=True)
     for row, interface in zip(np.atleast_2d(at_rest), layout.interfaces, strict=True):
         alone = np.delete(np.arange(x.size), layout.stations_of(interface))  # clamps, stops
         row[alone] = opening(case, layout, interface, x[alone])
     weights = structure.operators.pair_weights
     shares = np.ones(gap0.size) if weights is None else weights
-    add(data, gap0=at_rest, spring_share=_of_interfaces(layout, shares))
+    variables |= {"gap0": at_rest, "spring_share": _of_interfaces(layout, shares)}
     if stops := layout.stops:  # their contact points have the dimension `stop`
         sizes = [s.places.size for s in stops]
-        add(
-            data,
-            stop_number=np.repeat([s.number + 1 for s in stops], sizes),
-            stop_lamina=np.repeat([s.part for s in stops], sizes),
-            stop_node=np.searchsorted(layout.stations, np.concatenate([s.places for s in stops])),
-            stop_height=np.concatenate([s.side * gap0[s.pairs] for s in stops]),
-            stop_on_base=np.repeat([s.on_base for s in stops], sizes),
-        )
+        points = np.concatenate([s.places for s in stops])
+        variables |= {
+            "stop_number": np.repeat([s.number + 1 for s in stops], sizes),
+            "stop_lamina": np.repeat([s.part for s in stops], sizes),
+            "stop_node": np.searchsorted(layout.stations, points),
+            "stop_height": np.concatenate([s.side * gap0[s.pairs] for s in stops]),
+            "stop_on_base": np.repeat([s.on_base for s in stops], sizes),
+        }
     if layout.n_impactors:
         o = structure.operators
         columns = slice(o.n_probes, o.n_probes + layout.n_impactors)
         shift = 0.0 if o.base.shift is None else o.base.shift[-layout.n_impactors :]
-        add(
-            data,
-            impactor_displacement=(u[:, columns] + base[:, :1] * shift).T,
-            impactor_velocity=(v[:, columns] + base[:, 1:2] * shift).T,
-        )
-    _add_frames(data, recorder, structure, start)
-    _add_events(data, recorder, layout, start)
+        variables |= {
+            "impactor_displacement": (u[:, columns] + base[:, :1] * shift).T,
+            "impactor_velocity": (v[:, columns] + base[:, 1:2] * shift).T,
+        }
+    variables |= _of_frames(recorder, structure, start)
+    variables |= _of_events(recorder, layout, start)
     if not case.is_massless:  # there impacts take no energy
         # the mean power that impacts and contact dampers take at each pair over the window
         heat = np.sum([record.damped for record in recorder.window], axis=0)
-        np.subtract.at(heat, recorder.impacts().hit, data["event_energy"].to_numpy())
-        heat /= data.sizes["time"] * recorder.time_step
-        add(data, heat=_of_interfaces(layout, heat))
+        np.subtract.at(heat, recorder.impacts().hit, variables["event_energy"])
+        heat /= len(u) * recorder.time_step
+        variables["heat"] = _of_interfaces(layout, heat)
         if layout.stops:
-            add(data, stop_heat=heat[layout.stops[0].first_pair :])
+            variables["stop_heat"] = heat[layout.stops[0].first_pair :]
     if forces := contacts.histories(recorder, structure, case, of_springs=True):
-        data = data.assign_coords({CONTACT: list(forces)})
-        add(data, contact_force=np.array([force for _, force in forces.values()]))
+        names[CONTACT] = list(forces)
+        variables["contact_force"] = np.array([force for _, force in forces.values()])
+    data = xr.Dataset(coords=names)
+    add(data, **variables)  # at once: one by one takes several times as long
+    data = data.set_coords("x")
     for signal in signals(recorder, structure, case):
         data = with_sensor(data, signal)
     data.attrs = {
@@ -138,62 +139,73 @@ def of_probes(
     if recorder.n_forces:
         n_places = recorder.n_forces + recorder.is_forced
         data = data.assign_coords({FORCE_PLACE: [f"force {k + 1}" for k in range(n_places)]})
-    _add_motion(data, recorder, len(names), start)
-    _add_periods(data, recorder, len(names))
-    _add_events(data, recorder, None, start)
+    n = len(names)
+    u, v, base = (rows[1:] for rows in steps_of(recorder))
+    variables = _of_motion(recorder, u[:, :n], v[:, :n], base)
+    variables |= _of_periods(recorder, n)
+    variables |= _of_events(recorder, None, start)
     steps, frames, _, _ = frames_of(recorder)
     if frames:
         u, v = np.array(frames).swapaxes(0, 1)
         times = (start + steps) * recorder.time_step
-        add(data, frame=times, dof_displacement=u, dof_velocity=v)
+        variables |= {"frame": times, "dof_displacement": u, "dof_velocity": v}
+    add(data, **variables)
     data.attrs = {**provenance(), **attributes}
     return data
 
 
-def _add_motion(data: xr.Dataset, recorder: Recorder, n: int, start: int) -> list[FloatArray]:
-    """Add the motion of n reference probes and of the base; return u, v of all probes, and base."""
-    u, v, base = motion = [rows[1:] for rows in steps_of(recorder)]
-    add(
-        data,
-        time=(start + 1 + np.arange(len(u))) * recorder.time_step,
-        tip_displacement=u[:, :n].T,
-        tip_velocity=v[:, :n].T,
-        base_displacement=np.zeros(len(u)) if recorder.is_forced else base[:, 0],
-    )
+def _of_motion(
+    recorder: Recorder, u: FloatArray, v: FloatArray, base: FloatArray
+) -> dict[str, Any]:
+    """Return the motion of reference probes, and of what drives.
+
+    Args:
+        recorder: recorder of the run.
+        u: displacements of the probes at the steps of the window, shape (k, n) [m].
+        v: their velocities, likewise [m/s].
+        base: values and derivatives of the drives there; see `steps_of`.
+    """
+    first_step = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period + 1
+    variables = {
+        "time": (first_step + np.arange(len(u))) * recorder.time_step,
+        "tip_displacement": u.T,
+        "tip_velocity": v.T,
+        "base_displacement": np.zeros(len(u)) if recorder.is_forced else base[:, 0],
+    }
     forces = base[:, 0 if recorder.is_forced else 3 :: 3].T
     if forces.size:
-        add(data, force=forces[0])
+        variables["force"] = forces[0]
     if recorder.n_forces:
-        add(data, forces=forces)
-    return motion
+        variables["forces"] = forces
+    return variables
 
 
-def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:
-    """Add strobes, envelopes, impulses and energies of every period."""
+def _of_periods(recorder: Recorder, n_parts: int) -> dict[str, Any]:
+    """Return strobes, envelopes, impulses and energies of every period."""
     k = recorder.n_closed
     references = slice(0, n_parts)
     energies = zip(LEDGER, recorder.ledger[:k].T, strict=True)
-    add(
-        data,
-        period=np.arange(k),
-        strobe_displacement=recorder.strobe[:k, 0, references].T,
-        strobe_velocity=recorder.strobe[:k, 1, references].T,
-        envelope_min=recorder.envelope[:k, 0, references].T,
-        envelope_max=recorder.envelope[:k, 1, references].T,
-        impulse_sum=recorder.impulse[:k, 0],
-        impact_count=recorder.impulse[:k, 1],
+    variables = {
+        "period": np.arange(k),
+        "strobe_displacement": recorder.strobe[:k, 0, references].T,
+        "strobe_velocity": recorder.strobe[:k, 1, references].T,
+        "envelope_min": recorder.envelope[:k, 0, references].T,
+        "envelope_max": recorder.envelope[:k, 1, references].T,
+        "impulse_sum": recorder.impulse[:k, 0],
+        "impact_count": recorder.impulse[:k, 1],
         **{f"energy_{name}": column for name, column in energies},
-    )
+    }
     if recorder.n_forces:
         works = recorder.works[:k].T
         if recorder.is_forced:
-            first = data["energy_force_work"].to_numpy() - works.sum(axis=0)
+            first = variables["energy_force_work"] - works.sum(axis=0)
             works = np.vstack([first, works])
-        add(data, energy_force_works=works)
+        variables["energy_force_works"] = works
+    return variables
 
 
-def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, start: int) -> None:
-    """Add the fields of the window's frames."""
+def _of_frames(recorder: Recorder, structure: Structure, start: int) -> dict[str, Any]:
+    """Return the fields of the window's frames."""
     layout = structure.layout
     steps, frames, contact, base = frames_of(recorder)
     states = np.array(frames) if frames else np.empty((0, 2, structure.operators.n_own))
@@ -201,17 +213,17 @@ def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, star
     nodal = fields.nodal(layout, states[:, 0], base[:, 0])
     u, phi = fields.at_stations(layout, *nodal)
     v, _ = fields.at_stations(layout, *fields.nodal(layout, states[:, 1], base[:, 1]))
-    add(
-        data,
-        frame=(start + steps) * recorder.time_step,
-        displacement=u,
-        slope=phi,
-        velocity=v,
-        moment=fields.bending_moment(layout, *nodal),
-        contact_state=_of_interfaces(layout, contact),
-    )
+    variables = {
+        "frame": (start + steps) * recorder.time_step,
+        "displacement": u,
+        "slope": phi,
+        "velocity": v,
+        "moment": fields.bending_moment(layout, *nodal),
+        "contact_state": _of_interfaces(layout, contact),
+    }
     if layout.stops:
-        add(data, stop_state=contact[:, layout.stops[0].first_pair :])
+        variables["stop_state"] = contact[:, layout.stops[0].first_pair :]
+    return variables
 
 
 def _of_interfaces(
@@ -227,8 +239,8 @@ def _of_interfaces(
     return spread[0] if len(spread) == 1 else np.stack(spread)
 
 
-def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, start: int) -> None:
-    """Add the table of impacts in the window; pairs hit at one instant share the energy change."""
+def _of_events(recorder: Recorder, layout: Layout | None, start: int) -> dict[str, Any]:
+    """Return the table of impacts in the window; pairs hit at one instant share their energy."""
     impacts = recorder.impacts()
     first = np.cumsum(impacts.sizes) - impacts.sizes
     hit = impacts.hit
@@ -240,18 +252,22 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout | None, sta
     total = np.add.reduceat(p, first)
     each = np.array([time, remainder, np.where(total == 0.0, 1.0, total)])
     time, remainder, total = np.repeat(each, impacts.sizes, axis=1)
-    add(data, event_time=time)
+    energy = work + remainder * p / total
+    variables: dict[str, Any] = {"event_time": time}
     if layout is None:
-        add(data, event_pair=hit)
+        variables["event_pair"] = hit
     else:
         interface, node, stop = _places(layout)
         if len(layout.interfaces) > 1 or layout.stops:
-            add(data, event_interface=interface[hit])
+            variables["event_interface"] = interface[hit]
         if layout.stops:
-            add(data, event_stop=stop[hit])
-        add(data, event_node=node[hit])
-    energy = work + remainder * p / total
-    add(data, event_impulse=p, event_velocity_before=impacts.rate_pre, event_energy=energy)
+            variables["event_stop"] = stop[hit]
+        variables["event_node"] = node[hit]
+    return variables | {
+        "event_impulse": p,
+        "event_velocity_before": impacts.rate_pre,
+        "event_energy": energy,
+    }
 
 
 def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -64,37 +64,46 @@ def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
         Channels over `time`; a sensor with a sampling rate is over `NAME_time`. The attributes are
         those of the history.
     """
-    record = xr.Dataset(coords={"time": history["time"]})
-    _add_references(record, history)
+    coordinates: dict[str, Any] = {"time": history["time"]}
+    channels = dict(_references(history))
     if "force" in history:
-        _add(record, "drive", history["force"], quantity="force", place="the driven point")
+        channels["drive"] = _channel(history["force"], quantity="force", place="the driven point")
     for number, force in enumerate(history["forces"][1:] if "forces" in history else (), start=2):
         place = str(force[FORCE_PLACE].to_numpy())
-        _add(record, f"drive_{number}", force, quantity="force", place=place)
-    if "force" not in history or history["base_displacement"].any():
-        base = history["base_displacement"]
-        _add(record, "base", base, quantity="base displacement", place="the base")
+        channels[f"drive_{number}"] = _channel(force, quantity="force", place=place)
+    base = history["base_displacement"]
+    if "force" not in history or base.any():
+        channels["base"] = _channel(base, quantity="base displacement", place="the base")
     for contact, values, units in _contacts(history, case):
         quantity = "contact force" if units == "N" else "impulse"
-        channel = xr.DataArray(values, dims="time", attrs={"units": units})
-        _add(record, f"contact_{contact}", channel, quantity=quantity, place=contact)
+        force = xr.DataArray(values, dims="time", attrs={"units": units})
+        channels[f"contact_{contact}"] = _channel(force, quantity=quantity, place=contact)
     for variable in sensors_of(history):
+        sensor = history[variable]
         name = variable.removeprefix(SENSOR)
-        record = _with_sensor(record, variable if name in record else name, history[variable])
-    record.attrs = {**history.attrs, "schema": SCHEMA}
-    return record
+        name = variable if name in {*channels, *coordinates} else name
+        dim = str(sensor.dims[0])
+        if dim != "time":
+            time = sensor[dim]
+            dim = f"{name}_time"
+            coordinates[dim] = (dim, time.to_numpy(), time.attrs)
+        channels[name] = (dim, sensor.to_numpy(), _of_sensor(sensor))
+    return xr.Dataset(channels, coordinates, {**history.attrs, "schema": SCHEMA})
 
 
-def _add(record: xr.Dataset, name: str, channel: xr.DataArray, **about: Any) -> None:
-    """Add a channel over time to a record, with its unit and `about` as attributes."""
+_Channel: TypeAlias = tuple[str, FloatArray, dict[str, Any]]
+"""Dimension, values and attributes of a channel."""
+
+
+def _channel(values: xr.DataArray, **about: Any) -> _Channel:
+    """Return a channel over time, with its unit and `about` as attributes."""
     words = f"{about['quantity']} at {about['place']}"
-    units = channel.attrs.get("units") or VARIABLES[str(channel.name)].units
-    attributes = {"units": units, **about, "long_name": words}
-    record[name] = ("time", channel.to_numpy(), attributes)
+    units = values.attrs.get("units") or VARIABLES[str(values.name)].units
+    return "time", values.to_numpy(), {"units": units, **about, "long_name": words}
 
 
-def _add_references(record: xr.Dataset, history: xr.Dataset) -> None:
-    """Add displacement and velocity of each reference probe."""
+def _references(history: xr.Dataset) -> Iterator[tuple[str, _Channel]]:
+    """Yield names and channels: displacement and velocity of each reference probe."""
     about: dict[str, Any] = {}
     if "tip_node" in history:
         about["x"] = float(history["x"][int(history["tip_node"])])
@@ -104,7 +113,7 @@ def _add_references(record: xr.Dataset, history: xr.Dataset) -> None:
         for name, quantity in zip(reference_channels(lamina), QUANTITIES, strict=True):
             if (variable := f"tip_{quantity}") in history:
                 about |= {"quantity": quantity, "place": place, "lamina": lamina}
-                _add(record, name, history[variable][row], **about)
+                yield name, _channel(history[variable][row], **about)
 
 
 def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray, str]]:
@@ -149,21 +158,15 @@ def _events_of(history: xr.Dataset, case: Any) -> Iterator[tuple[str, BoolArray]
         yield name, of_events == number
 
 
-def _with_sensor(record: xr.Dataset, name: str, sensor: xr.DataArray) -> xr.Dataset:
-    """Return the record with the channel of a sensor."""
+def _of_sensor(sensor: xr.DataArray) -> dict[str, Any]:
+    """Return the attributes of the channel of a sensor."""
     about: dict[str, Any] = {key: sensor.attrs.get(key, "") for key in ("units", "quantity")}
-    words = str(sensor.attrs.get("long_name", name))
+    words = str(sensor.attrs.get("long_name", str(sensor.name).removeprefix(SENSOR)))
     place = words.removeprefix(f"{about['quantity']} ").removeprefix("of ").removeprefix("at ")
     about |= {"place": place, "long_name": words}
     if "position" in sensor.attrs:
         about |= dict(zip(("x", "z"), np.ravel(sensor.attrs["position"]).tolist(), strict=False))
-    about |= {key: sensor.attrs[key] for key in _OF_SENSORS if key in sensor.attrs}
-    (dim,) = sensor.dims
-    if dim != "time":
-        time = sensor[dim]
-        dim = f"{name}_time"
-        record = record.assign_coords({dim: (dim, time.to_numpy(), time.attrs)})
-    return record.assign({name: (dim, sensor.to_numpy(), about)})
+    return about | {key: sensor.attrs[key] for key in _OF_SENSORS if key in sensor.attrs}
 
 
 def measures(record: xr.Dataset) -> dict[str, dict[str, Any]]:

@@ -1,7 +1,7 @@
 """Both engines in a covering array: any two settings that go together meet in some cell.
 
-Cells are compared in full: motion, impacts, steps, frames, ledger. In the cells of `-m nightly` any
-three settings meet.
+Cells are compared in full: motion, impacts, steps, frames, ledger. Quick are those in which each
+setting is twice. In the cells of `-m nightly` any three settings meet.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from covertable import make
+from support import slow_beyond
 
 from delam_fem.api import (
     COMBINATIONS,
@@ -209,7 +210,7 @@ def check(cell: dict[str, Any]) -> None:
     assert_same(cell, H, *(compute(case, operators, engine) for engine in ENGINES))
 
 
-@pytest.mark.parametrize("cell", cells(2), ids=name_of)
+@pytest.mark.parametrize("cell", slow_beyond(cells(2), name_of))
 def test_both_engines_agree(cell: dict[str, Any]) -> None:
     check(cell)
 

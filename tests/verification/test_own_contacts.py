@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from covertable import make
+from support import slow_beyond
 
 from delam_fem import CaseError, Result, load_case, load_sweep, run, run_sweep, save_case
 from delam_fem.api import COMBINATIONS, Case, EngineName, assemble, preset, reduced_case
@@ -268,7 +269,9 @@ def case_of(row: dict[str, Any], first: dict[str, Any], second: dict[str, Any]) 
     return Case.checked(data, "two contacts").with_overrides(keys)
 
 
-@pytest.mark.parametrize("row", ARRAY, ids=lambda row: "-".join(map(str, row.values())))
+@pytest.mark.parametrize(
+    "row", slow_beyond(ARRAY), ids=lambda row: "-".join(map(str, row.values()))
+)
 def test_engines_agree(row: dict[str, Any]) -> None:
     case = case_of(row, *KINDS[row["kind"]])
     structure = assemble(case, needs_dolfinx=False)
@@ -307,7 +310,9 @@ EQUAL = make(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("row", EQUAL, ids=lambda row: "-".join(map(str, row.values())))
+@pytest.mark.parametrize(
+    "row", slow_beyond(EQUAL), ids=lambda row: "-".join(map(str, row.values()))
+)
 def test_the_numbers_of_the_law_at_each_contact_change_no_bit(row: dict[str, Any]) -> None:
     """Those of `[contact]`, written at each contact; where springs rest, their stiffness too."""
     law = row["method"][0]
