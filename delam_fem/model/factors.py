@@ -215,4 +215,10 @@ def _by_petsc(
             result[:, k] = left.array
         return result.reshape(b.shape)
 
+    def destroy() -> None:
+        for handle in (solver, operator, right, left):
+            handle.destroy()
+
+    # PETSc's memory is free as soon as nobody solves any more, and not when Python's collector runs
+    weakref.finalize(solve, destroy).atexit = False
     return Factor(K, M, shift, solve)

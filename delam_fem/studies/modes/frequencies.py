@@ -450,6 +450,9 @@ def modes(
     """
     case = find_case(case).without_impactors
     structure = assemble(case)
+    if not case.is_loaded:  # nothing reads the damping: of solids it is as large as the stiffness
+        undamped = sp.csr_matrix(structure.operators.damping.shape)
+        structure = replace(structure, operators=replace(structure.operators, damping=undamped))
     factor = None
     if len(case.lamina) == 1 and not case.n_rigid:  # the lamina is the structure
         factor = factored(structure.operators.stiffness, structure.operators.mass)
