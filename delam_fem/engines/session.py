@@ -517,6 +517,8 @@ def start_of(
 ) -> State | None:
     """Return the state with which a run begins that gets no other; None: all dofs at rest.
 
+    The call is collective.
+
     Args:
         operators: the semi-discrete problem.
         base_state: (q, q', q'') of the base at the start, shape (3,).
@@ -527,6 +529,8 @@ def start_of(
     shift = operators.base.shift
     if start is None and shift is None:
         return None
+    if shift is not None and isinstance(operators, DistributedOperators):
+        shift = operators.of_all(shift)
     motion = np.zeros((3, operators.n_dofs))
     if start is not None:
         motion[:2] = start

@@ -136,6 +136,11 @@ class Recorded(Generic[_Matrix]):
     load: FloatArray | None = None
     equilibrium: Equilibrium | None = None
     n_forces: int = 0
+    near_null: FloatArray | None = None
+
+    def total(self, share: FloatArray) -> FloatArray:
+        """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
+        return share
 
     def _complete(self, n: int, further: Mapping[str, tuple[int, ...]], text: str) -> None:
         """Replace missing probes and sensors by an empty matrix; check the shapes.
@@ -196,10 +201,10 @@ class Recorded(Generic[_Matrix]):
 
     @property
     def forces_shift(self) -> FloatArray:
-        """What a unit of q adds to the displacements at these forces, shape (n_forces,) [-]."""
+        """What a unit of q adds to the displacements at these forces (collective), (n_forces,)."""
         if self.base.shift is None:
             return np.zeros(self.n_forces)
-        return np.asarray(self.base.shift @ self.forces)
+        return self.total(np.asarray(self.base.shift @ self.forces))
 
     @property
     def probe_shift(self) -> FloatArray:
@@ -277,7 +282,6 @@ class Operators(Recorded[sp.csr_matrix]):
             there are none, or none that it buckles at.
     """
 
-    near_null: FloatArray | None = None
     start: FloatArray | None = None
     buckling_factor: float | None = None
 
@@ -523,6 +527,7 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         load: constant loads on the own dofs, shape (n_own,); None: there are none.
         equilibrium: see `Operators`; its displacements are those of all dofs.
         n_forces: see `Operators`.
+        near_null: values of these motions at the own dofs, shape (n_own, k); see `Operators`.
         comm: the communicator.
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
@@ -561,6 +566,22 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
     def n_own(self) -> int:
         """Number of free dofs of this rank."""
         return int(self.mass.getLocalSize()[0])
+
+    def total(self, share: FloatArray) -> FloatArray:
+        """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
+        return np.asarray(np.sum(self.comm.allgather(share), axis=0))
+
+    def of_all(self, share: FloatArray) -> FloatArray:
+        """Return values of all dofs in `order` from those of the own dofs, the last axis.
+
+        The call is collective.
+        """
+        values = gather(share, self.comm)
+        if self.order is None or self.comm.size == 1 or not values.size:
+            return values
+        result = np.empty_like(values)
+        result[..., np.concatenate(self.comm.allgather(self.order))] = values
+        return result
 
     @property
     def own(self) -> slice:
@@ -640,6 +661,19 @@ def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
     result.setType(PETSc.Mat.Type.AIJ)
     result.setPreallocationCSR(arrays)
     result.assemble()
+    return result
+
+
+def times(matrix: Any, vector: FloatArray) -> FloatArray:
+    """Return a matrix of SciPy, or one of PETSc (collective), times a vector of the own dofs."""
+    if sp.issparse(matrix):
+        return np.asarray(matrix @ vector)
+    right, left = matrix.createVecs()
+    right.array[:] = vector
+    matrix.mult(right, left)
+    result = np.array(left.array)
+    for handle in (right, left):
+        handle.destroy()
     return result
 
 

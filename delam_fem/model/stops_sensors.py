@@ -40,6 +40,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -67,7 +68,7 @@ from delam_fem.model.layout import (
 )
 from delam_fem.model.linear import mode_of, n_rigid
 from delam_fem.model.loads import loaded
-from delam_fem.model.operators import BaseCoupling
+from delam_fem.model.operators import BaseCoupling, Recorded, times
 from delam_fem.model.places import row_at, spot
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
@@ -86,7 +87,8 @@ def struck(structure: Structure, case: Case) -> Structure:
     """Return a structure with the stops, initial state, impactors and constant loads of its case.
 
     Args:
-        structure: beams, their modes, or solids on one rank, with the drive of the case.
+        structure: beams, their modes, or solids, with the drive of the case; solids on several
+            ranks have stops alone.
         case: the case.
 
     Raises:
@@ -351,7 +353,7 @@ def _places(
         N = layout.of_dofs(layout.row_of(at)[:, :numbered])
     else:
         N = layout.of_dofs(interpolation_rows(part, places, numbered))
-    if np.any(np.diff(N.indptr) == 0):
+    if np.any(structure.operators.total(np.diff(N.indptr)) == 0):
         raise CaseError(
             f"{key}: expected places where the lamina can move, given one where {own.lamina} is "
             "held"
@@ -368,7 +370,7 @@ def in_moving_frame(structure: Structure) -> Structure:
     o, layout = structure.operators, structure.layout
     if not layout.stops or o.base.is_force:
         return structure
-    n = o.n_dofs
+    n = o.n_own
     base = o.base
     numbered = layout.n_numbered(o.n_dofs)
     r = np.zeros(n)
@@ -380,53 +382,72 @@ def in_moving_frame(structure: Structure) -> Structure:
             if stop.spot is None
             else layout.row_of(stop.spot)
         )
-        base_share = layout.of_dofs(row)[:, n].toarray().ravel()
+        base_share = layout.of_dofs(row)[:, n].toarray().ravel()  # known to all ranks
         needed[stop.pairs] = -stop.side * (float(stop.on_base) - base_share)
     if any(stop.on_base for stop in layout.stops):
-        stiffness = o.stiffness.diagonal()
         if structure.body is not None:
             assert o.near_null is not None
             r[:] = o.near_null[:, UP]
         elif layout.reading is not None:
+            stiffness = o.stiffness.diagonal()
             np.divide(-base.stiffness, stiffness, out=r, where=stiffness > 0.0)
         for part in layout.parts if layout.reading is None else ():
             dofs = part.dofs[:, DISPLACEMENT]
             r[dofs[dofs >= 0]] = 1.0
         r[n - layout.n_impactors :] = 1.0
-    lacking = needed - o.gap_matrix @ r
+    lacking = needed - o.total(o.gap_matrix @ r)
     if np.abs(lacking).max() > _ROUND_OFF:
-        r += np.linalg.lstsq(o.gap_matrix.toarray(), lacking, rcond=None)[0]
+        r += _least_change(o, lacking, is_sparse=structure.body is not None)
         # least squares always give an r; it serves only if it fulfils all rows
-        if np.abs(needed - o.gap_matrix @ r).max() > _ROUND_OFF:
+        if np.abs(needed - o.total(o.gap_matrix @ r)).max() > _ROUND_OFF:
             raise CaseError(
                 "stop: expected stops on the base and on the ground at different places, as the "
                 "base moves"
             )
-    if not r.any():
+    if not o.total(np.array([float(r.any())]))[0]:
         return structure
-    (m, m_aa), (c, c_aa), (k, k_aa) = (
-        (column + matrix @ r, corner + float(r @ (2.0 * column + matrix @ r)))
-        for matrix, column, corner in zip(
-            (o.mass, o.damping, o.stiffness),
-            (base.mass, base.damping, base.stiffness),
-            base.corner,
-            strict=True,
-        )
-    )
-    shifted = BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa), shift=r)
+    columns = []
+    corners = []
+    for matrix, column, corner in zip(
+        (o.mass, o.damping, o.stiffness),
+        (base.mass, base.damping, base.stiffness),
+        base.corner,
+        strict=True,
+    ):
+        image = times(matrix, r)
+        columns.append(column + image)
+        corners.append(corner + float(o.total(np.array(r @ (2.0 * column + image)))))
+    m_aa, c_aa, k_aa = corners
+    shifted = BaseCoupling(*columns, corner=(m_aa, c_aa, k_aa), shift=r)
     reading = layout.reading
     if reading is None:
         part_of = np.full(n, -1, dtype=np.int64)
         for number, part in enumerate(layout.parts):
             part_of[part.own_dofs] = number
         reading = Reading(sp.identity(n, format="csr"), np.zeros(n), part_of)
-    reading = replace(reading, base=reading.base + reading.matrix @ r)
+    reading = replace(reading, base=reading.base + o.total(reading.matrix @ r))
     body = structure.body
     return Structure(
         replace(o, base=shifted),
         replace(layout, reading=reading),
-        body and replace(body, base=body.base + body.free @ r),
+        body and replace(body, base=body.base + o.total(body.free @ r)),
     )
+
+
+def _least_change(o: Recorded[Any], lacking: FloatArray, *, is_sparse: bool) -> FloatArray:
+    """Return the smallest Δr with H Δr as near to what is lacking as can be (collective).
+
+    Args:
+        o: the operators.
+        lacking: shape (n_pairs,) [-].
+        is_sparse: whether H has too many columns for a dense matrix; Δr = Hᵀ y then follows from
+            H Hᵀ y.
+    """
+    H = o.gap_matrix
+    if not is_sparse:
+        return np.asarray(np.linalg.lstsq(H.toarray(), lacking, rcond=None)[0])
+    gram = o.total((H @ H.T).toarray())
+    return np.asarray(H.T @ np.linalg.lstsq(gram, lacking, rcond=None)[0])
 
 
 def with_start(structure: Structure, case: Case) -> Structure:

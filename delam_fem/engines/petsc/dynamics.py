@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from delam_fem.contact.rules import OF_PLACE, OF_SPEED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.linear_algebra import new_vector
-from delam_fem.model.operators import DistributedOperators, Operators, gather, matrix, spread
+from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, Energies
 from delam_fem.simulation.refinement import nearness
@@ -371,13 +371,7 @@ class Dynamics:
 
     def gather(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of the own dofs, the last axis (collective)."""
-        values = gather(share, self.comm)
-        order = self.operators.order
-        if order is None or self.comm.size == 1 or not values.size:
-            return values
-        result = np.empty_like(values)
-        result[..., np.concatenate(self.comm.allgather(order))] = values
-        return result
+        return self.operators.of_all(share)
 
     def scatter(self, of_all: FloatArray) -> FloatArray:
         """Return the values of the own dofs among those of all dofs, the last axis."""

@@ -604,7 +604,7 @@ def completed(structure: Structure, case: Case, strain: StrainRows | None = None
         case: the case.
         strain: strains of surfaces, see `with_sensors`; None: those of laminae that are apart.
     """
-    n = structure.operators.n_dofs
+    n = structure.operators.n_own
     structure = struck(driven(structure, case), case)
     r = structure.operators.base.shift
     count = structure.layout.n_impactors
@@ -615,7 +615,7 @@ def completed(structure: Structure, case: Case, strain: StrainRows | None = None
         row = strain(*place)
         free, base = row[:, :n], row[:, n:]
         if r is not None:
-            base = base + sp.csr_matrix(free @ r[:n, None])
+            base = base + sp.csr_matrix(structure.operators.total(free @ r[:n, None]))
         return sp.hstack([free, sp.csr_matrix((1, count)), base], format="csr")
 
     return with_forces(with_sensors(structure, case, shifted), case)

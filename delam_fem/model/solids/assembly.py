@@ -71,15 +71,14 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     Args:
         case: the case; its model is "plane-stress" or "solid".
         comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
-            every rank, and spread afterwards (`operators.spread`): stops, impactors, initial
-            states, weight and loads, limits of stability.
+            every rank, and spread afterwards (`operators.spread`): impactors, initial states,
+            weight and loads, limits of stability.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
     is_explicit = math.isfinite(SCHEMES[case.time.scheme].courant)
-    strikes = case.stop or case.impactor or case.initial
-    if strikes or is_explicit or case.is_loaded:
+    if case.impactor or case.initial or is_explicit or case.is_loaded:
         comm = MPI.COMM_SELF
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
@@ -209,13 +208,14 @@ def _operators(
         "pair_weights": facing.weights(case, layout.parts, touching, unknowns.solid.dim),
         "probes": probe_rows(layout, unknowns.n_own),
         "rayleigh": rayleigh,
+        "near_null": unknowns.rigid_motions,
     }
     comm = unknowns.solid.comm
     if comm.size == 1:
         mass, damping, stiffness = taken
-        return Operators(mass, damping, stiffness, near_null=unknowns.rigid_motions, **further)
+        return Operators(mass, damping, stiffness, **further)
     mass, damping, stiffness = (distributed.matrix(rows, comm) for rows in taken)
-    distributed.with_near_null(stiffness, unknowns.rigid_motions)
+    distributed.with_near_null(stiffness, further["near_null"])
     further |= {"is_uncoupled": is_uncoupled, "order": unknowns.order}
     return DistributedOperators(mass, damping, stiffness, comm=comm, **further)
 

@@ -28,16 +28,27 @@ SENSORS = [
     for quantity in ("displacement", "velocity", "acceleration", "strain")
     for number, x in enumerate((0.07, 0.43))
 ]
+STOPS = [
+    {"lamina": "upper", "position": 0.45, "side": "above", "gap": 1e-4, "on": "base"},
+    {"lamina": "lower", "position": 0.3, "side": "below", "gap": 5e-5, "on": "ground"},
+]
+OF_STOPS = [
+    {"name": f"stop-{number}", "quantity": "contact force", "stop": number} for number in (1, 2)
+]
+SPRINGS = {"law": "penalty@newmark", "penalty_stiffness": 2e3, "impulse": "consistent"}
 FORCE = {"kind": "force", "amplitude": 0.1, "frequency": 20.0}
 
 PROGRAM = """
 import json
 import numpy as np
 import delam_fem as df
+from delam_fem.api import assemble
 from delam_fem.cli.endings import ended_together
 
 case = df.Case(**json.loads(arguments[0]))
 with ended_together(comm):
+    o = assemble(case, comm=comm).operators
+    assert 0 < o.n_own < o.n_dofs  # no rank has assembled all
     many = df.run(case, comm=comm)
     if comm.rank == 0:
         one = df.run(case).history
@@ -47,6 +58,7 @@ with ended_together(comm):
             a, b = one[name].values, many.history[name].values
             assert np.abs(a - b).max() <= 1e-6 * np.abs(a).max(), name
         assert np.abs(one.tip_displacement.values).max() > 1e-6
+        assert all(one[f"sensor_stop-{k + 1}"].values.any() for k in range(len(case.stop)))
 """
 
 
@@ -62,8 +74,18 @@ with ended_together(comm):
             "point_mass": [{"lamina": "lower", "mass": 0.02}],
             "support": [{"position": 0.1, "kind": "spring", "stiffness": 2e3, "damping": 0.5}],
         },
+        APART | {"stop": STOPS, "sensor": SENSORS + OF_STOPS, "contact": SPRINGS},
+        BONDED | {"stop": STOPS, "sensor": SENSORS + OF_STOPS, "contact": SPRINGS},
     ],
-    ids=["force on one rank", "force on the other", "force on a cut body", "mass", "spring"],
+    ids=[
+        "force on one rank",
+        "force on the other",
+        "force on a cut body",
+        "mass",
+        "spring",
+        "stops",
+        "stops of a cut body",
+    ],
 )
 def test_places_are_the_same_on_two_ranks(sections: dict[str, Any], crew: Crew) -> None:
     case = Case.model_validate(
