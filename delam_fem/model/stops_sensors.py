@@ -417,8 +417,9 @@ def in_moving_frame(structure: Structure) -> Structure:
         image = times(matrix, r)
         columns.append(column + image)
         corners.append(corner + float(o.total(np.array(r @ (2.0 * column + image)))))
+    m, c, k = columns
     m_aa, c_aa, k_aa = corners
-    shifted = BaseCoupling(*columns, corner=(m_aa, c_aa, k_aa), shift=r)
+    shifted = BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa), shift=r)
     reading = layout.reading
     if reading is None:
         part_of = np.full(n, -1, dtype=np.int64)
