@@ -93,15 +93,15 @@ def measured(body: str, mesh: tuple[int, int, int], job: str) -> dict[str, Any]:
 
 def of_modes(case: Any) -> dict[str, float]:
     """Compute the lowest modes, free and closed, as the command `modes` does."""
-    from delam_fem.studies.modes.frequencies import modes
+    from delam_fem import modes
 
-    found = modes(case, N_MODES)
-    return {"first_hz": float(found.frequencies[0])}
+    natural = modes(case, N_MODES)
+    return {"first_hz": float(natural.frequencies[0])}
 
 
 def of_reduction(case: Any) -> dict[str, float]:
     """Reduce a body, as the command `reduce` does."""
-    from delam_fem.model.reduction import reduced_case
+    from delam_fem.api import reduced_case
 
     reduction = reduced_case(case, N_MODES)
     o = reduction.full.operators
@@ -115,12 +115,11 @@ def of_reduction(case: Any) -> dict[str, float]:
 
 def stepped(case: Any, comm: Any) -> dict[str, float]:
     """Set a run up and compute steps without contact; return processor times of the first rank."""
-    from delam_fem.api import motion_of
+    from delam_fem.api import assemble, motion_of
     from delam_fem.engines.petsc.theta import MoreauJean
-    from delam_fem.model import discretise
 
     start = time.process_time()
-    o = discretise.assemble(case, comm=comm).operators
+    o = assemble(case, comm=comm).operators
     assembled = time.process_time()
     stepper = MoreauJean(o, case.time_step, comm=comm)
     stepper.begin(motion_of(case)(0)[: STEPS + 2])
