@@ -110,6 +110,8 @@ def reduced_case(
         raise CaseError('model.kind: expected a model that is not reduced yet, given "modes"')
     require_bending(case, "reduce")
     require_mass(case, "reduce", "the case computes its motion in modes already")
+    if not case.has_one_length:
+        raise CaseError("lamina: reduce: expected laminae of one length, given unequal ones")
     require(modes >= 1, "modes", "at least 1", modes)
     require_coupled(case)
     slowest = min(float(lamina.uniform.angular_frequencies(1)[0]) for lamina in case.lamina)

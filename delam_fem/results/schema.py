@@ -366,7 +366,7 @@ def _problems(data: xr.Dataset) -> Iterator[str]:
     is_finite = data.attrs["outcome"] != "diverged"
     for name, variable in data.variables.items():
         key = str(name)
-        if key in ("lamina", INTERFACE, "probe", CONTACT):
+        if key in ("lamina", INTERFACE, "probe", CONTACT, FORCE_PLACE):
             dims: tuple[str, ...] = (key,)
             kinds = "OUT" if variable.size else "OUTf"
         elif key in VARIABLES:

@@ -127,6 +127,16 @@ def test_a_reduced_model_knows_all_places(tmp_path: Path) -> None:
         df.run(moved)
 
 
+def test_results_with_several_places_are_read_back(tmp_path: Path) -> None:
+    """One force beside the base, or several."""
+    for number, drives in enumerate([(BASE, PUSH), (BASE, PUSH, PROBE)]):
+        result = df.run(case_of(*drives), "compiled")
+        result.save(tmp_path / str(number))
+        again = df.load_result(tmp_path / str(number))
+        assert again.history["forces"].equals(result.history["forces"])
+        assert again.history["force_place"].equals(result.history["force_place"])
+
+
 @pytest.mark.parametrize("engine", ["petsc", "compiled"])
 def test_a_run_with_several_places_goes_on_bit_for_bit(tmp_path: Path, engine: Any) -> None:
     case = case_of(BASE, PUSH, PROBE, **{"time.periods": 14})

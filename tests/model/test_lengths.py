@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
-from delam_fem.api import Case, CaseError, assemble, beams, elastic, of_channels
+from delam_fem.api import Case, CaseError, assemble, beams, elastic, of_channels, reduced_case
 from delam_fem.model.beams import forms
 from delam_fem.results.diagnostics import gap_field
 
@@ -114,3 +114,8 @@ def test_weight_bends_each_cantilever_by_its_own_length() -> None:
 def test_what_unequal_lengths_do_not_go_with_is_refused(sections: Any, key: str) -> None:
     with pytest.raises(CaseError, match=key):
         case(**sections)
+
+
+def test_unequal_lengths_are_not_reduced() -> None:
+    with pytest.raises(CaseError, match="laminae of one length"):
+        reduced_case(case())
