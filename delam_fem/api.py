@@ -140,6 +140,7 @@ if TYPE_CHECKING:
         CURVATURE as CURVATURE,
         Layout as Layout,
         Part as Part,
+        Place as Place,
         Structure as Structure,
         columns_of as columns_of,
         interpolation as interpolation,
@@ -163,6 +164,7 @@ if TYPE_CHECKING:
     from delam_fem.model.massless import Reduced as Reduced, reduce as reduce
     from delam_fem.model.mesh import node_coordinates as node_coordinates
     from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
+    from delam_fem.model.places import scanned_places as scanned_places
     from delam_fem.model.reduction import reduced_case as reduced_case
     from delam_fem.model.responses import of_channels as of_channels
     from delam_fem.model.solids.body import Body as Body
@@ -309,7 +311,7 @@ _HOMES = {
     "model.discretise": "assemble require_held require_kind",
     "model.factors": "Factor factored",
     "model.layout": (
-        "CURVATURE Layout Part Structure columns_of interpolation nodal place_of selection"
+        "CURVATURE Layout Part Place Structure columns_of interpolation nodal place_of selection"
     ),
     "model.linear": (
         "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
@@ -321,6 +323,7 @@ _HOMES = {
     "model.beams.network": "network",
     "model.operators": "BaseCoupling Operators",
     "model.massless": "Reduced reduce",
+    "model.places": "scanned_places",
     "model.reduction": "reduced_case",
     "model.responses": "of_channels",
     "model.solids.body": "Body",

@@ -51,6 +51,7 @@ from delam_fem.case.sections import (
     Sensor,
     Stop,
     Support,
+    SurfaceScan,
     TimeStepping,
     has_stiffness,
     require_fitting,
@@ -135,6 +136,8 @@ class Case(Section):
         gravity: weight; none if the table is not given.
         load: constant loads.
         sensor: sensors, whose signals are in the results.
+        scan: points on the surface of a plate that are read at every frame; none if the table is
+            not given.
         support: how the laminae are held at their ends.
         delamination: where neighbours are apart; elsewhere they are bonded. Without any, laminae
             with a gap are apart over their whole length.
@@ -170,6 +173,7 @@ class Case(Section):
     gravity: Gravity | None = None
     load: tuple[Load, ...] = ()
     sensor: tuple[Sensor, ...] = ()
+    scan: SurfaceScan | None = None
 
     def __init__(self, /, **sections: object) -> None:
         """Check a case that is written in Python, table by table, as `tomllib` returns a file.
@@ -686,6 +690,7 @@ class Case(Section):
                     f"given {support.side!r}",
                 )
             of_plates[f"support.{number}.side"] = support.is_edge
+        of_plates["scan"] = self.scan is not None
         for key, is_there in of_plates.items():
             if not is_there or self.is_plate:
                 continue
@@ -727,12 +732,40 @@ class Case(Section):
                     f"expected one of {', '.join(EDGES)}, or a group of facets with mesh.file, "
                     f"given {support.side!r}",
                 )
+        self._check_scan()
         if self.contact.points_per_element != 1:
             raise inconsistent(
                 "contact.points_per_element",
                 "expected 1 with plates, whose pairs are at the vertices of their cells, given "
                 f"{self.contact.points_per_element}",
             )
+
+    def _check_scan(self) -> None:
+        """Check that the scan of a plate is on one of its laminae, and that frames are kept."""
+        if self.scan is None:
+            return
+        names = [lamina.name for lamina in self.lamina]
+        if self.scan.lamina not in (None, *names):
+            raise inconsistent(
+                "scan.lamina", f"expected one of {', '.join(names)}, given {self.scan.lamina!r}"
+            )
+        if self.scan.spacing is not None and self.mesh.file is not None:
+            raise inconsistent(
+                "scan.spacing",
+                "expected a file of points with a mesh of your own, whose outline a grid does not "
+                "know",
+            )
+        if not self.output.fields_per_period:
+            raise inconsistent(
+                "output.fields_per_period",
+                "expected 1 or more, because a scan is read at the frames, given 0",
+            )
+
+    @property
+    def outer_lamina(self) -> Lamina:
+        """The thinner one of the outermost laminae, behind which delaminations are looked for."""
+        outermost = (self.lamina[-1], self.lamina[0])
+        return min(outermost, key=lambda lamina: lamina.mean("thickness") or math.inf)
 
     @property
     def is_plate(self) -> bool:

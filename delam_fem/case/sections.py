@@ -1541,6 +1541,55 @@ class Initial(Section):
         return self
 
 
+Spacing = Annotated[
+    Annotated[Annotated[Positive, Unit("m")], Tag("number")]
+    | Annotated[
+        tuple[Annotated[Positive, Unit("m")], Annotated[Positive, Unit("m")]],
+        Expected("a distance, or those along x and z"),
+        Tag("plan"),
+    ],
+    Discriminator(_plan_form),
+]
+"""A distance [m], or those along x and z."""
+
+
+PlanPoint = Annotated[
+    tuple[Annotated[NotNegative, Unit("m")], Annotated[Finite, Unit("m")]], Expected("[x, z]")
+]
+"""Place [x, z] of a plate [m]."""
+
+
+class SurfaceScan(Section):
+    """Points on the surface of a plate that are read at every frame, as by a scanning vibrometer.
+
+    Attributes:
+        lamina: name of the lamina; the thinner outermost one if it is not given.
+        surface: "top", "middle" or "bottom" of the lamina; its outer one if it is not given.
+        spacing: distance of the points [m], or [along x, along z]; the grid is in the middle of
+            the plate.
+        file: table with the columns x and z of each point [m], in place of a grid.
+        points: [x, z] of each point [m], in place of a grid or a file.
+    """
+
+    lamina: Label | None = None
+    surface: SurfaceName | None = None
+    spacing: Spacing | None = None
+    file: FileName | None = None
+    points: tuple[PlanPoint, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        """Check that the points are given once."""
+        keys = ("spacing", "file", "points")
+        given = [key for key in keys if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise inconsistent(
+                given[-1] if given else "spacing",
+                f"expected one of {', '.join(keys)}, given {', '.join(given) or 'none'}",
+            )
+        return self
+
+
 class Sensor(Section):
     """A sensor, whose signal is the variable `sensor_NAME` of the dataset.
 

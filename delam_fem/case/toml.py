@@ -266,6 +266,7 @@ _ALTERNATIVES = (
     ("excitation", ("amplitude", "acceleration", "rms", "psd")),
     ("time", ("steps_per_period", "step")),
     ("time", ("periods", "duration")),
+    ("scan", ("spacing", "file", "points")),
 )
 """Sections with alternative keys: an override that sets one of them removes the others."""
 

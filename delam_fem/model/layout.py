@@ -287,11 +287,43 @@ class Layout:
         Raises:
             CaseError: there is none, because the model was reduced without the place.
         """
+        return int(self.numbers_of((place,))[0])
+
+    def numbers_of(self, places: Sequence[Place]) -> IntArray:
+        """Return the rows of the reading that are the deflections at places, shape (k,).
+
+        Raises:
+            CaseError: there is none of one, because the model was reduced without the place.
+        """
         assert self.reading is not None
-        for number, known in enumerate(self.places, self.reading.base.size - len(self.places)):
-            is_near = abs(known.x - place.x) + abs(known.z - place.z) <= _AT_PLACE
-            if (known.part, known.side) == (place.part, place.side) and is_near:
-                return number
+        first = self.reading.base.size - len(self.places)
+        known = self._places_by_side
+        return np.array([first + self._nearest(place, known) for place in places], dtype=np.int64)
+
+    @cached_property
+    def _places_by_side(self) -> dict[tuple[int, int], tuple[IntArray, FloatArray]]:
+        """Numbers of the places of each part and side, and their x and z, shape (n, 2) [m]."""
+        sides: dict[tuple[int, int], list[int]] = {}
+        for number, place in enumerate(self.places):
+            sides.setdefault((place.part, place.side), []).append(number)
+        return {
+            side: (np.array(chosen), np.array([self.places[k][1:3] for k in chosen]))
+            for side, chosen in sides.items()
+        }
+
+    def _nearest(
+        self, place: Place, known: dict[tuple[int, int], tuple[IntArray, FloatArray]]
+    ) -> int:
+        """Return the number of a place among those that have readings.
+
+        Raises:
+            CaseError: it is none of them.
+        """
+        if (place.part, place.side) in known:
+            chosen, at = known[place.part, place.side]
+            distance = np.abs(at - [place.x, place.z]).sum(axis=1)
+            if distance.min() <= _AT_PLACE:
+                return int(chosen[distance.argmin()])
         raise CaseError(
             f"position: expected one of the {len(self.places)} places that the case had when it "
             f"was reduced, given ({place.x:g}, {place.z:g}) m of {self.names[place.part]}; reduce "

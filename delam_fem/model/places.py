@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import parts_of
 from delam_fem.case.sections import Impactor, Stop, x_of, z_of
+from delam_fem.case.surface_scan import scan_points
 from delam_fem.model.layout import Layout, Place, columns_of, place_of
 
 _SIDES = {"middle": 0, "top": 1, "bottom": -1}
@@ -44,7 +45,18 @@ def spot(names: Sequence[str], entry: Any) -> Place | None:
 
 def places_of_case(case: Case) -> tuple[Place, ...]:
     """Return all places of a case that have readings of their own, reference points first."""
-    return tuple(dict.fromkeys([*_references(case), *_named(case)]))
+    return tuple(dict.fromkeys([*_references(case), *_named(case), *scanned_places(case)]))
+
+
+def scanned_places(case: Case) -> tuple[Place, ...]:
+    """Return the places of the scan of a plate, in the order of its points; none without a scan."""
+    if case.scan is None:
+        return ()
+    name = case.scan.lamina or case.outer_lamina.name
+    lamina = [lamina.name for lamina in case.lamina].index(name)
+    outer = "top" if lamina == len(case.lamina) - 1 else "bottom" if lamina == 0 else "middle"
+    side = _SIDES[case.scan.surface or outer]
+    return tuple(Place(lamina, x, z, side) for x, z in scan_points(case).tolist())
 
 
 def _named(case: Case) -> Iterator[Place]:

@@ -18,6 +18,7 @@ from delam_fem.case.excitation import place_in_words, places_of
 from delam_fem.model import layout as fields
 from delam_fem.model.beams.network import opening
 from delam_fem.model.layout import Layout, Structure
+from delam_fem.model.places import scanned_places
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import contacts
 from delam_fem.results.schema import (
@@ -97,7 +98,7 @@ def history(
             "impactor_displacement": (u[:, columns] + base[:, :1] * shift).T,
             "impactor_velocity": (v[:, columns] + base[:, 1:2] * shift).T,
         }
-    variables |= _of_frames(recorder, structure, start)
+    variables |= _of_frames(recorder, structure, case, start)
     variables |= _of_events(recorder, layout, start)
     if not case.is_massless:  # there impacts take no energy
         # the mean power that impacts and contact dampers take at each pair over the window
@@ -204,8 +205,8 @@ def _of_periods(recorder: Recorder, n_parts: int) -> dict[str, Any]:
     return variables
 
 
-def _of_frames(recorder: Recorder, structure: Structure, start: int) -> dict[str, Any]:
-    """Return the fields of the window's frames."""
+def _of_frames(recorder: Recorder, structure: Structure, case: Case, start: int) -> dict[str, Any]:
+    """Return the fields of the window's frames, and the motion of the points of a scan."""
     layout = structure.layout
     steps, frames, contact, base = frames_of(recorder)
     states = np.array(frames) if frames else np.empty((0, 2, structure.operators.n_own))
@@ -223,6 +224,15 @@ def _of_frames(recorder: Recorder, structure: Structure, start: int) -> dict[str
     }
     if layout.stops:
         variables["stop_state"] = contact[:, layout.stops[0].first_pair :]
+    if places := scanned_places(case):
+        rows = layout.numbers_of(places)
+        at = np.array([(place.x, place.z) for place in places])
+        variables |= {
+            "scan_x": at[:, 0],
+            "scan_z": at[:, 1],
+            "scan_displacement": layout.read(states[:, 0], base[:, 0])[:, rows],
+            "scan_velocity": layout.read(states[:, 1], base[:, 1])[:, rows],
+        }
     return variables
 
 

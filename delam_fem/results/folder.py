@@ -80,6 +80,17 @@ class Result:
 
         return of_run(self._drawn, self.case)
 
+    @cached_property
+    def scan(self) -> xr.Dataset:
+        """The points of the scan of a plate as channels with x and z; see `record.of_scan`.
+
+        Raises:
+            CaseError: the case has no scan.
+        """
+        from delam_fem.results.record import of_scan
+
+        return of_scan(self._drawn, self.case)
+
     @property
     def groups(self) -> dict[str, xr.Dataset]:
         """The history in groups, each of which can become a table; see `dataset.grouped`."""

@@ -13,6 +13,8 @@ A run offers, without being asked, `tip_LAMINA` and `tip_LAMINA_velocity` (of op
 the probes in place of those of laminae), `base` or `drive`, `contact_NAME` of each interface, stop
 and impactor, and the sensors under their own names. A sensor whose name is taken is `sensor_NAME`.
 
+The points of the scan of a plate are a record of their own (`of_scan`), in the same form.
+
 `contact_NAME` is a contact force: an impulse counts with its mean force over its step, as in the
 signal of a sensor. Springs of an interface are recorded if a sensor reads contact forces. Without
 one the channel has the impulses alone (law "newton-penalty"), or is left out (elastic contacts).
@@ -89,6 +91,46 @@ def of_run(history: xr.Dataset, case: Any) -> xr.Dataset:
             coordinates[dim] = (dim, time.to_numpy(), time.attrs)
         channels[name] = (dim, sensor.to_numpy(), _of_sensor(sensor))
     return xr.Dataset(channels, coordinates, {**history.attrs, "schema": SCHEMA})
+
+
+def of_scan(history: xr.Dataset, case: Any) -> xr.Dataset:
+    """Return the velocities of the points of a scan as channels `scan_1`, `scan_2` and so on.
+
+    Args:
+        history: dataset of a run.
+        case: its case.
+
+    Returns:
+        Channels over `time`, the times of the frames, with the attributes of those of `of_run`, and
+        `z` [m]. The attributes are those of the history.
+
+    Raises:
+        CaseError: the case has no scan.
+    """
+    if "scan_velocity" not in history:
+        raise CaseError("scan: expected a case with [scan], given one without")
+    lamina = case.scan.lamina or case.outer_lamina.name
+    record = xr.Dataset(
+        coords={"time": ("time", history["frame"].to_numpy(), {"units": "s", "long_name": "time"})}
+    )
+    places = zip(history["scan_x"].to_numpy(), history["scan_z"].to_numpy(), strict=True)
+    channels = {}
+    for number, (x, z) in enumerate(places):
+        place = f"({x:g}, {z:g}) m of {lamina}"
+        about = {
+            "units": "m/s",
+            "quantity": "velocity",
+            "place": place,
+            "lamina": lamina,
+            "x": float(x),
+            "z": float(z),
+            "long_name": f"velocity at {place}",
+        }
+        values = history["scan_velocity"].to_numpy()[:, number]
+        channels[f"scan_{number + 1}"] = ("time", values, about)
+    record = record.assign(channels)
+    record.attrs = {**history.attrs, "schema": SCHEMA}
+    return record
 
 
 _Channel: TypeAlias = tuple[str, FloatArray, dict[str, Any]]

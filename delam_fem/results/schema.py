@@ -142,6 +142,7 @@ def _git(root: Path, *arguments: str) -> str:
 
 INTERFACE = "interface"
 CONTACT = "contact"
+SCAN_POINT = "scan_point"
 FORCE_PLACE = "force_place"
 SENSOR = "sensor_"
 """Beginning of the names of sensors' variables."""
@@ -158,6 +159,7 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
         "probe": "further probes, on both sides of delaminations; only if there are any",
         "stop": "contact points of stops and impactors; only if there are any",
         "impactor": "impactors; only if there are any",
+        SCAN_POINT: "points of the scan of a plate; only with a scan",
         CONTACT: "contacts whose springs are recorded at each step; only if there are any",
         FORCE_PLACE: "places where forces act; only if drives act at several places",
         "event": "impacts on single pairs in the window, in the order of time",
@@ -269,6 +271,10 @@ _ALL = (
         "1",
         "contact state: 0 open, 1 hit, 2 resting",
     ),
+    Variable("scan_x", (SCAN_POINT,), "m", "position along the laminae of a point of the scan"),
+    Variable("scan_z", (SCAN_POINT,), "m", "position across of a point of the scan"),
+    Variable("scan_displacement", ("frame", SCAN_POINT), "m", "deflection, base motion included"),
+    Variable("scan_velocity", ("frame", SCAN_POINT), "m/s", "velocity, base motion included"),
     Variable("dof_displacement", ("frame", "dof"), "m", "u of each dof; only of operators"),
     Variable("dof_velocity", ("frame", "dof"), "m/s", "v of each dof; only of operators"),
     Variable("stop_number", ("stop",), "1", "number of its stop, from 1; impactors count on"),
@@ -315,6 +321,7 @@ OPTIONAL = frozenset({
     "dof_displacement", "dof_velocity", "stop_number", "stop_lamina", "stop_node", "stop_height",
     "stop_on_base", "impactor_displacement", "impactor_velocity", "stop_state", "event_interface",
     "event_stop", "event_pair", "heat", "stop_heat", "contact_force", "end",
+    "scan_x", "scan_z", "scan_displacement", "scan_velocity",
 })  # fmt: skip
 """Variables that the result of a case may do without."""
 NUMBERING: Mapping[str, str] = MappingProxyType({

@@ -142,6 +142,7 @@ BASES: dict[str, tuple[str, dict[str, Any]]] = {
     "plate": ("embedded", BONDED | {
         "model": {"kind": "solid", "poisson": 0.3}, "mesh": {"elements": 7, "across": 6},
         "delamination.1.across": [-0.005, 0.003], "delamination.1.shape_in_plane": "ellipse",
+        "scan.spacing": [0.1, 0.005],
     }),
     "massless": ("embedded", BONDED | {"time.mass": "massless", "time.refine": 4}),
     "modes": ("embedded", BONDED | {"time.mass": "massless", "model.kind": "modes",
@@ -235,6 +236,9 @@ CHOSEN: dict[str, tuple[object, ...]] = {
     "contact.restitution": (0.4,), "contact.points_per_element": (2,),
     "contact.penalty_stiffness": (222.0,), "contact.penalty_damping": (0.2,),
     "load.lamina": ("upper",), "load.between": (["upper", "lower"],),
+    "scan.lamina": ("lower",), "scan.surface": ("bottom",), "scan.spacing": ([0.08, 0.004],),
+    "scan.file": ("points.csv",),
+    "scan.points": ([[0.04 * k, 0.001 * (-1) ** k] for k in range(1, 10)],),
 }  # fmt: skip
 """Other values of keys; of keys that a base has, numbers get 0.8 of their value."""
 SHOWN_BY = {
@@ -272,6 +276,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         text = "".join(f"{t!r}, {mean + a!r}\n" for t, a in zip(time.tolist(), wave, strict=True))
         (folder / name).write_text(f"time [s], a [{unit}]\n{text}", encoding="utf-8")
     (folder / "density.csv").write_text("f [Hz], S [m2/s4/Hz]\n1, 1\n20, 2\n", encoding="utf-8")
+    points = "\n".join(f"{0.04 * k},{0.001 * (-1) ** k}" for k in range(1, 10))
+    (folder / "points.csv").write_text(f"x,z\n{points}\n", encoding="utf-8")
     (folder / "gap.csv").write_text("x [m], gap [m]\n0, 0.0005\n0.685, 0.001\n", encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

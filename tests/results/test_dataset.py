@@ -13,7 +13,7 @@ from synthetic import WINDOW
 
 import delam_fem as df
 from delam_fem.results.dataset import grouped
-from delam_fem.results.schema import DIMENSIONS, FORCE_PLACE, INTERFACE, VARIABLES
+from delam_fem.results.schema import DIMENSIONS, FORCE_PLACE, INTERFACE, SCAN_POINT, VARIABLES
 
 NAMES = ("lamina", "interface", "probe", "contact", "impactor")
 """Coordinates that hold names."""
@@ -24,8 +24,11 @@ OF_STOPS = (
     *(name for name in VARIABLES if name.startswith(("stop_", "impactor_"))),
 )  # fmt: skip
 """Variables of runs with stops."""
-OF_OPERATORS = ("event_pair", "dof_displacement", "dof_velocity", "end")
-"""Variables of runs without a case, and of laminae of unequal lengths."""
+OF_OTHERS = (
+    "event_pair", "dof_displacement", "dof_velocity", "end",
+    *(name for name, row in VARIABLES.items() if SCAN_POINT in row.dims),
+)  # fmt: skip
+"""Variables of runs without a case, of laminae of unequal lengths, and of scans of plates."""
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +53,7 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
     assert described(run) == [
         (row.name, tuple(d for d in row.dims if d != INTERFACE), row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name not in ("event_interface", *OF_A_FORCE, *OF_STOPS, *OF_OPERATORS)
+        if row.name not in ("event_interface", *OF_A_FORCE, *OF_STOPS, *OF_OTHERS)
         and not row.name.startswith("probe_")
     ]
     assert set(run.dims) == DIMENSIONS.keys() - {
@@ -60,6 +63,7 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
         "impactor",
         "contact",
         "dof",
+        SCAN_POINT,
         FORCE_PLACE,
     }
     assert "interface" not in run.variables
@@ -82,9 +86,9 @@ def test_three_laminae_have_all_variables() -> None:
     assert described(history) == [
         (row.name, row.dims, row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name not in (*OF_A_FORCE, *OF_STOPS, *OF_OPERATORS)
+        if row.name not in (*OF_A_FORCE, *OF_STOPS, *OF_OTHERS)
     ]
-    absent = {"stop", "impactor", "contact", "dof", FORCE_PLACE}
+    absent = {"stop", "impactor", "contact", "dof", FORCE_PLACE, SCAN_POINT}
     assert set(history.dims) == DIMENSIONS.keys() - absent
     assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
     assert history["interface"].values.tolist() == ["thick-thin", "thin-top"]
@@ -182,7 +186,7 @@ def test_datasets_have_the_variables_that_apply(name: str) -> None:
     assert {row[:3] for row in described(history)} - sensors == {
         (row.name, tuple(d for d in row.dims if d != INTERFACE), row.units)
         for row in VARIABLES.values()
-        if row.name not in (*ABSENT[name], *OF_OPERATORS)
+        if row.name not in (*ABSENT[name], *OF_OTHERS)
         and FORCE_PLACE not in row.dims
         and not row.name.startswith("probe_")
     }

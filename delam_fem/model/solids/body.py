@@ -280,18 +280,22 @@ def place_rows(solid: Solid, places: Sequence[Place]) -> sp.csr_matrix:
     mesh = solid.mesh
     if not places:
         return sp.csr_matrix((0, mesh.dim * solid.n_nodes))
-    points = np.concatenate(
-        [
-            middle_line(mesh, part, np.array([x]), z, 0.5 + side * (0.5 - _INSIDE))
-            for part, x, z, side in places
-        ]
-    )
-    cells = locate(mesh, points, np.array([place.part for place in places]))
+    table = np.array(places)
+    points = np.empty((len(places), mesh.dim))
+    for part, side in np.unique(table[:, [0, 3]].astype(np.int64), axis=0).tolist():
+        chosen = (table[:, 0] == part) & (table[:, 3] == side)
+        x, z = table[chosen, 1:3].T
+        points[chosen] = middle_line(mesh, part, x, z, 0.5 + side * (0.5 - _INSIDE))
+    cells = locate(mesh, points, table[:, 0].astype(np.int64))
     return evaluate(solid, points, cells).displacement(UP)
 
 
 def middle_line(
-    mesh: SolidMesh, lamina: int, x: FloatArray, z: float = 0.0, height: float = 0.5
+    mesh: SolidMesh,
+    lamina: int,
+    x: FloatArray,
+    z: float | FloatArray = 0.0,
+    height: float = 0.5,
 ) -> FloatArray:
     """Return the points at half of the height and width of a lamina, shape (n, dim) [m].
 
@@ -299,7 +303,7 @@ def middle_line(
         mesh: the mesh.
         lamina: number of the lamina.
         x: positions along the lamina, shape (n,) [m].
-        z: distance from the middle of the width [m].
+        z: distance from the middle of the width, of all positions or of each, shape (n,) [m].
         height: share of the thickness that is below the points.
 
     Raises:
@@ -318,12 +322,14 @@ def middle_line(
     np.minimum.at(low, hits.line, hits.distance)
     np.maximum.at(high, hits.line, hits.distance)
     if not np.all(high > low):
-        at = float(x[np.flatnonzero(~(high > low))[0]])
+        missing = np.flatnonzero(~(high > low))[0]
+        at = float(x[missing])
+        across = float(np.broadcast_to(z, x.shape)[missing])
         raise CaseError(
             f"mesh.file: expected lamina {lamina + 1} (counted from 1 at the bottom) to reach from "
             f"x = {x[0]:g} m to {x[-1]:g} m, there is nothing of it at {at:g} m"
-            + f", z = {z:g} m"
-            * bool(z)
+            + f", z = {across:g} m"
+            * bool(across)
         )
     origins[:, UP] = (1.0 - height) * low + height * high
     return origins

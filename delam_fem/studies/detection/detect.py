@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from delam_fem.api import (
     CaseError,
     Finding,
     FloatArray,
+    Picture,
     Report,
     RunContext,
     Table,
@@ -35,9 +37,12 @@ from delam_fem.api import (
     drive,
     identity,
     keeping_closed,
+    load_case,
     modes_of,
     number,
+    reduced_case,
     response,
+    scanned_places,
     scheme_of,
     session,
     span_of,
@@ -53,6 +58,8 @@ from delam_fem.studies.detection.indices import (
     mark,
     repeated,
 )
+from delam_fem.studies.detection.maps import middle_of, patches_of, plate_pictures
+from delam_fem.studies.detection.region import Region
 from delam_fem.studies.detection.study import Detect, Measured, Scan
 from delam_fem.studies.linear import settling_periods, steady_motion
 from delam_fem.studies.signals import reading
@@ -60,10 +67,12 @@ from delam_fem.studies.signals.comparison import strongest_frequency
 from delam_fem.studies.signals.scan import (
     ORDERS,
     ComplexArray,
+    Points,
     Shapes,
     at_points,
+    points_of,
+    positions_of,
     scan_field,
-    scan_positions,
     shapes_of,
     surface_of,
 )
@@ -100,19 +109,21 @@ def samples_of(scan: Scan, frequency: float) -> int:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A field of velocities or displacements along a lamina, measured or simulated.
+    """A field of velocities or displacements on a lamina, measured or simulated.
 
     Attributes:
         times: shape (k,) [s].
         x: positions, shape (n,) [m].
         field: velocity or displacement, shape (k, n) [m/s or m].
         frequency: frequency of the excitation [Hz].
+        z: positions across a plate, shape (n,) [m]; None: along a beam.
     """
 
     times: FloatArray
     x: FloatArray
     field: FloatArray
     frequency: float
+    z: FloatArray | None = None
 
     @property
     def rms(self) -> float:
@@ -132,16 +143,21 @@ class Measurement:
     def noisy(self, noise: float | FloatArray, seed: int) -> Measurement:
         """Return the measurement with white noise of a root mean square, one or one per point."""
         added = np.random.default_rng(seed).normal(scale=noise, size=self.field.shape)
-        return Measurement(self.times, self.x, self.field + added, self.frequency)
+        return replace(self, field=self.field + added)
 
 
 def simulated(
-    case: Case, scan: Scan, kept: Path | None = None, *, pump: Case | None = None
+    case: Case,
+    scan: Scan,
+    kept: Path | None = None,
+    *,
+    pump: Case | None = None,
+    left: float = 0.001,
 ) -> Measurement:
     """Compute the motion of a case and return the field that a sensor without noise would measure.
 
     The run begins with the linear motion of the closed structure. The record, its last periods,
-    begins when 0.1 % of a free motion of the lowest mode would be left, or later if the case has
+    begins when little of a free motion of the lowest mode would be left, or later if the case has
     more periods. Samples are at ends of steps: the number of steps per period is raised to a
     multiple of the samples per period.
 
@@ -151,6 +167,7 @@ def simulated(
         kept: folder for a checkpoint, from which the run goes on; None: none is kept.
         pump: the same case with a lower frequency, which acts at once; the periods of the scan are
             then common periods of both, so that no spectral line leaks.
+        left: share of a free motion of the lowest mode that may be left when the record begins.
 
     Raises:
         CaseError: the excitation is not harmonic, the lamina does not exist, the scan has no
@@ -162,10 +179,10 @@ def simulated(
     tones = [case] if pump is None else [pump, case]
     turns = 1 if pump is None else common_turns(pump.excitation.top_frequency, f)
     samples = samples_of(scan, f)
-    x = scan_positions(case.length, scan.spacing, scan.first)
+    points = points_of(case, scan.spacing, scan.first)
     N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
     structure = assemble(case, needs_dolfinx=False)
-    periods = math.ceil(settling_periods(case) / turns) + scan.periods
+    periods = math.ceil(settling_periods(case, left) / turns) + scan.periods
     span = replace(
         span_of(case),
         time_step=1.0 / (N * f),
@@ -189,8 +206,61 @@ def simulated(
         outcome = opened.run_with_checkpoints(kept, case, span=span, pump=beside)
         if outcome != "completed":
             raise CaseError(f"detect: the motion of case {case.name} has {outcome}")
-        times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), x)
-    return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
+        times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), points)
+    x, z = positions_of(points)
+    return Measurement(times, x, v if scan.quantity == "velocity" else u, f, z)
+
+
+def with_scan(case: Case, scan: Scan, measured: Measurement | None = None) -> Case:
+    """Return a plate with the scan that it is measured with; other cases as they are.
+
+    Args:
+        case: the case.
+        scan: how it is measured, where the case has no [scan] of its own.
+        measured: a measured field, whose points are taken; None: simulate.
+
+    Raises:
+        CaseError: the case has a [scan] of its own, and options say another one, or the points are
+            not on the plate.
+    """
+    if not case.is_plate:
+        return case
+    if measured is not None and measured.z is not None:
+        points = np.stack([measured.x, measured.z], axis=1).tolist()
+        lamina = surface_of(case, scan.lamina)
+        return case.with_overrides({"scan.points": points, "scan.lamina": lamina})
+    plain = Scan()
+    if scan.first != plain.first:
+        raise CaseError(
+            f"first: expected none on a plate, whose grid is in its middle, given {scan.first:g} m"
+        )
+    if case.scan is None:
+        own: dict[str, object] = {"scan.spacing": scan.spacing}
+        return case.with_overrides(own | ({"scan.lamina": scan.lamina} if scan.lamina else {}))
+    if (scan.spacing, scan.lamina) != (plain.spacing, plain.lamina):
+        raise CaseError(
+            "spacing: expected none beside the [scan] of the case, nor a lamina; give it there, as "
+            "in --set scan.spacing=0.005"
+        )
+    return case
+
+
+def in_modes(case: Case, modes: int, folder: Path) -> Case:
+    """Return a plate as a model of modes, which is computed in seconds; other cases as they are.
+
+    Args:
+        case: the case, with its scan.
+        modes: number of normal modes.
+        folder: folder for the file of the reduced model.
+
+    Raises:
+        CaseError: the case cannot be reduced.
+    """
+    if not case.is_plate or case.model.file is not None:
+        return case
+    folder.mkdir(parents=True, exist_ok=True)
+    reduced_case(case, modes).save(folder)
+    return load_case(folder / "case.toml")
 
 
 def common_turns(pump: float, probe: float) -> int:
@@ -199,7 +269,7 @@ def common_turns(pump: float, probe: float) -> int:
 
 
 def drive_responses(
-    case: Case, lamina: str, x: FloatArray, frequency: float, orders: Sequence[float] = ORDERS
+    case: Case, lamina: str, points: Points, frequency: float, orders: Sequence[float] = ORDERS
 ) -> dict[float, ComplexArray]:
     """Return the linear responses of points to harmonics of the drive above the first, by order.
 
@@ -212,7 +282,7 @@ def drive_responses(
     for k in orders:
         if k > 1.0:
             U = response(structure.operators, k * frequency, S)
-            real, imag = at_points(structure, lamina, x, np.stack([U.real, U.imag]), base)
+            real, imag = at_points(structure, lamina, points, np.stack([U.real, U.imag]), base)
             responses[k] = real + 1j * imag
     return responses
 
@@ -267,7 +337,7 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
 
 
 def intact(case: Case) -> Case:
-    """Return the case without its delaminations: one bonded beam on the same supports.
+    """Return the case without its delaminations: one bonded beam or plate on the same supports.
 
     Raises:
         CaseError: the case is a single lamina, which cannot be delaminated.
@@ -326,12 +396,30 @@ class Detection(Finding):
             return [(0.0, self.case.length)]
         return [(delamination.start, delamination.end) for delamination in self.case.delamination]
 
+    @property
+    def is_plate(self) -> bool:
+        """Whether a plate was scanned."""
+        return self.shapes.z is not None
+
+    @property
+    def patches(self) -> Region:
+        """The delaminations of the case in the plan of the plate."""
+        return patches_of(self.case)
+
+    @property
+    def overlap(self) -> float:
+        """Common area of marked region and delaminations over that of both together [-]."""
+        return self.mark.region.overlap(self.patches)
+
     def contrast(self, name: str) -> float:
         """Return the largest value within the delaminations over that outside; NaN without any.
 
-        Of a measured scan it is that of the marked interval, as nobody knows where the delamination
-        is.
+        Of a measured scan it is that of the marked interval or region, as nobody knows where the
+        delamination is.
         """
+        if (index_mark := self.marks[name]).z is not None:
+            inside = self.mark.region if self.is_measured else self.patches
+            return index_mark.contrast_of(inside.contains(index_mark.x, index_mark.z))
         if self.is_measured:
             mark = self.marks[name]
             return mark.contrast(mark.start, mark.end)
@@ -349,6 +437,16 @@ class Detection(Finding):
             less = 100.0 * (1.0 - again.calls)
             return f"{at} calls nothing; it does so in {less:.0f} % of repetitions."
         intact = "is" if self.intact_marks[self.index].is_detected else "is not"
+        if self.is_plate:
+            x, z = middle_of(main.region)
+            low, high = 1e4 * again.area
+            return (
+                f"{at} marks {1e4 * main.region.area:.3g} cm² about ({x:.4g}, {z:.4g}) m. Over "
+                f"repeated noise it calls {100.0 * again.calls:.0f} %, with "
+                f"{100.0 * CONFIDENCE:.0f} % of the marked areas from {low:.3g} to {high:.3g} cm². "
+                f"The same plate without delamination {intact} called"
+                f"{', too' * (intact == 'is')}."
+            )
         return (
             f"{at} marks {main.start:.4g} to {main.end:.4g} m. Over repeated noise it calls "
             f"{100.0 * again.calls:.0f} %. With {100.0 * CONFIDENCE:.0f} % each, the true start "
@@ -356,6 +454,20 @@ class Detection(Finding):
             f"{again.end[0]:.4g}…{again.end[1]:.4g} m (noise and spacing of the points). "
             f"The same structure without delamination {intact} called{', too' * (intact == 'is')}."
         )
+
+    @property
+    def _of_plate(self) -> dict[str, Any]:
+        """Numbers of the report that plates alone have."""
+        if not self.is_plate:
+            return {}
+        region = self.mark.region
+        return {
+            "region": [outline.tolist() for outline in region.outlines],
+            "area": region.area,
+            "area_bounds": [_number(value) for value in self.repeated.area],
+            "patches": [outline.tolist() for outline in self.patches.outlines],
+            "overlap": None if self.is_measured else self.overlap,
+        }
 
     @property
     def report(self) -> Report:
@@ -369,6 +481,7 @@ class Detection(Finding):
                 "contrast": _number(self.contrast(name)),
                 "intact_called": self.intact_marks[name].is_detected,
                 "x": index_mark.x.tolist(),
+                **({} if index_mark.z is None else {"z": index_mark.z.tolist()}),
                 "values": index_mark.values.tolist(),
                 "limits": index_mark.limits.tolist(),
             }
@@ -389,6 +502,7 @@ class Detection(Finding):
             "false_call_rate": FALSE_CALLS,
             "is_measured": self.is_measured,
             "delaminations": [list(span) for span in self.spans],
+            **self._of_plate,
             "sample_noise": self.sample_noise,
             "shape_noise": _rms(self.shapes.noise),
             "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
@@ -412,22 +526,7 @@ class Detection(Finding):
             title=f"Detection in {self.case.name}",
             tables=[Table(f"indices of case {self.case.name}", HEADING, rows)],
             sentences=[self.verdict],
-            pictures={
-                "figures/detection": (
-                    lambda: detection_figure(self),
-                    "The index that calls, with its limit of noise and 30 % of its largest value. "
-                    "Grey: the delamination of the case. Red bars above: bounds of the true ends.",
-                ),
-                "figures/indices": (
-                    lambda: indices_figure(self),
-                    "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 "
-                    "beams.",
-                ),
-                "figures/shapes": (
-                    lambda: shapes_figure(self),
-                    "Complex shapes at the excitation and at twice its frequency.",
-                ),
-            },
+            pictures=plate_pictures(self) if self.is_plate else _pictures(self),
         )
 
 
@@ -459,30 +558,38 @@ def detect(
     options = options or Detect()
     scan = options.part(Scan)
     index = options.index
-    intact_case = intact(case)
-    surface = surface_of(case, scan.lamina)
     if case.is_apart:
         raise CaseError("detect: expected a case with [[delamination]], given laminae apart")
-    without = simulated(intact_case, scan, kept)
+    scanned = with_scan(case, scan, measured)
+    surface = surface_of(case, scan.lamina)
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch) if kept is None else kept
+        intact_case = in_modes(intact(scanned), scan.modes, folder / "intact")
+        without = simulated(intact_case, scan, kept)
 
-    def shapes(own: Measurement) -> Shapes:
-        responses = drive_responses(intact_case, surface, own.x, own.frequency)
-        try:
-            extracted = shapes_of(own.field, own.times, own.frequency, own.x)
-        except ValueError as error:  # the record is too short
-            raise CaseError(str(error)) from None
-        return extracted.without_drive(responses)
+        def shapes(own: Measurement) -> Shapes:
+            points = own.x if own.z is None else scanned_places(intact_case)
+            responses = drive_responses(intact_case, surface, points, own.frequency)
+            try:
+                extracted = shapes_of(own.field, own.times, own.frequency, own.x, z=own.z)
+            except ValueError as error:  # the record is too short
+                raise CaseError(str(error)) from None
+            return extracted.without_drive(responses)
 
-    noise: float | FloatArray
-    if measured is None:
-        pure = simulated(case, scan, kept)
-        noise = pure.noise_of(scan)
-        scan_shapes = shapes(pure.noisy(noise, scan.seed))
-        clean = replace(shapes(pure), noise=per_shape(noise, pure.times.size))
-    else:
-        clean = scan_shapes = shapes(measured)
-        noise = per_sample(scan_shapes.noise, measured.times.size)
-    there = np.interp(without.x, scan_shapes.x, np.broadcast_to(noise, scan_shapes.x.shape))
+        noise: float | FloatArray
+        if measured is None:
+            pure = simulated(in_modes(scanned, scan.modes, folder / "damaged"), scan, kept)
+            noise = pure.noise_of(scan)
+            scan_shapes = shapes(pure.noisy(noise, scan.seed))
+            clean = replace(shapes(pure), noise=per_shape(noise, pure.times.size))
+        else:
+            clean = scan_shapes = shapes(measured)
+            noise = per_sample(scan_shapes.noise, measured.times.size)
+        there: float | FloatArray = noise  # at the same points of a plate
+        if without.z is None:
+            of_points = np.broadcast_to(noise, scan_shapes.x.shape)
+            there = np.interp(without.x, scan_shapes.x, of_points)
+        intact_shapes = shapes(without.noisy(there, scan.seed + INTACT_SEED))
     return Detection(
         case,
         scan,
@@ -490,7 +597,7 @@ def detect(
         index,
         scan_shapes,
         _marks(scan_shapes),
-        _marks(shapes(without.noisy(there, scan.seed + INTACT_SEED))),
+        _marks(intact_shapes),
         repeated(index, clean, clean.noise, repetitions=repetitions, seed=scan.seed),
         _rms(noise),
     )
@@ -526,7 +633,7 @@ def _number(value: float) -> float:
     return float(f"{value:.10g}")
 
 
-_TITLES = {
+TITLES = {
     "curvature": "2f-curvature  |V₂″|",
     "V2": "|V₂|",
     "V3": "|V₃|",
@@ -534,6 +641,25 @@ _TITLES = {
     "distortion": "distortion d",
     "thd": "THD",
 }
+
+
+def _pictures(found: Detection) -> dict[str, Picture]:
+    """Return the pictures of a beam with their captions."""
+    return {
+        "figures/detection": (
+            lambda: detection_figure(found),
+            "The index that calls, with its limit of noise and 30 % of its largest value. "
+            "Grey: the delamination of the case. Red bars above: bounds of the true ends.",
+        ),
+        "figures/indices": (
+            lambda: indices_figure(found),
+            "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 beams.",
+        ),
+        "figures/shapes": (
+            lambda: shapes_figure(found),
+            "Complex shapes at the excitation and at twice its frequency.",
+        ),
+    }
 
 
 def beside_intact(case: Case, own: Mark, whole: Mark, *, title: str, **look: Any) -> Figure:
@@ -567,7 +693,7 @@ def detection_figure(found: Detection) -> Figure:
             else "not called"
         )
         axes.set_title(f"{text}: {called}", loc="left")
-        axes.set_ylabel(_TITLES[found.index])
+        axes.set_ylabel(TITLES[found.index])
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     style.label_x(panels, "x [m]")
     again = found.repeated
@@ -586,7 +712,7 @@ def indices_figure(found: Detection) -> Figure:
         _index(axes, index_mark)
         contrast = found.contrast(name)
         more = f", contrast {contrast:.1f}" if np.isfinite(contrast) else ""
-        axes.set_title(_TITLES[name] + more, loc="left")
+        axes.set_title(TITLES[name] + more, loc="left")
     style.label_x(panels, "x [m]")
     style.legend_outside(figure, panels[0], 5, "outside upper right")
     return figure

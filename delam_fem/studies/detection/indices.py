@@ -1,7 +1,8 @@
-"""Damage indices along a beam with limits of noise, and the interval that they mark.
+"""Damage indices along a beam or on a plate with limits of noise, and what they mark.
 
 Each index is one number per point. Its limit is the value that noise alone exceeds anywhere on the
-beam with a given probability, the false-call rate.
+structure with a given probability, the false-call rate. On a beam an interval is marked, on a plate
+a region (`region.py`).
 
 Two more indices are numbers of a point: `sideband_ratio` and `frequency_drift`.
 """
@@ -11,13 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import fdtri
 
 from delam_fem.api import BoolArray, FloatArray
+from delam_fem.studies.detection.region import Region, marked_region
 from delam_fem.studies.signals.scan import Shapes, amplitudes
 
 FALSE_CALLS = 0.01
@@ -37,20 +39,38 @@ _ROUND_OFF = 1e-9
 
 @dataclass(frozen=True)
 class Mark:
-    """Values of an index along a beam, their limits, and the interval that they mark.
+    """Values of an index, their limits, and what they mark.
 
-    A point is marked where the index exceeds its limit and 30 % of its largest value. The interval
-    runs from the first marked point to the last: what lies between is filled.
+    A point is marked where the index exceeds its limit and 30 % of its largest value. On a beam an
+    interval runs from the first marked point to the last: what lies between is filled.
 
     Attributes:
         x: positions of the points, shape (n,) [m].
         values: values of the index, shape (n,).
-        limits: what noise alone seldom exceeds anywhere on the beam, shape (n,).
+        limits: what noise alone seldom exceeds anywhere on the structure, shape (n,).
+        z: positions across a plate, shape (n,) [m]; None: along a beam.
     """
 
     x: FloatArray
     values: FloatArray
     limits: FloatArray
+    z: FloatArray | None = None
+
+    @cached_property
+    def region(self) -> Region:
+        """The marked region of a plate, without holes.
+
+        Raises:
+            ValueError: the points are along a beam.
+        """
+        if self.z is None:
+            raise ValueError("region: expected points on a plate")
+        return marked_region(self.x, self.z, self.values / self.levels)
+
+    @property
+    def levels(self) -> FloatArray:
+        """What the index of a marked point exceeds, shape (n,)."""
+        return np.maximum(self.limits, SHARE * self.values.max())
 
     @property
     def is_over(self) -> BoolArray:
@@ -88,7 +108,16 @@ class Mark:
         Points on the edges count as inside. NaN if there is no point outside or none inside.
         """
         slack = _ROUND_OFF * float(self.x[-1])
-        inside = (self.x >= start - slack) & (self.x <= end + slack)
+        return self.contrast_of((self.x >= start - slack) & (self.x <= end + slack))
+
+    def contrast_of(self, inside: BoolArray) -> float:
+        """Return the largest value within a true delamination over the largest outside it [-].
+
+        NaN if there is no point outside or none inside.
+
+        Args:
+            inside: whether each point is within it, shape (n,).
+        """
         if inside.all() or not inside.any():
             return math.nan
         return float(self.values[inside].max() / self.values[~inside].max())
@@ -97,27 +126,24 @@ class Mark:
 def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2.0) -> Mark:
     """Return the index |V''| of the complex shape at twice the excitation, by second differences.
 
-        V''(x_j) = 2 (V_{j-1} / (h₁ (h₁+h₂)) - V_j / (h₁ h₂) + V_{j+1} / (h₂ (h₁+h₂)))
-
-    Its unit is that of the field over m². The ends have no value and are left out.
+    On a plate it is the Laplacian. Its unit is that of the field over m². Points at the ends or
+    edges have no value and are left out.
 
     Source: A. K. Pandey, M. Biswas, M. M. Samman, "Damage detection from changes in curvature mode
     shapes", J. Sound Vib. 145 (1991), for modes; here the shape is that of the second harmonic.
     """
-    x = shapes.x
-    V = shapes.order(order)
-    h1, h2 = np.diff(x)[:-1], np.diff(x)[1:]
-    weights = 2.0 / np.stack([h1 * (h1 + h2), -h1 * h2, h2 * (h1 + h2)])
-    values = np.abs(weights[0] * V[:-2] + weights[1] * V[1:-1] + weights[2] * V[2:])
-    noise = np.broadcast_to(shapes.noise, x.shape)
-    powers = (weights * np.stack([noise[:-2], noise[1:-1], noise[2:]])) ** 2
-    power = powers.sum(axis=0)
-    # a sum of three estimated noises varies less than one: effective lines (Satterthwaite)
-    squares = (powers**2).sum(axis=0)
+    bending = shapes.bending
+    values = np.abs(bending.matrix @ shapes.order(order))
+    noise = np.broadcast_to(shapes.noise, shapes.x.shape)
+    squares_of_weights = bending.matrix.power(2)
+    power = squares_of_weights @ noise**2
+    # a sum of estimated noises varies less than one: effective lines (Satterthwaite)
+    squares = squares_of_weights.power(2) @ noise**4
     share = np.divide(power**2, squares, out=np.ones_like(power), where=squares > 0.0)
     n_lines = shapes.n_lines * share
     limits = np.sqrt(power) * _largest_of_noise(1, n_lines, values.size, false_calls)
-    return Mark(x[1:-1], values, limits)
+    z = None if shapes.z is None else shapes.z[bending.points]
+    return Mark(shapes.x[bending.points], values, limits, z)
 
 
 def magnitude(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2.0) -> Mark:
@@ -128,7 +154,7 @@ def magnitude(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2
     """
     values = np.abs(shapes.order(order))
     limit = shapes.noise * _largest_of_noise(1, shapes.n_lines, values.size, false_calls)
-    return Mark(shapes.x, values, np.broadcast_to(limit, values.shape))
+    return Mark(shapes.x, values, np.broadcast_to(limit, values.shape), shapes.z)
 
 
 def thd(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
@@ -142,7 +168,7 @@ def thd(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
     first = np.maximum(np.abs(shapes.order(1.0)), np.finfo(np.float64).tiny)
     values = np.sqrt(np.sum(higher, axis=0)) / first
     limit = shapes.noise * _largest_of_noise(len(higher), shapes.n_lines, values.size, false_calls)
-    return Mark(shapes.x, values, limit / first)
+    return Mark(shapes.x, values, limit / first, shapes.z)
 
 
 def distortion(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
@@ -151,9 +177,8 @@ def distortion(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
     Source: I. Müller, eq. 2 (the 1 is subtracted outside the root).
     """
     thd_mark = thd(shapes, false_calls)
-    return Mark(
-        thd_mark.x, np.sqrt(1.0 + thd_mark.values**2) - 1.0, np.sqrt(1.0 + thd_mark.limits**2) - 1.0
-    )
+    values, limits = (np.sqrt(1.0 + own**2) - 1.0 for own in (thd_mark.values, thd_mark.limits))
+    return Mark(thd_mark.x, values, limits, thd_mark.z)
 
 
 INDICES: dict[str, Callable[[Shapes, float], Mark]] = {
@@ -254,12 +279,14 @@ class Repeated:
         start, end: bounds of the true ends, each of shape (2,) [m]: those of the marks over all
             calls, and a spacing more, since an edge lies between two points.
         middle: medians of start and end, shape (2,) [m].
+        area: bounds of the marked area of a plate over all calls, shape (2,) [m2]; NaN on a beam.
     """
 
     calls: float
     start: FloatArray
     end: FloatArray
     middle: FloatArray
+    area: FloatArray
 
 
 def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
@@ -291,8 +318,14 @@ def repeated(
         mark(name, replace(shapes.noisy(noise, rng), noise=noise, n_lines=shapes.n_lines))
         for _ in range(repetitions)
     ]
-    ends = [(index_mark.start, index_mark.end) for index_mark in marks if index_mark.is_detected]
+    called = [index_mark for index_mark in marks if index_mark.is_detected]
+    ends = [(index_mark.start, index_mark.end) for index_mark in called]
     shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))
     found_ends = np.quantile(ends, shares, axis=0) if ends else np.full((3, 2), np.nan)
-    bounds = found_ends[[0, 2]] + np.diff(shapes.x).max() * np.array([[-1.0], [1.0]])
-    return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1], found_ends[1])
+    between = np.diff(np.unique(shapes.x)).max()
+    bounds = found_ends[[0, 2]] + between * np.array([[-1.0], [1.0]])
+    area = np.full(2, np.nan)
+    if shapes.z is not None and called:
+        areas = [index_mark.region.area for index_mark in called]
+        area = np.quantile(areas, shares)[[0, 2]]
+    return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1], found_ends[1], area)

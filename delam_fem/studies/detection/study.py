@@ -44,8 +44,9 @@ class Scan(Options):
 
     Attributes:
         lamina: name of the lamina whose surface is measured; by default the thinner outermost one.
-        spacing: distance of the points [m].
-        first: position of the first point [m].
+        spacing: distance of the points [m]; of a plate, along both axes.
+        first: position of the first point on a beam [m].
+        modes: number of modes that a plate is reduced to.
         quantity: what the sensor measures, absolute, in the fixed frame.
         sampling_rate: rate of samples [Hz], rounded to a whole number of samples per period of the
             excitation; by default 50 per period.
@@ -60,6 +61,7 @@ class Scan(Options):
     lamina: Annotated[str | None, Flag(metavar="NAME")] = None
     spacing: float = 0.01
     first: float = 0.0
+    modes: Annotated[int, Flag(least=1)] = 60
     quantity: Literal["velocity", "displacement"] = "velocity"
     sampling_rate: float | None = None
     periods: Annotated[int, Flag(least=1)] = 16
@@ -197,7 +199,6 @@ DETECT: Study[Detect, Detection] = Study(
     "Data",
     "detect scan",
     takes=NOT_REDUCED,
-    takes_plates=False,
     needs="delamination",
     has_checkpoints=True,
 )

@@ -25,7 +25,6 @@ from delam_fem.api import (
     SENSOR,
     Case,
     CaseError,
-    FloatArray,
     IntArray,
     Layout,
     atomic_file,
@@ -37,7 +36,7 @@ from delam_fem.api import (
     write_json,
     write_text,
 )
-from delam_fem.studies.signals.scan import ORDERS, scan_positions
+from delam_fem.studies.signals.scan import ORDERS, positions_of
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
 from delam_fem.studies.sweeps.journal import (
     OUTCOMES,
@@ -53,6 +52,7 @@ from delam_fem.studies.sweeps.point import (
     Quantity,
     channel_units,
     quantities,
+    scanned,
 )
 from delam_fem.studies.sweeps.schedule import owners
 
@@ -151,7 +151,7 @@ _WORDS = np.array(OUTCOMES, dtype=object)
 
 
 def _coordinates(
-    file: h5netcdf.File, sweep: Sweep, wanted: tuple[Quantity, ...], x: FloatArray
+    file: h5netcdf.File, sweep: Sweep, wanted: tuple[Quantity, ...], layout: Layout
 ) -> None:
     """Write the dimensions and coordinates of a sweep."""
     sizes = dict(sweep.sizes)
@@ -163,15 +163,18 @@ def _coordinates(
         units = "" if isinstance(axis.values[0], str) else axis.units
         _variable(file, axis.name, (axis.along,), units, labels, axis.values)
     scan = sweep.file.record.scan
-    known = {
+    known: dict[str, npt.ArrayLike] = {
         "direction": DIRECTIONS,
         "lamina": [lamina.name for lamina in sweep.base.lamina],
         "strobe": np.arange(1 - sizes.get("strobe", 0), 1),
         "harmonic": np.arange(1, sizes.get("harmonic", 0) + 1),
-        "x": x,
+        "x": layout.x,
         "order": ORDERS,
-        "scan_x": () if scan is None else scan_positions(float(x[-1]), scan.spacing, scan.first),
     }
+    if scan is not None:
+        known["scan_x"], z = positions_of(scanned(scan, layout, sweep.base))
+        if z is not None:
+            known["scan_z"] = z
     for name, values in known.items():
         row = VARIABLES[name]
         if row.dims[0] in sizes:
@@ -334,14 +337,14 @@ def write_result(
     machines = {"hosts": ", ".join(hosts), "processors": ", ".join(sorted(set(processors)))}
     write_json(directory / OCCASION, {**occasion(), **machines, **about})
     grid = tuple(sweep.sizes)
-    wanted = quantities(sweep.file.record, layout, channel_units(sweep, layout))
+    wanted = quantities(sweep.file.record, layout, channel_units(sweep, layout), sweep.base)
     outer, *inner = sweep.sizes.values()
     per_index = math.prod(inner)
     size = sum(quantity.size for quantity in wanted)
     step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
     n_missing = sweep.n_points - merged.numbers.size
     with atomic_file(directory / RESULT) as temporary, h5netcdf.File(temporary, "w") as file:
-        _coordinates(file, sweep, wanted, layout.x)
+        _coordinates(file, sweep, wanted, layout)
         # NetCDF needs a list of the coordinates without a dimension of the same name
         off_dimension = [name for name in file.variables if name not in file.dimensions]
         for row in (*wanted, VARIABLES["outcome"], VARIABLES["error"]):

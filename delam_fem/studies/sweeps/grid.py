@@ -202,14 +202,16 @@ class Axis(Section):
 class ScanRecord(Section):
     """A row of points on the surface of a lamina, as a scanning vibrometer measures it.
 
+    Of a plate the points are those of its [scan], and the table has no keys.
+
     Attributes:
         lamina: its name; None: the thinner outermost one.
-        spacing: distance of the points [m].
+        spacing: distance of the points [m]; None: the case is a plate.
         first: position of the first point [m].
     """
 
     lamina: Label | None = None
-    spacing: Positive
+    spacing: Positive | None = None
     first: NotNegative = 0.0
 
 
@@ -322,6 +324,7 @@ INITIAL = "initial"
 _INITIAL_QUANTITIES = ("displacement", "velocity")
 TAKEN = {
     "direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "error", "order", "scan_x",
+    "scan_z",
 }  # fmt: skip
 """Names that an axis cannot have, because the result uses them."""
 
@@ -699,9 +702,28 @@ def require_valid(sweep: Sweep) -> None:
         )
     if not case.is_harmonic:
         raise CaseError(f"{label}: record.scan: expected a harmonic excitation")
-    scan_positions(case.length, scan.spacing, scan.first)
-    if any(d.key.endswith(".length") for d in sweep.dimensions):
-        raise CaseError(f"{label}: record.scan: expected one length for all points")
+    _check_points(case, scan, label)
+    if any(d.key.endswith(".length") or d.key.startswith("scan.") for d in sweep.dimensions):
+        raise CaseError(f"{label}: record.scan: expected one length and one scan for all points")
+
+
+def _check_points(case: Case, scan: ScanRecord, label: str) -> None:
+    """Check that the points of a scan are said once: of a plate by the case, of others here.
+
+    Raises:
+        CaseError: they are not.
+    """
+    if not case.is_plate:
+        if scan.spacing is None:
+            raise CaseError(f"{label}: record.scan.spacing: missing, but required of beams")
+        scan_positions(case.length, scan.spacing, scan.first)
+        return
+    if case.scan is None:
+        raise CaseError(f"{label}: record.scan: expected a plate with [scan], given none")
+    if given := sorted(scan.model_fields_set):
+        raise CaseError(
+            f"{label}: record.scan.{given[0]}: expected none of a plate, whose [scan] says it"
+        )
 
 
 def _some(count: int) -> list[int]:

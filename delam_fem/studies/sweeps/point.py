@@ -77,6 +77,7 @@ from delam_fem.api import (
     offered,
     one_period,
     places_of,
+    scanned_places,
     session_of,
     set_initial,
     settling_summary,
@@ -85,7 +86,9 @@ from delam_fem.api import (
 from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.signals.scan import (
     ORDERS,
+    Points,
     amplitudes as complex_amplitudes,
+    positions_of,
     scan_field,
     scan_positions,
     shapes_of,
@@ -188,6 +191,7 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
             Variable("x", ("node",), "m", "position along the laminae"),
             Variable("order", ("order",), "1", "multiple of the excitation's frequency"),
             Variable("scan_x", ("scan_point",), "m", "position of the points of a scan"),
+            Variable("scan_z", ("scan_point",), "m", "their position across a plate"),
         )
     }
 )
@@ -226,8 +230,17 @@ class Quantity(Variable):
         return math.prod(self.shape)
 
 
-def scanned(scan: ScanRecord, layout: Layout) -> FloatArray:
-    """Return the positions of the points of a scan, shape (n,) [m]."""
+def scanned(scan: ScanRecord, layout: Layout, case: Case | None) -> Points:
+    """Return the points of a scan: of a plate those of [scan].
+
+    Args:
+        scan: section `record.scan` of the sweep file.
+        layout: layout of the structure.
+        case: the case of a plate; None: beams.
+    """
+    if case is not None and case.scan is not None:
+        return scanned_places(case)
+    assert scan.spacing is not None  # the sweep is checked
     return scan_positions(float(layout.x[-1]), scan.spacing, scan.first)
 
 
@@ -255,7 +268,10 @@ def channel_units(sweep: Sweep, layout: Layout) -> dict[str, str]:
 
 
 def quantities(
-    record: Record, layout: Layout, channels: Mapping[str, str] = MappingProxyType({})
+    record: Record,
+    layout: Layout,
+    channels: Mapping[str, str] = MappingProxyType({}),
+    case: Case | None = None,
 ) -> tuple[Quantity, ...]:
     """Return the numbers that a sweep keeps of each point, in the order of its row.
 
@@ -263,14 +279,18 @@ def quantities(
         record: section `record` of the sweep file.
         layout: layout of the structure.
         channels: what `channel_units` returns.
+        case: case of a plate, whose [scan] is recorded; None: beams.
     """
+    n_scanned = 0
+    if record.scan is not None:
+        n_scanned = len(scanned(record.scan, layout, case))
     sizes = {
         "lamina": len(layout.parts),
         "strobe": record.strobes,
         "harmonic": record.harmonics,
         "node": layout.x.size,
         "order": len(ORDERS),
-        "scan_point": 0 if record.scan is None else scanned(record.scan, layout).size,
+        "scan_point": n_scanned,
     }
     rows = [row for key, group in RECORDED.items() if getattr(record, key) for row in group]
     of_tables = [
@@ -486,9 +506,10 @@ def _scan(
     case: Case, recorder: Recorder, structure: Structure, scan: ScanRecord
 ) -> dict[str, npt.ArrayLike]:
     """Return the complex velocity shapes of the points of a scan; NaN for orders not sampled."""
-    x = scanned(scan, structure.layout)
-    times, _, v = scan_field(recorder, structure, surface_of(case, scan.lamina), x)
-    shapes = shapes_of(v, times, case.excitation.top_frequency, x)
+    points = scanned(scan, structure.layout, case)
+    times, _, v = scan_field(recorder, structure, surface_of(case, scan.lamina), points)
+    x, z = positions_of(points)
+    shapes = shapes_of(v, times, case.excitation.top_frequency, x, z=z)
     scan_values = np.full((len(ORDERS), x.size), np.nan, dtype=np.complex128)
     scan_values[[ORDERS.index(order) for order in shapes.orders]] = shapes.values
     rms = float(np.sqrt(np.mean(v**2)))
@@ -762,7 +783,7 @@ class PointRunner:
     def _quantities(self, layout: Layout) -> tuple[Quantity, ...]:
         """Return the numbers that the sweep keeps of a point; see `quantities`."""
         if self._wanted is None or self._wanted[0] is not layout:
-            wanted = quantities(self.sweep.file.record, layout, self.channels)
+            wanted = quantities(self.sweep.file.record, layout, self.channels, self.sweep.base)
             self._wanted = layout, wanted
         return self._wanted[1]
 

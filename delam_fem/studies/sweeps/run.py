@@ -501,7 +501,7 @@ def sweep_cost(
     longer = 1.0 + 3.0 * record.lyapunov / case.n_periods
     each = step_hours(case, sweep.file.engine) * longer + POINT_SECONDS / 3600.0
     hours = n * each / n_workers + STUDY_SECONDS / 3600.0
-    row = 8.0 * sum(quantity.size for quantity in quantities(record, layout, channels))
+    row = 8.0 * sum(quantity.size for quantity in quantities(record, layout, channels, sweep.base))
     worker = run_cost(case, sweep.file.engine).memory * n_workers
     files = FILE_BYTES + 2.0 * n * (row + POINT_BYTES)
     return Cost(hours, 8 * n + worker, files, (1 + n_workers) * WORKER_BYTES)
