@@ -1581,11 +1581,11 @@ class SurfaceScan(Section):
     def _one_source(self) -> Self:
         """Check that the points are given once."""
         keys = ("spacing", "file", "points")
-        given = [key for key in keys if getattr(self, key) is not None]
-        if len(given) != 1:
+        sources = [key for key in keys if getattr(self, key) is not None]
+        if len(sources) != 1:
             raise inconsistent(
-                given[-1] if given else "spacing",
-                f"expected one of {', '.join(keys)}, given {', '.join(given) or 'none'}",
+                sources[-1] if sources else "spacing",
+                f"expected one of {', '.join(keys)}, given {', '.join(sources) or 'none'}",
             )
         return self
 

@@ -235,8 +235,10 @@ def with_scan(case: Case, scan: Scan, measured: Measurement | None = None) -> Ca
             f"first: expected none on a plate, whose grid is in its middle, given {scan.first:g} m"
         )
     if case.scan is None:
-        own: dict[str, object] = {"scan.spacing": scan.spacing}
-        return case.with_overrides(own | ({"scan.lamina": scan.lamina} if scan.lamina else {}))
+        keys: dict[str, object] = {"scan.spacing": scan.spacing}
+        if scan.lamina is not None:
+            keys["scan.lamina"] = scan.lamina
+        return case.with_overrides(keys)
     if (scan.spacing, scan.lamina) != (plain.spacing, plain.lamina):
         raise CaseError(
             "spacing: expected none beside the [scan] of the case, nor a lamina; give it there, as "

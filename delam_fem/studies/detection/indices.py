@@ -177,7 +177,7 @@ def distortion(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
     Source: I. Müller, eq. 2 (the 1 is subtracted outside the root).
     """
     thd_mark = thd(shapes, false_calls)
-    values, limits = (np.sqrt(1.0 + own**2) - 1.0 for own in (thd_mark.values, thd_mark.limits))
+    values, limits = (np.sqrt(1.0 + ratio**2) - 1.0 for ratio in (thd_mark.values, thd_mark.limits))
     return Mark(thd_mark.x, values, limits, thd_mark.z)
 
 

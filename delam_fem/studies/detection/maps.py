@@ -27,12 +27,12 @@ def patches_of(case: Case) -> Region:
         low, high = (-half, half) if patch.across is None else patch.across
         if patch.is_ellipse:
             angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
-            s, t = np.cos(angle), np.sin(angle)
+            corners = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         else:
-            s, t = np.array([[-1.0, 1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, 1.0]])
-        x = 0.5 * (patch.start + patch.end) + 0.5 * (patch.end - patch.start) * s
-        z = 0.5 * (low + high) + 0.5 * (high - low) * t
-        outlines.append(np.stack([x, z], axis=1))
+            corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        first = np.array([patch.start, low])
+        last = np.array([patch.end, high])
+        outlines.append(0.5 * (first + last) + 0.5 * (last - first) * corners)
     return Region(tuple(outlines))
 
 

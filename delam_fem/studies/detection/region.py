@@ -57,11 +57,14 @@ class Region:
         corners = [*self.outlines, *other.outlines]
         if not (self.outlines and other.outlines):
             return 0.0
-        low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+        low = np.concatenate(corners).min(axis=0)
+        high = np.concatenate(corners).max(axis=0)
         steps = (np.arange(cells) + 0.5) / cells
         x, z = np.meshgrid(*(a + (b - a) * steps for a, b in zip(low, high, strict=True)))
-        ours, theirs = self.contains(x, z), other.contains(x, z)
-        return float(np.count_nonzero(ours & theirs) / max(np.count_nonzero(ours | theirs), 1))
+        is_here = self.contains(x, z)
+        is_there = other.contains(x, z)
+        either = np.count_nonzero(is_here | is_there)
+        return float(np.count_nonzero(is_here & is_there) / max(either, 1))
 
 
 def area_of(outline: FloatArray) -> float:

@@ -720,9 +720,9 @@ def _check_points(case: Case, scan: ScanRecord, label: str) -> None:
         return
     if case.scan is None:
         raise CaseError(f"{label}: record.scan: expected a plate with [scan], given none")
-    if given := sorted(scan.model_fields_set):
+    if keys := sorted(scan.model_fields_set):
         raise CaseError(
-            f"{label}: record.scan.{given[0]}: expected none of a plate, whose [scan] says it"
+            f"{label}: record.scan.{keys[0]}: expected none of a plate, whose [scan] says it"
         )
 
 

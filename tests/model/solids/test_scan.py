@@ -45,11 +45,11 @@ def test_a_grid_is_in_the_middle_of_the_plate():
 
 
 def test_points_of_a_file_keep_their_order_and_units(tmp_path):
-    given = [(10.0 * k, (-1) ** k * 5.0 * k) for k in range(1, 11)]
+    places = [(10.0 * k, (-1) ** k * 5.0 * k) for k in range(1, 11)]
     path = tmp_path / "points.csv"
-    path.write_text("x [mm],z [mm]\n" + "\n".join(f"{x},{z}" for x, z in given) + "\n")
+    path.write_text("x [mm],z [mm]\n" + "\n".join(f"{x},{z}" for x, z in places) + "\n")
     points = scan_points(plate(scan={"file": str(path)}))
-    np.testing.assert_allclose(points, 1e-3 * np.array(given))
+    np.testing.assert_allclose(points, 1e-3 * np.array(places))
 
 
 @pytest.mark.parametrize(
