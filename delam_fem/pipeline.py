@@ -53,7 +53,7 @@ from delam_fem.results import (
     record,
     rest as rest_state,
 )
-from delam_fem.results.fields import solids
+from delam_fem.results.fields import sheets, solids
 from delam_fem.results.folder import AS_PROBES, OperatorsResult, ProblemView, Result
 from delam_fem.results.overlap import overlap_warnings
 from delam_fem.results.pages.html import reporting
@@ -567,7 +567,8 @@ def _result(
     if "message" in summary:
         _log.error(summary["message"])
     solid = None if structure.body is None else solids.collected(structure, recorder, case)
-    return Result(case, history, json_ready(summary), state, solid=solid)
+    plate = None if structure.layout.sheets is None else sheets.collected(structure, recorder)
+    return Result(case, history, json_ready(summary), state, solid=solid, plate=plate)
 
 
 def _divergence(case: Case, history: xr.Dataset) -> str:

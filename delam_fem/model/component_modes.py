@@ -413,6 +413,9 @@ def projected(structure: Structure, basis: Basis) -> Structure:
         buckling_factor=o.buckling_factor,
     )
     layout, reading = structure.layout, structure.layout.reading
+    sheets = layout.sheets
+    if sheets is not None:
+        sheets = replace(sheets, matrix=np.asarray(sheets.matrix @ V))
     rows, moved = (V, np.zeros(len(V))) if reading is None else (reading.matrix @ V, reading.base)
     return Structure(
         operators,
@@ -421,6 +424,7 @@ def projected(structure: Structure, basis: Basis) -> Structure:
             reading=Reading(sp.csr_matrix(rows), moved, _parts(layout, basis)),
             sensors=(),
             gap_row=None,
+            sheets=sheets,
         ),
     )
 

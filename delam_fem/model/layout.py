@@ -251,6 +251,38 @@ class Reading:
 
 
 @dataclass(frozen=True)
+class Sheets:
+    """The middle surfaces of the laminae of a reduced plate, which show what its body does.
+
+    Attributes:
+        points: x, y and z of each point at half of the height of its lamina, shape (n, 3) [m].
+        thickness: thickness of the lamina there, shape (n,) [m].
+        part: number of the lamina, shape (n,).
+        cells: points of each cell, counter-clockwise from above, shape (n_cells, 4).
+        matrix: deflection of the points as functionals of the dofs, shape (n, n_dofs); of single
+            precision in a file, 7 digits of what is shown.
+        base: of the base, shape (n,).
+    """
+
+    points: FloatArray
+    thickness: FloatArray
+    part: IntArray
+    cells: IntArray
+    matrix: Any
+    base: FloatArray
+
+    def of(self, vectors: FloatArray, base: FloatArray) -> FloatArray:
+        """Return the deflections of the points, shape (k, n) [m].
+
+        Args:
+            vectors: values of the dofs; those of impactors follow and are not read, (k, n_dofs).
+            base: values of the base, shape (k,).
+        """
+        moved = vectors[:, : self.matrix.shape[1]] @ self.matrix.T
+        return np.asarray(moved + base[:, None] * self.base)
+
+
+@dataclass(frozen=True)
 class Layout:
     """The meaning of the rows and columns of operators.
 
@@ -268,6 +300,7 @@ class Layout:
             of `Operators.sensors`.
         places: places of a plate beside the points of the parts; their deflections are the last
             rows of `reading`.
+        sheets: the surfaces of a reduced plate; None: of others.
     """
 
     parts: tuple[Part, ...]
@@ -280,6 +313,7 @@ class Layout:
     stops: tuple[StopPairs, ...] = ()
     n_impactors: int = 0
     places: tuple[Place, ...] = ()
+    sheets: Sheets | None = None
 
     def number_of(self, place: Place) -> int:
         """Return the row of the reading that is the deflection at a place.

@@ -118,6 +118,10 @@ def reduced_case(
     begin = time.perf_counter()
     if full is None or case.stop or case.impactor or case.initial or case.is_loaded:
         full = assemble(case.without_strikes.before_loads)
+    if case.is_plate and full.body is not None:
+        from delam_fem.model.solids.body import sheets_of  # needs dolfinx
+
+        full = replace(full, layout=replace(full.layout, sheets=sheets_of(full.body)))
     start = with_start(full, case).operators.start
     assembled = time.perf_counter()
     o = full.operators

@@ -22,7 +22,15 @@ from delam_fem.case.definition import Case
 from delam_fem.case.excitation import places_of
 from delam_fem.case.sections import Lamina, x_of, z_of
 from delam_fem.model.beams.network import completed, gap_at_rest, layout_of, parts_of
-from delam_fem.model.layout import Interface, Layout, Place, Reading, Structure, in_order
+from delam_fem.model.layout import (
+    Interface,
+    Layout,
+    Place,
+    Reading,
+    Sheets,
+    Structure,
+    in_order,
+)
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics.types import FloatArray
@@ -37,6 +45,8 @@ _DIMENSIONS: Mapping[str, tuple[int, ...]] = {
     **dict.fromkeys(("reading_base", "reading_part", "places"), (1,)),
     **dict.fromkeys(("base", "H", "probes", "readings", "strains", "start", "spots"), (2,)),
     **dict.fromkeys(("dofs", "sections"), (3,)),
+    **dict.fromkeys(("sheet_points", "sheet_cells", "sheet_matrix"), (2,)),
+    **dict.fromkeys(("sheet_thickness", "sheet_part", "sheet_base"), (1,)),
     "damping": (1, 2),
 }
 """Numbers of dimensions that the arrays of a file may have; `places_k` are those of interface k, as
@@ -105,6 +115,16 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
     }
     if layout.places:
         content["spots"] = np.array(layout.places, dtype=np.float64)
+    if layout.sheets is not None:
+        sheets = layout.sheets
+        content |= {
+            "sheet_points": sheets.points,
+            "sheet_thickness": sheets.thickness,
+            "sheet_part": sheets.part,
+            "sheet_cells": sheets.cells,
+            "sheet_matrix": sheets.matrix.astype(np.float32),
+            "sheet_base": sheets.base,
+        }
     content["lower"] = np.array(
         [interface.parts[0] for interface in layout.interfaces], dtype=np.int64
     )
@@ -236,7 +256,27 @@ def _structure(data: Mapping[str, Any], origin: Case) -> Structure:
     rows = data.get("spots", np.zeros((0, 4))).tolist()
     places = tuple(Place(int(part), x, z, int(side)) for part, x, z, side in rows)
     layout = layout_of(origin, parts, in_order(interfaces), reading, places)
+    if "sheet_matrix" in data:
+        layout = replace(layout, sheets=_sheets(data, n))
     return Structure(operators, layout)
+
+
+def _sheets(data: Mapping[str, Any], n_dofs: int) -> Sheets:
+    """Return the surfaces of the laminae that a file has.
+
+    Raises:
+        ValueError: arrays do not fit one another.
+        KeyError: one is missing.
+    """
+    names = ("points", "thickness", "part", "cells", "matrix", "base")
+    sheets = Sheets(*(data[f"sheet_{name}"] for name in names))
+    n = len(sheets.points)
+    sizes = {sheets.thickness.size, sheets.part.size, sheets.base.size, len(sheets.matrix)}
+    if sizes != {n} or sheets.points.shape[1] != 3 or sheets.cells.shape[1] != 4:
+        raise ValueError("sheets of another size")
+    if sheets.matrix.shape[1] != n_dofs or not 0 <= sheets.cells.min() <= sheets.cells.max() < n:
+        raise ValueError("sheets of another size")
+    return sheets
 
 
 def _assembled(case: Case) -> Iterator[tuple[str, object]]:

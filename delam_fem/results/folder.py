@@ -14,7 +14,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.model.discretise import has_dolfinx
 from delam_fem.results.netcdf import write_dataset
-from delam_fem.results.reading import OF_SUMMARY, RESULT, SOLID, SUMMARY, load_numbers
+from delam_fem.results.reading import OF_SUMMARY, RESULT, SOLID, SUMMARY, SURFACE, load_numbers
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
 from delam_fem.system.errors import CaseError
@@ -28,6 +28,7 @@ from delam_fem.system.files import (
 from delam_fem.system.written import drop_made_of_result
 
 if TYPE_CHECKING:
+    from delam_fem.results.fields.sheets import SheetFrames
     from delam_fem.results.fields.solids import Frames
     from delam_fem.results.figures.run import Plots
 
@@ -46,6 +47,7 @@ class Result:
             None: the run cannot be.
         solid: the fields of a solid at the frames; None: laminae are beams, there are no frames, or
             another rank has them.
+        plate: the surfaces of a reduced plate at the frames; None: it is none.
     """
 
     case: Case
@@ -55,6 +57,7 @@ class Result:
     checkpoint: Path | None = None
     final: Mapping[str, Any] | None = None
     solid: Frames | None = None
+    plate: SheetFrames | None = None
 
     def __repr__(self) -> str:
         """Return what was computed in a line; `summary` and `history` have the numbers."""
@@ -133,6 +136,12 @@ class Result:
                 written.append(write_solid(self.solid, directory / "fields"))
             elif isinstance(self.case, Case) and not self.case.model.is_continuum:
                 discard(directory / "fields" / SOLID)
+            if self.plate is not None:
+                from delam_fem.results.fields.sheets import write_sheets
+
+                written.append(write_sheets(self.plate, directory / "fields"))
+            elif isinstance(self.case, Case):
+                discard(directory / "fields" / SURFACE)
             drop_made_of_result(directory)
             if figures:
                 written += save_views(self._drawn, self.summary, self.case, directory)

@@ -26,6 +26,8 @@ from delam_fem.system.files import UNFINISHED, require_finished
 from delam_fem.system.footprint import bounded
 
 _log = logging.getLogger(__name__)
+SURFACE = "surface.vtkhdf"
+"""Name of the file with the fields of a reduced plate, in the folder of the fields."""
 SOLID = "solid.vtkhdf"
 """Name of the file with the fields of a solid, in the folder of the fields."""
 

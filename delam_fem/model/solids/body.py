@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,10 +22,10 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.model import _dolfinx
 from delam_fem.model.beams.network import network
-from delam_fem.model.layout import Place
+from delam_fem.model.layout import Place, Sheets
 from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.facing import Pairs, pressure
-from delam_fem.model.solids.forms import Recovery, Solid, evaluate
+from delam_fem.model.solids.forms import SAME, Recovery, Solid, evaluate
 from delam_fem.model.solids.mesh import (
     FACET_OF,
     FACETS,
@@ -288,6 +289,50 @@ def place_rows(solid: Solid, places: Sequence[Place]) -> sp.csr_matrix:
         points[chosen] = middle_line(mesh, part, x, z, 0.5 + side * (0.5 - _INSIDE))
     cells = locate(mesh, points, table[:, 0].astype(np.int64))
     return evaluate(solid, points, cells).displacement(UP)
+
+
+def sheets_of(body: Body) -> Sheets | None:
+    """Return the middle surfaces of the laminae of a plate on one rank.
+
+    Returns:
+        The surfaces; None if cells are no hexahedra with upright edges.
+    """
+    mesh = body.mesh
+    if mesh.cell != "hexahedron":
+        return None
+    middle = 0.5 * (mesh.points[:, 2].min() + mesh.points[:, 2].max())
+    tables: dict[str, list[Any]] = {"points": [], "thickness": [], "part": [], "cells": []}
+    first = 0
+    for number in range(int(mesh.lamina.max()) + 1):
+        cells = mesh.cells[mesh.lamina == number]
+        corners = mesh.points[cells]
+        size = np.ptp(mesh.points[:, [0, 2]], axis=0).max()
+        keys = np.round(corners[..., [0, 2]].reshape(-1, 2) / (SAME * size)).astype(np.int64)
+        _, where, vertex = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        plan = corners.reshape(-1, 3)[where]
+        heights = corners[..., UP].ravel()
+        low = np.full(where.size, np.inf)
+        high = np.full(where.size, -np.inf)
+        np.minimum.at(low, vertex.ravel(), heights)
+        np.maximum.at(high, vertex.ravel(), heights)
+        of_cells = np.sort(vertex.reshape(len(cells), -1), axis=1)
+        if (of_cells[:, ::2] != of_cells[:, 1::2]).any():
+            return None
+        quads = np.unique(of_cells[:, ::2], axis=0)
+        at = plan[quads][..., [0, 2]]
+        away = at - at.mean(axis=1, keepdims=True)
+        order = np.argsort(-np.arctan2(away[..., 1], away[..., 0]), axis=1)
+        plan[:, UP] = 0.5 * (low + high)
+        plan[:, 2] -= middle
+        tables["points"].append(plan)
+        tables["thickness"].append(high - low)
+        tables["part"].append(np.full(where.size, number))
+        tables["cells"].append(first + np.take_along_axis(quads, order, axis=1))
+        first += where.size
+    points, thickness, part, cells = (np.concatenate(values) for values in tables.values())
+    places = [Place(int(k), x, z, 0) for k, (x, _, z) in zip(part, points.tolist(), strict=True)]
+    rows = place_rows(body.solid, places)
+    return Sheets(points, thickness, part, cells, rows @ body.free, rows @ body.base)
 
 
 def middle_line(

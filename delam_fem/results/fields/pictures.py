@@ -526,7 +526,10 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
 
 def remove_fields(directory: Path) -> None:
     """Remove the fields of an earlier run, which would be taken for those of this one."""
-    single = [directory / name for name in ("fields.pvd", "fields.vtkhdf", "solid.vtkhdf")]
+    single = [
+        directory / name
+        for name in ("fields.pvd", "fields.vtkhdf", "solid.vtkhdf", "surface.vtkhdf")
+    ]
     folders = [directory / name for name in ("fields.bp", "solid.bp")]
     for path in (*single, *directory.glob("fields_*.vtu"), *folders):
         discard(path)
