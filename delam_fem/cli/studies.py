@@ -136,7 +136,7 @@ Channels = Annotated[
     list[str] | None,
     typer.Option(
         "--channel",
-        metavar="NAME=SOURCE[:UNIT][@X[/LAMINA]]",
+        metavar="NAME=SOURCE[:UNIT][@X[:Z][/LAMINA]]",
         help="What a column is, e.g. 'tip thick=col2:mm' or "
         "'mid=Laser 3:mm/s@0.2/upper'; repeatable.",
     ),

@@ -320,7 +320,8 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
     dataset = read_field(files, options, scan.quantity, surface_of(case, scan.lamina))
     field = dataset.to_numpy()
     x = dataset["position"].to_numpy()
-    if x.size < 5 or not np.all(np.diff(x) > 0.0):
+    z = _across(dataset) if case.is_plate else None
+    if z is None and (x.size < 5 or not np.all(np.diff(x) > 0.0)):
         raise CaseError(
             f"measured: expected {scan.quantity} at 5 or more different positions on the lamina "
             f"{surface_of(case, scan.lamina)!r}, given {x.tolist()}"
@@ -335,7 +336,23 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
             f"given one of {frequency:.6g} Hz; was it --set excitation.frequency={frequency:.6g}?"
         )
     is_same = abs(frequency - drive) * (times[-1] - times[0]) < UNCERTAIN
-    return Measurement(times, x, field[is_complete], drive if is_same else frequency)
+    return Measurement(times, x, field[is_complete], drive if is_same else frequency, z)
+
+
+def _across(field: xr.DataArray) -> FloatArray:
+    """Return the places across a plate of the points of a measured field, shape (n,) [m].
+
+    Raises:
+        CaseError: a point has none.
+    """
+    across = field["across"].to_numpy()
+    if not np.isfinite(across).all():
+        names = field["channel"].to_numpy()[~np.isfinite(across)].tolist()
+        raise CaseError(
+            "measured: expected points of a plate with x and z, as in "
+            f"--channel 'p1=P1:m/s@0.01:-0.02/upper', given none across of {', '.join(names[:3])}"
+        )
+    return np.asarray(across)
 
 
 def intact(case: Case) -> Case:

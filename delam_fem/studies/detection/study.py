@@ -32,7 +32,7 @@ class Measured(Options):
 
     measured: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE")] = None
     channels: Annotated[
-        tuple[str, ...] | None, Flag(("--channel",), "NAME=SOURCE[:UNIT][@X[/LAMINA]]")
+        tuple[str, ...] | None, Flag(("--channel",), "NAME=SOURCE[:UNIT][@X[:Z][/LAMINA]]")
     ] = None
     units: Annotated[str | None, Flag(metavar="UNIT")] = None
     rate: float | None = None

@@ -38,9 +38,10 @@ class Column:
         values: values in the unit of the file, real or complex, shape (n,).
         unit: unit as the file names it; None: it names none.
         quantity: quantity that the file states; empty: it follows from the unit.
-        position: place of the measurement [m]; None: not known.
+        position: place of the measurement along a lamina [m]; None: not known.
         lamina: lamina on which it was measured; empty: not known.
         kind: "signal", "response" (a frequency response), "coherence".
+        across: its place across a plate, from the middle of the width [m]; None: not known.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Column:
     position: float | None = None
     lamina: str = ""
     kind: str = "signal"
+    across: float | None = None
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ SI = "SI"
 
 
 PLACE = re.compile(r"@\s*+(?=[-+.\d])")
-"""Where a position begins behind a name in a file, as in `v@0.12/upper`."""
+"""Where a position begins behind a name in a file, as in `v@0.12/upper` or `v@0.12:-0.03`."""
 LENGTH = re.compile(
     r"(?P<number>[-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d{1,3}+)?+)\s*+(?P<unit>\D*+)"
 )
@@ -130,9 +132,11 @@ AXIS_QUANTITIES = {"time": "time", "frequency": "frequency", "x": "displacement"
 def assignment(text: str, label: str) -> Assignment:
     """Return what a text `SOURCE[:UNIT][@POSITION[/LAMINA]]` says of a column.
 
+    A position on a plate is X:Z.
+
     Returns:
         The source: the name of the column in the file, or colN, or setN; and the attributes of the
-        column that differ from what the file says: unit, position [m] and lamina.
+        column that differ from what the file says: unit, position and across [m], lamina.
     """
     said, at, where = text.strip().partition("@")
     source, colon, unit = said.partition(":")
@@ -144,7 +148,7 @@ def assignment(text: str, label: str) -> Assignment:
         )
     says: dict[str, Any] = {"unit": unit} if colon else {}
     if at:
-        says["position"] = length_of(length, label)
+        says |= place_of(length, label)
     if slash:
         says["lamina"] = lamina
     return source.strip(), says
@@ -176,6 +180,13 @@ def length_of(text: str, label: str) -> float:
     if unit.quantity != "displacement":
         raise CaseError(f"{label}: expected a position in a unit of length, given {shown(text)}")
     return float(match["number"]) * unit.factor
+
+
+def place_of(text: str, label: str) -> dict[str, float]:
+    """Return `position` and, of a plate, `across` [m] of a place such as `0.12` or `0.12:-30mm`."""
+    along, colon, across = text.partition(":")
+    place = {"position": length_of(along, label)}
+    return place | ({"across": length_of(across, label)} if colon else {})
 
 
 def channels_of(
@@ -496,10 +507,12 @@ def _channel(
 ) -> Channel:
     """Return a column as a channel in SI; its name may say where it was measured."""
     label = f"{sheet.label}, column {shown(column.name)}"
-    place, lamina = column.position, column.lamina
+    lamina = column.lamina
+    place = {"position": column.position, "across": column.across}
     if match := PLACE.search(column.name, 1):
         length, _, other = column.name[match.end() :].partition("/")
-        place = length_of(length, label) if place is None else place
+        if column.position is None:
+            place |= place_of(length, label)
         lamina = lamina or other
     text = column.unit or units
     if text is None:
@@ -514,7 +527,7 @@ def _channel(
         bad = int(np.flatnonzero(~np.isfinite(column.values))[0])
         raise CaseError(f"{label}: expected finite numbers, given none at sample {bad + 1}")
     about = vars(column) | {"values": column.values * unit.factor}
-    about |= {"position": place, "lamina": lamina}
+    about |= {**place, "lamina": lamina}
     return Channel(**about, axis=kind, points=points, si=unit, source=f"{label} [{text}]")
 
 

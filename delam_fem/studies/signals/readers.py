@@ -230,6 +230,8 @@ def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
     place: dict[str, Any] = {"quantity": quantity, "lamina": str(said.get("lamina", ""))}
     if isinstance(position, int | float | np.number):
         place["position"] = float(position)
+        if isinstance(across := said.get("z"), int | float | np.number):
+            place["across"] = float(across)
     columns = matrix_columns(name, rows.to_numpy(), labels, units)
     return [replace(column, **place) for column in columns]
 

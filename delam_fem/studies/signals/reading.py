@@ -241,6 +241,9 @@ def _attributes(channel: Channel) -> dict[str, Any]:
     if channel.position is not None:
         attributes["x"] = channel.position
         places.append(f"{channel.position:g} m")
+    if channel.across is not None:
+        attributes["z"] = channel.across
+        places[-1] = f"({channel.position:g}, {channel.across:g}) m"
     return {**attributes, "place": " at ".join(places) or channel.name}
 
 
@@ -295,7 +298,11 @@ def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
         "lamina": [channel.lamina or _lamina_of(channel) for channel in rows],
         "source": [channel.source for channel in rows],
     }
+    across = np.array([np.nan if channel.across is None else channel.across for channel in rows])
     data = data.assign_coords(channel=[channel.name for channel in rows])
+    if np.isfinite(across).any():
+        about = {"units": "m", "long_name": "where it was measured across a plate"}
+        data["channel_across"] = (("channel",), across, about)
     for name, values in columns.items():
         about = {"units": "m" if name == "position" else "1", "long_name": TABLE[name]}
         data[f"channel_{name}"] = (("channel",), np.array(values), about)
@@ -495,6 +502,8 @@ def record(data: xr.Dataset) -> xr.Dataset:
             about["lamina"] = row["lamina"]
         if np.isfinite(row["position"]):
             about["x"] = row["position"]
+        if "channel_across" in data and np.isfinite(data["channel_across"][k]):
+            about["z"] = data["channel_across"][k].item()
         key = name.removeprefix(schema.SENSOR)
         if TIP.fullmatch(name) and row["lamina"] and quantity:
             key = f"tip_{row['lamina']}{suffix}"
@@ -555,8 +564,8 @@ def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataA
         lamina: lamina on which the points are; None: points of all laminae.
 
     Returns:
-        The field, dimensions (time, point), with the coordinates `position` [m], `lamina` and
-        `channel` of the points, by increasing position.
+        The field, dimensions (time, point), with the coordinates `position` [m], `across` (of
+        plates, otherwise NaN) [m], `lamina` and `channel` of the points, by increasing position.
 
     Raises:
         CaseError: no channel of that quantity has a position there.
@@ -575,12 +584,14 @@ def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataA
             + ", found none; --channel NAME=SOURCE:UNIT@POSITION/LAMINA gives one"
         )
     points.sort(key=lambda channel: float(channel.attrs["x"]))
+    about = {"units": "m"}
     return xr.DataArray(
         np.array([channel.to_numpy() for channel in points]).T,
         dims=("time", "point"),
         coords={
             "time": data["time"],
-            "position": ("point", [channel.attrs["x"] for channel in points], {"units": "m"}),
+            "position": ("point", [channel.attrs["x"] for channel in points], about),
+            "across": ("point", [channel.attrs.get("z", np.nan) for channel in points], about),
             "lamina": ("point", [channel.attrs.get("lamina", "") for channel in points]),
             "channel": ("point", [channel.attrs["name"] for channel in points]),
         },
