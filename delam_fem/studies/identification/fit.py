@@ -65,13 +65,17 @@ UNIFORM = 1.0 / np.sqrt(12.0)
 DECADE = 10.0
 """Ratio of the ends of a prior from which on it is one over decades."""
 TRIALS, LED_ON = 60, 3
-"""Cases from the prior that are compared with the measurement, and those that are led on."""
+"""Cases from the prior that are compared with the measurement, and most that are led on."""
+EXPLAINED = 0.05
+"""Median difference of logarithms at which no further case is led on."""
 SLOPE = 3e-4
 """Step of the differences that give slopes, in widths of the prior."""
 NEAR = 21
 """Lines over which σ is averaged."""
 FEW, LONGEST = 8, 20
 """Steps by which the nearest cases are led on, and most steps of a fit."""
+NEARLY, SETTLED = 1e-3, 1e-5
+"""Share by which the last step of a fit lowers the sum, of logarithms and of (F2)."""
 FAR = 0.1
 """Difference of logarithms beyond which a line counts less."""
 THIN = 100
@@ -307,6 +311,10 @@ class ResponseModel:
         gain = Parameter((), low, high, is_logarithmic=True, is_normal=True)
         self.parameters = (*parameters, *[gain] * self.n_gains)
         self.measured = [row for file in files for row in file.values]
+        self._last_keys = b""
+        self._last_rows: list[beams.ComplexArray] = []
+        self._last_places = b""
+        self._last_slopes: list[beams.ComplexArray] = []
 
     def thinned(self) -> ResponseModel:
         """Return the model with at most `THIN` lines of each file."""
@@ -331,10 +339,21 @@ class ResponseModel:
                 changes[key] = factor * parameter.value(place)
         return self.case.with_overrides(changes)
 
-    def without_gains(
+    def without_gains(self, places: FloatArray) -> list[beams.ComplexArray]:
+        """Return the responses of the case, one row for each channel of each file.
+
+        Those at the last places are kept: a fit asks for them again with their slopes.
+        """
+        keys = places[: places.size - self.n_gains].tobytes()
+        if keys != self._last_keys:
+            self._last_rows = self._computed(places)
+            self._last_keys = keys
+        return self._last_rows
+
+    def _computed(
         self, places: FloatArray, overrides: dict[str, object] | None = None
     ) -> list[beams.ComplexArray]:
-        """Return the responses of the case, one row for each channel of each file."""
+        """Return the responses of the case with the unknowns at places."""
         case = self.case_at(places, overrides)
         structure = assemble(case.without_impactors, needs_dolfinx=case.model.is_continuum)
         rows = []
@@ -353,11 +372,13 @@ class ResponseModel:
         self, places: FloatArray, overrides: dict[str, object] | None = None
     ) -> list[beams.ComplexArray]:
         """Return the responses with gains, one row for each channel of each file."""
-        rows = self.without_gains(places, overrides)
+        rows = self._computed(places, overrides) if overrides else self.without_gains(places)
         return [gain * row for gain, row in zip(self.gains(places), rows, strict=True)]
 
     def slopes(self, places: FloatArray) -> list[beams.ComplexArray]:
-        """Return dH/dθ of each row, shape (n_parameters, n_lines)."""
+        """Return dH/dθ of each row, shape (n_parameters, n_lines); the last ones are kept."""
+        if places.tobytes() == self._last_places:
+            return self._last_slopes
         at_first = self.without_gains(places)
         gains = self.gains(places)
         slopes = [np.zeros((places.size, row.size), np.complex128) for row in at_first]
@@ -367,12 +388,14 @@ class ResponseModel:
             moved = places.copy()
             moved[k] += step
             for result, gain, row, before in zip(
-                slopes, gains, self.without_gains(moved), at_first, strict=True
+                slopes, gains, self._computed(moved), at_first, strict=True
             ):
                 result[k] = gain * (row - before) / step
         for k, (result, gain, row) in enumerate(zip(slopes, gains, at_first, strict=True)):
             parameter = self.parameters[n_keys + k]
             result[n_keys + k] = gain * np.log(parameter.high / parameter.low) * row
+        self._last_places = places.tobytes()
+        self._last_slopes = slopes
         return slopes
 
     @property
@@ -513,6 +536,7 @@ def _found(
 ) -> FloatArray:
     """Return places near the maximum of the posterior, by the logarithm of the responses."""
     n_keys = len(model.parameters) - model.n_gains
+    n_lines = 2 * sum(row.size for row in model.measured)
     trials = np.full((TRIALS, len(model.parameters)), 0.5)
     trials[1:, :n_keys] = np.random.default_rng(seed).uniform(0.02, 0.98, (TRIALS - 1, n_keys))
     costs = []
@@ -525,10 +549,14 @@ def _found(
         return least_squares(
             partial(_logarithms, model), np.clip(start, *_within(bounds)),
             partial(_slopes_of_logarithms, model), bounds, loss="cauchy", f_scale=FAR,
-            max_nfev=steps,
+            max_nfev=steps, ftol=NEARLY,
         )  # fmt: skip
 
-    nearest = [led(trials[k], FEW) for k in np.argsort(costs)[:LED_ON]]
+    nearest: list[Any] = []
+    for k in np.argsort(costs)[:LED_ON]:
+        nearest.append(led(trials[k], FEW))
+        if np.median(np.abs(nearest[-1].fun[:n_lines])) < EXPLAINED:
+            break
     return np.asarray(led(min(nearest, key=lambda one: float(one.cost)).x, LONGEST).x)
 
 
@@ -549,7 +577,8 @@ def fitted(model: ResponseModel, seed: int, progress: Progress | None = None) ->
         weights = _weights(_deviations(model, model.responses(places)))
         places = least_squares(
             partial(_left, model, weights=weights), np.clip(places, *_within(bounds)),
-            partial(_slopes_of_left, model, weights=weights), bounds, max_nfev=LONGEST, xtol=1e-6,
+            partial(_slopes_of_left, model, weights=weights), bounds, ftol=SETTLED,
+            max_nfev=LONGEST,
         ).x  # fmt: skip
     rows = model.responses(places)
     deviations = _deviations(model, rows)

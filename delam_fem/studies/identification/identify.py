@@ -69,10 +69,16 @@ def measured_histories(path: Path, names: Sequence[str]) -> tuple[FloatArray, Fl
 
 HARMONICS = 5
 """Number of harmonics of each channel."""
+STEADY = ("harmonic", "force")
+"""Kinds of drives whose motions have harmonics."""
 FITTED = 60
 """Largest number of harmonics that are fitted: those of impacts must not count as noise."""
 SAMPLES = 4
 """Least number of samples of a measurement for each unknown of its harmonics."""
+QUARTERS = 4
+"""Parts of a record, of whole periods each, whose sizes are compared."""
+UNSTEADY = 3.0
+"""Ratio of the sizes of two parts of a record from which on its motion is not steady."""
 
 
 def of_points(sweep: xr.Dataset, names: Sequence[str]) -> beams.ComplexArray:
@@ -107,7 +113,7 @@ def of_history(
         (n_channels,), in the units of the channels.
 
     Raises:
-        CaseError: there are too few samples, or less than two periods.
+        CaseError: there are too few samples, or less than two periods, or the motion is a burst.
     """
     least = 2 * HARMONICS + 1
     if time.size < SAMPLES * least or np.ptp(time) * frequency < 2.0:
@@ -116,6 +122,7 @@ def of_history(
             f"given {time.size} samples over {np.ptp(time) * frequency:.3g} periods of "
             f"{frequency:g} Hz"
         )
+    _require_steady(time, values, frequency)
     below_nyquist = math.ceil(0.5 / (frequency * float(np.median(np.diff(time))))) - 1
     n_resolved = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
     frequencies = frequency * np.arange(1, max(HARMONICS, n_resolved) + 1)
@@ -123,6 +130,27 @@ def of_history(
     residual = values - (coefficients.T @ np.exp(2j * math.pi * np.outer(frequencies, time))).real
     freedom = 1.0 - (2 * frequencies.size + 1) / time.size
     return 1j * coefficients[:HARMONICS].T, np.sqrt(residual.var(axis=1) / freedom)
+
+
+def _require_steady(time: FloatArray, values: FloatArray, frequency: float) -> None:
+    """Raise a CaseError if a motion comes or goes: a burst, a decay, a beginning from rest."""
+    periods = (time - time[0]) * frequency
+    count = min(QUARTERS, int(periods[-1]))
+    each = math.floor(periods[-1] / count)
+    sizes = np.array(
+        [
+            values[:, (periods >= n * each) & (periods < (n + 1) * each)].std(axis=1)
+            for n in range(count)
+        ]
+    )
+    ratio = float(np.max(sizes.max(axis=0) / np.maximum(sizes.min(axis=0), 1e-300)))
+    if ratio > UNSTEADY:
+        raise CaseError(
+            f"measured history: expected a steady motion at {frequency:g} Hz, given one that is "
+            f"{ratio:.3g} times as large in one part of the record as in another; its harmonics "
+            "say nothing. Take the steady part (measure read --between), or responses (measure "
+            "response) of bursts and decays without contact"
+        )
 
 
 def invariant(harmonics: beams.ComplexArray) -> FloatArray:
@@ -179,13 +207,15 @@ class Experiment:
 
     Attributes:
         case: the rig; the unknowns replace some of its values.
-        frequencies: frequencies of the base [Hz].
+        frequencies: frequencies of the drive [Hz].
         unknowns: keys that are sought.
         noise: standard deviation of a sample of each channel, or of all, in their SI units.
         n_samples: number of samples of each motion; None: as many as the window of the case.
         uncertain: keys that are not sought, but in which the rig may differ from the case, drawn
             for each simulation; those of a usual rig: see `of_rig`.
         channels: names of the channels that are measured; none: the probes of all laminae.
+        levels: amplitude of the drive of each motion, in the unit of the case's own, which is a
+            displacement [m], an acceleration [m/s2] or a force [N]; none: that of the case.
     """
 
     case: Case
@@ -195,18 +225,47 @@ class Experiment:
     n_samples: int | None = None
     uncertain: tuple[Unknown, ...] = ()
     channels: tuple[str, ...] = ()
+    levels: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that the sought keys have values of their own, which the results show.
+        """Check that the sought keys have values of their own, and that each motion has a level.
 
         Raises:
-            CaseError: a sought key is given by multiples of the value of the case.
+            CaseError: a sought key is given by multiples of the value of the case; the numbers of
+                frequencies and levels differ; two motions are the same; the case has no amplitude.
         """
         require_values(self.unknowns)
+        kind = self.case.excitation.kind
+        require(
+            kind in STEADY, "excitation.kind",
+            f"{' or '.join(STEADY)} of motions with --frequency", kind,
+        )  # fmt: skip
+        require(
+            len(self.levels) in (0, len(self.frequencies)), "level",
+            f"none, or one for each of the {len(self.frequencies)} motions", len(self.levels),
+        )  # fmt: skip
+        names = [name for name, _ in self.motions]
+        require(
+            len(set(names)) == len(names), "frequency", "motions that differ",
+            " and ".join(names),
+        )  # fmt: skip
         require(
             np.size(self.noise) in (1, len(self.names)), "noise",
             f"one number, or one for each of {', '.join(self.names)}", np.size(self.noise),
         )  # fmt: skip
+
+    @property
+    def motions(self) -> list[tuple[str, dict[str, float]]]:
+        """Name and keys of each motion: its frequency and, where there are levels, its level."""
+        frequencies = [(f"{f:g}-Hz", {"excitation.frequency": float(f)}) for f in self.frequencies]
+        if not self.levels:
+            return frequencies
+        is_acceleration = getattr(self.case.excitation, "acceleration", None) is not None
+        key = f"excitation.{'acceleration' if is_acceleration else 'amplitude'}"
+        return [
+            (f"{level:g}-at-{name}", keys | {key: float(level)})
+            for level, (name, keys) in zip(self.levels, frequencies, strict=True)
+        ]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -232,9 +291,9 @@ class Experiment:
         return np.asarray(noise * math.sqrt(2.0 / (self.n_samples or window_samples)))
 
     def sweep(
-        self, frequency: float, parameters: FloatArray, also: Mapping[str, FloatArray] | None = None
+        self, number: int, parameters: FloatArray, also: Mapping[str, FloatArray] | None = None
     ) -> Sweep:
-        """Return the simulations of the motion at a frequency [Hz]; see `simulate`.
+        """Return the simulations of a motion; see `simulate`.
 
         Raises:
             CaseError: the first set of parameters is not a valid case.
@@ -246,9 +305,10 @@ class Experiment:
             {"key": key, "name": key.replace(".", "_"), "values": column.tolist()}
             for key, column in columns.items()
         ]
+        name, keys = self.motions[number]
         return Sweep(
-            self.case.with_overrides({"excitation.frequency": frequency}), {},
-            name=f"identification-{frequency:g}-Hz", axis=axes, combine="zip",
+            self.case.with_overrides(dict(keys)), {},
+            name=f"identification-{name}", axis=axes, combine="zip",
             record={"summary": False, "strobes": 0, "harmonics": HARMONICS, "channels": self.names},
         )  # fmt: skip
 
@@ -264,7 +324,7 @@ class Experiment:
     ) -> beams.ComplexArray:
         """Return the harmonics of the motions with given parameters, without noise.
 
-        Each frequency is a sweep in a folder of its own, which goes on where it was interrupted.
+        Each motion is a sweep in a folder of its own, which goes on where it was interrupted.
 
         Args:
             parameters: values of the unknowns, shape (n, n_unknowns).
@@ -283,14 +343,14 @@ class Experiment:
         """
         results = []
         total = len(parameters) * len(self.frequencies)
-        for number, frequency in enumerate(self.frequencies):
+        for number, (name, _) in enumerate(self.motions):
 
             def report(done: int, _: int, before: int = number * len(parameters)) -> None:
                 if progress is not None:
                     progress(before + done, total)
 
             swept = completed(
-                self.sweep(frequency, parameters, also), directory / f"{frequency:g}-Hz", executor,
+                self.sweep(number, parameters, also), directory / name, executor,
                 workers=workers, resume=True, progress=report, is_confirmed=True,
             )  # fmt: skip
             results.append(of_points(swept, self.names))
@@ -387,6 +447,7 @@ class Identification(Finding):
             "unknowns": words.entries,
             "correlation": self.posterior.correlation(),
             "frequencies_hz": experiment.frequencies,
+            "levels": experiment.levels or None,
             "channels": experiment.names,
             "noise": experiment.noise,
             "simulations": self.completed,
@@ -492,10 +553,12 @@ def mismatch(
     # statistics of a frequency, see `invariant`: real parts, then imaginary parts without the first
     each = 2 * len(names) * HARMONICS - 1
     number, of_one = number // each, number % each
+    level = f" and level {experiment.levels[number]:g}" if experiment.levels else ""
     channel, harmonic = divmod(of_one if of_one <= each // 2 else of_one - each // 2, HARMONICS)
     return (
         f"The motions are like those of no simulation: harmonic {harmonic + 1} of "
-        f"{names[channel]} at {experiment.frequencies[number]:g} Hz fits none with these values. "
+        f"{names[channel]} at {experiment.frequencies[number]:g} Hz{level} fits none with these "
+        "values. "
         "The rig differs from the case by more than --uncertain says; the intervals do not hold."
     )
 
@@ -526,7 +589,7 @@ def _experiment(case: Case, options: Identify) -> Experiment:
     uncertain = uncertain_keys(case, options.uncertain)
     return Experiment(
         case, options.frequency, unknowns, options.noise, uncertain=uncertain,
-        channels=options.channel or (),
+        channels=options.channel or (), levels=options.level,
     )  # fmt: skip
 
 
@@ -540,13 +603,19 @@ def _is_of_responses(options: Identify) -> bool:
     if any(are) and (not all(are) or options.frequency):
         raise CaseError(
             "identify keys: expected either frequency responses, as measure response writes them, "
-            "or motions with --frequency, given both; identify from one after the other"
+            "or motions with --frequency, given both; a fit and simulations have no common "
+            "posterior: identify from responses first, and take their intervals as the ranges "
+            "KEY=LOW:HIGH of the motions"
         )
     if not any(are) and not options.frequency:
         raise CaseError(
             "identify keys: expected --frequency of motions, or --measured with frequency "
             "responses, which measure response writes, given neither"
         )
+    require(
+        not (any(are) and options.level), "level",
+        "none with frequency responses, whose records may have any level", options.level,
+    )  # fmt: skip
     if options.band is not None:
         require(any(are), "band", "none without frequency responses", options.band)
         require(
@@ -589,9 +658,7 @@ def cost(case: Case, options: Identify, workers: int | None) -> tuple[str, Cost]
     experiment = _experiment(case, options)
     n_motions = len(options.frequency)
     count = n_motions * (options.simulations + TIMES_FINER * min(FINER, options.simulations))
-    first = experiment.sweep(
-        options.frequency[0], statistics.uniform(experiment.bounds, 1, options.seed)
-    )
+    first = experiment.sweep(0, statistics.uniform(experiment.bounds, 1, options.seed))
     what = f"identification by {n_motions * options.simulations} simulations"
     return what, sweep_cost(first, workers, count)
 

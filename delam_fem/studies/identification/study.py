@@ -39,6 +39,8 @@ class Identify(Options):
     Attributes:
         unknown: a key that is sought; repeatable.
         frequency: frequency of a motion [Hz]; repeatable; none for frequency responses.
+        level: amplitude of the drive of each motion, in the unit of the case's own (m, m/s2, N);
+            repeatable (default: that of the case).
         channel: a channel that is measured, of the record of a run; the
             first one gives the phase; repeatable (default: the displacements of all laminae).
         measured: what measure response has written, of any number of records without contact; or
@@ -55,6 +57,7 @@ class Identify(Options):
     common = ("workers", "resume", "overwrite", "dry_run", "yes")
     unknown: Annotated[tuple[str, ...], RIG]
     frequency: tuple[float, ...] = ()
+    level: Annotated[tuple[float, ...], Flag(least=0)] = ()
     channel: Annotated[tuple[str, ...] | None, Flag(metavar="NAME")] = None
     measured: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE")] = None
     band: Annotated[tuple[float, ...] | None, Flag(metavar="LOW,HIGH", is_joined=True)] = None

@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -54,6 +56,15 @@ def test_higher_harmonics_of_an_impact_are_no_noise() -> None:
     assert scatter == pytest.approx(2e-3, rel=0.1)  # 0.013 with five harmonics
     k = np.arange(1, 6)
     np.testing.assert_allclose(np.abs(harmonics[0]), 4.0 / np.pi / (4 * k**2 - 1), atol=2e-4)
+
+
+@pytest.mark.parametrize("envelope", [lambda t: np.exp(-t), lambda t: (t > 1.0) & (t < 1.9)])
+def test_decays_and_bursts_are_no_steady_motions(envelope: Callable[..., np.ndarray]) -> None:
+    time = np.arange(0.0, 4.0, 0.003)
+    with pytest.raises(CaseError, match=r"expected a steady motion at 3\.25 Hz"):
+        identify.of_history(time, envelope(time) * (history(time) - 0.3), FREQUENCY)
+    slowly = 1.0 + 0.3 * np.sin(1.5 * time)  # a beat is no burst
+    identify.of_history(time, slowly * history(time), FREQUENCY)
 
 
 def test_points_of_a_sweep_have_amplitude_and_phase() -> None:

@@ -97,6 +97,29 @@ def test_an_experiment_knows_its_keys_and_errors() -> None:
     assert np.all(np.ptp(drawn, axis=0) > [0.04, 1.9])
 
 
+def test_motions_without_contact_are_in_proportion_to_their_levels(tmp_path: Path) -> None:
+    """A wide gap: three times the amplitude at the same frequency gives three times the motion."""
+    single = experiment()
+    case = single.case.with_overrides({"gap.tip": 1.0, "time.periods": 6, "mesh.elements": 4})
+    setup = replace(single, case=case, frequencies=(1.25, 1.25), levels=(1e-3, 3e-3))
+    harmonics = setup.simulate(np.array([setup.truth]), tmp_path, executor="serial")
+    assert np.abs(harmonics[0, 0, :, 0]).min() > 1e-4
+    np.testing.assert_allclose(harmonics[0, 1], 3.0 * harmonics[0, 0], atol=1e-9)
+    shaken = case.with_overrides(
+        {"excitation.amplitude": None, "excitation.acceleration": 1e-3 * (2.5 * np.pi) ** 2}
+    )
+    by_acceleration = replace(setup, case=shaken, levels=(1.0, 3e-3 * (2.5 * np.pi) ** 2))
+    again = by_acceleration.simulate(np.array([setup.truth]), tmp_path, executor="serial")
+    np.testing.assert_allclose(again[0, 1], harmonics[0, 1], atol=1e-9)
+    with pytest.raises(CaseError, match=r"one for each of the 2 motions"):
+        replace(setup, levels=(1e-3,))
+    with pytest.raises(CaseError, match=r"motions that differ"):
+        replace(setup, levels=(1e-3, 1e-3))
+    drop = {"excitation.kind": "none", "time.step": 1e-3, "time.duration": 1.0}
+    with pytest.raises(CaseError, match=r"harmonic or force of motions"):
+        replace(setup, case=preset("paper", drop))
+
+
 @pytest.mark.parametrize("text", ["gap.exponent", "gap.exponent=3:1", "=1:2", "e=1", "e=a:b"])
 def test_a_wrong_unknown_is_refused(text: str) -> None:
     with pytest.raises(CaseError, match=r"KEY=LOW:HIGH with LOW below HIGH"):
