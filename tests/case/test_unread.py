@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import delam_fem as df
-from delam_fem.api import Case, CaseError, preset, tables, toml_text
+from delam_fem.api import Case, CaseError, assemble, preset, tables, toml_text
 from delam_fem.case.keys import Key, KeyTable
 
 ROUND_OFF = 1e-9
@@ -290,12 +290,19 @@ def base_case(name: str) -> Case:
     return preset(of, keys)
 
 
+@cache
+def tables_of_base(name: str) -> dict[str, Any]:
+    """Return what the case file of a base has; to be copied before it is changed."""
+    content = base_case(name).model_dump(exclude_unset=True, exclude_none=True)
+    return tomllib.loads(toml_text(content))
+
+
 Numbers = dict[str, NDArray[Any]]
 
 
 def numbers_of(case: Case) -> Numbers:
     """Return what a run computes, without what the case itself says and without times."""
-    result = df.run(case)
+    result = df.run(case, structure=assemble(case, needs_dolfinx=False))
     variables = result.history.variables
     numbers: Numbers = {str(name): values.to_numpy() for name, values in variables.items()}
     del numbers["heat"]
@@ -366,7 +373,12 @@ def others(table: KeyTable, key: Key, entry: dict[str, Any]) -> tuple[object, ..
 
 
 TRIALS = [
-    pytest.param(table, key, id=f"{table.name}-{table.kind or table.model.__name__}-{key.name}")
+    pytest.param(
+        table,
+        key,
+        id=f"{table.name}-{table.kind or table.model.__name__}-{key.name}",
+        marks=pytest.mark.slow if SHOWN_BY.get(f"{table.name}.{key.name}") == "plate" else (),
+    )
     for table in tables()
     for key in table.keys
     if table.name and key.name != "kind"
@@ -375,20 +387,14 @@ TRIALS = [
 
 def bases_with(table: KeyTable, key: Key) -> list[str]:
     """Return the bases that have a table, the one that shows the effect of a key first."""
-    names = []
-    for name in BASES:
-        data = base_case(name).model_dump(exclude_unset=True, exclude_none=True)
-        if entries_of(tomllib.loads(toml_text(data)), table):
-            names.append(name)
+    names = [name for name in BASES if entries_of(deepcopy(tables_of_base(name)), table)]
     first = SHOWN_BY.get(f"{table.name}.{key.name}")
     return sorted(names, key=lambda name: name != first)
 
 
 def effects(name: str, table: KeyTable, key: Key) -> Iterator[tuple[str, object]]:
     """Yield what comes of each other value of a key in each table of a base."""
-    before = tomllib.loads(
-        toml_text(base_case(name).model_dump(exclude_unset=True, exclude_none=True))
-    )
+    before = deepcopy(tables_of_base(name))
     for number, entry in enumerate(entries_of(before, table)):
         for value in others(table, key, entry):
             data = deepcopy(before)
