@@ -205,6 +205,7 @@ if TYPE_CHECKING:
         histories_of as histories_of,
         of_references as of_references,
         offered as offered,
+        require_channels as require_channels,
     )
     from delam_fem.results.figures import style as style
     from delam_fem.results.folder import Result as Result
@@ -353,7 +354,7 @@ _HOMES = {
         "BLOW_STEPS OPEN blow_steps decay_of is_lost settling_summary stop_when_settled verdict_of"
     ),
     "results.reading": "load_numbers",
-    "results.channels": "History chosen histories_of of_references offered",
+    "results.channels": "History chosen histories_of of_references offered require_channels",
     "results.schema": (
         "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
         "versions"

@@ -44,8 +44,9 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.loop import Engine, State
 from delam_fem.simulation.recorder import (
+    COARSE,
+    FINE,
     N_BASE,
-    N_SIZES,
     Columns,
     Energies,
     Jumps,
@@ -860,7 +861,7 @@ class ModalEngine(Engine):
         base = record.base_states
         record.u[:, :N_BASE] = 0.0
         record.u[:, N_BASE:], record.v[:] = stepper.seen(trace.q, trace.v, trace.s, base)
-        record.effort[0], record.effort[N_SIZES - 1] = period.effort.tolist()
+        record.effort[COARSE], record.effort[FINE] = period.effort.tolist()
         u = reduced.displacement(trace.q[steps], trace.s[steps], base[steps, ::3])
         record.frames.extend(
             np.stack([u, reduced.velocity(trace.v[steps], base[steps, 1::3])], axis=1)

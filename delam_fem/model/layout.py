@@ -450,6 +450,15 @@ class Layout:
         x = self.parts[interface.parts[0]].positions(interface.places)
         return x, np.zeros_like(x)
 
+    def pairs_at_references(self) -> list[int | None]:
+        """Return the pair of each interface at the reference probe of its lower part, or None."""
+        pairs: list[int | None] = []
+        for interface in self.interfaces:
+            point = self.probes[interface.parts[0]].point
+            matches = np.flatnonzero(interface.places == point)
+            pairs.append(interface.first_pair + int(matches[0]) if matches.size else None)
+        return pairs
+
     def stations_of(self, interface: Interface) -> IntArray:
         """Return the station of each pair of an interface, shape (n_pairs,)."""
         return np.searchsorted(self.stations, interface.places)

@@ -6,7 +6,7 @@ studies reduce the histories of thousands of runs to measures, for which no data
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -86,12 +86,29 @@ def chosen(names: Sequence[str], layout: Layout, case: Case) -> dict[str, str]:
     """
     units = offered(layout, case, only_stepped=True)
     names = names or of_references(layout.names)
-    if unknown := [name for name in names if name not in units]:
-        raise CaseError(
-            f"channel: expected some of {', '.join(units)}, which have a value at each step, given "
-            f"{', '.join(unknown)}"
-        )
+    require_channels(names, units, remark=", which have a value at each step")
     return {name: units[name] for name in names}
+
+
+def require_channels(
+    names: Iterable[str], known: Iterable[Hashable], key: str = "channel", remark: str = ""
+) -> None:
+    """Refuse names that are none of the channels there are.
+
+    Args:
+        names: the names.
+        known: names of the channels that there are.
+        key: what names them, for the message.
+        remark: what the message says of those that there are.
+
+    Raises:
+        CaseError: there is no channel of a name.
+    """
+    channels = [str(name) for name in known]
+    if unknown := [name for name in names if name not in channels]:
+        raise CaseError(
+            f"{key}: expected some of {', '.join(channels)}{remark}, given {', '.join(unknown)}"
+        )
 
 
 class History(NamedTuple):

@@ -166,10 +166,11 @@ def of_run(
     at_frames: FloatArray | None = None
     if layout.interfaces and known.has_springs[: layout.interfaces[-1].pairs.stop].any():
         at_frames = _forces_at_frames(recorder, structure, case)
+    at_references = layout.pairs_at_references()
     entries = []
     for number, interface in enumerate(layout.interfaces):
         pairs = np.arange(interface.pairs.start, interface.pairs.stop)
-        if _is_at_probes(layout, number):
+        if at_references[number] is not None:
             closed = motion.is_closed[number]
             strikes = of_interface(history, N, number)
             speeds = [strikes.approach] if strikes.step.size else []
@@ -260,18 +261,11 @@ def named(number: int, case: Case) -> tuple[Kind, str]:
     return "impactor", f"impactor {number - len(case.stop) + 1}"
 
 
-def _is_at_probes(layout: Layout, number: int) -> bool:
-    """Return whether an interface has a pair at the reference probes."""
-    interface = layout.interfaces[number]
-    return bool((interface.places == layout.probes[interface.parts[0]].point).any())
-
-
 def _histories(recorder: Recorder, structure: Structure, case: Case) -> _Histories:
     """Return gaps, forces and impacts of the window."""
     o = structure.operators
     impacts = recorder.impacts()
     gap, rate = recorded_gaps(recorder, structure)
-    ends = -(-impacts.ticks // recorder.refine)  # the step in which an impact happened
     forces = [spring_forces(record, structure, case) for record in recorder.window]
     numbers = law_numbers(case, o)
     return _Histories(
@@ -280,7 +274,7 @@ def _histories(recorder: Recorder, structure: Structure, case: Case) -> _Histori
         rate=rate,
         force=np.concatenate(forces),
         hit=impacts.hit,
-        step=np.repeat(ends, impacts.sizes) - 1,
+        step=impacts.steps(recorder.refine),
         impulse=impacts.impulses,
         approach=-impacts.rate_pre,
         has_springs=numbers.has_springs(o.n_pairs),

@@ -222,6 +222,14 @@ class Columns(NamedTuple):
         places = [slice(*impacts)] * 3 + [slice(*hits)] * 4
         return Columns._make(a[place] for a, place in zip(self, places, strict=True))
 
+    def steps(self, ticks_per_step: int) -> IntArray:
+        """Return the step, from 0, at the end of which or within which each pair is hit.
+
+        It is -1 for pairs that are hit when the first step begins.
+        """
+        ends = -(-self.ticks // ticks_per_step)
+        return np.repeat(ends, self.sizes) - 1
+
     def copy(self) -> Columns:
         """Return a copy."""
         return Columns._make(a.copy() for a in self)
@@ -287,6 +295,8 @@ Otherwise the round-off of a free motion without damping would be judged by itse
 EFFORT = ("coarse", "middle", "fine", "contacts", "unforeseen")
 """Columns of `Recorder.effort`: numbers of steps by size; divided steps with an impact, and those
 of them whose first impact hit a pair that the coarse step did not see approach."""
+COARSE, MIDDLE, FINE, CONTACTS, UNFORESEEN = range(len(EFFORT))
+"""Their numbers; those of steps are also the levels of steps in engines."""
 
 N_SIZES = 3
 """Number of leading columns of `EFFORT` that count steps."""
@@ -580,7 +590,7 @@ class Recorder:
         self.n_closed += 1
         jumps = record.jumps.columns()
         if not any(record.effort):  # no step was divided
-            record.effort[0] = n_steps
+            record.effort[COARSE] = n_steps
         self.effort[k] = record.effort
         with np.errstate(all="ignore"):  # the return value reports a diverged motion
             gains = np.maximum(jumps.energies, 0.0)

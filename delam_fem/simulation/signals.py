@@ -187,7 +187,7 @@ def contact_forces_of(record: PeriodRecord, structure: Structure, case: Case) ->
     """
     forces = spring_forces(record, structure, case)
     jumps = record.jumps.columns()
-    steps = np.repeat(_steps_of(record), jumps.sizes) - 1
+    steps = jumps.steps(record.ticks_per_step)
     inside = (steps >= 0) & (steps < record.n_steps)
     time_step = case.time_step
     np.add.at(forces, (steps[inside], jumps.hit[inside]), jumps.impulses[inside] / time_step)
@@ -291,7 +291,7 @@ def resting_pairs(
     change[0] = np.where(record.resting[first:], 1, -1)
     jumps = record.jumps.columns()
     is_known = jumps.hit >= first
-    steps = np.repeat(_steps_of(record), jumps.sizes)[is_known]
+    steps = jumps.steps(record.ticks_per_step)[is_known] + 1
     limits = np.broadcast_to(threshold, record.resting.shape)
     slow = jumps.rate_post[is_known] < limits[jumps.hit[is_known]]
     change[steps, jumps.hit[is_known] - first] = np.where(slow, 1, -1)
@@ -300,11 +300,6 @@ def resting_pairs(
     last = np.where(change != 0, np.arange(n_steps + 1)[:, None], 0)
     np.maximum.accumulate(last, axis=0, out=last)
     return np.asarray(np.take_along_axis(change, last, axis=0)[1:] > 0)
-
-
-def _steps_of(record: PeriodRecord) -> IntArray:
-    """Return the number of the step within which each impact of a period lies, from 1."""
-    return np.asarray(-(-record.jumps.columns().ticks // record.ticks_per_step))
 
 
 def _sampled(

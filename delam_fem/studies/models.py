@@ -33,6 +33,7 @@ from delam_fem.api import (
     find_case,
     of_references,
     require,
+    require_channels,
     require_held,
     style,
 )
@@ -248,11 +249,8 @@ def _motion(model: Variant, frequency: float, periods: int, channels: Sequence[s
     case = model.case.with_overrides(span | keys)
     result = run(case, model.engine, structure=model.structure)
     record = result.record
-    offered = [str(name) for name, channel in record.items() if channel.dims == ("time",)]
-    if missing := [name for name in channels if name not in offered]:
-        raise CaseError(
-            f"compare: channel: expected some of {', '.join(offered)}, given {', '.join(missing)}"
-        )
+    stepped = [name for name, channel in record.items() if channel.dims == ("time",)]
+    require_channels(channels, stepped, "compare: channel")
     history = result.history
     t = history["time"].to_numpy()
     late = diagnostics.last_periods(history, case, math.ceil(periods / 2))

@@ -33,7 +33,16 @@ from delam_fem.engines.compiled.state import (
     PeriodBuffers,
     view_at,
 )
-from delam_fem.simulation.recorder import N_BASE, add_flows, write_period
+from delam_fem.simulation.recorder import (
+    COARSE,
+    CONTACTS,
+    FINE,
+    MIDDLE,
+    N_BASE,
+    UNFORESEEN,
+    add_flows,
+    write_period,
+)
 from delam_fem.simulation.refinement import SAFETY, base_within
 from delam_fem.system.caches import kept, njit
 
@@ -322,12 +331,8 @@ def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no
     return status
 
 
-COARSE, MIDDLE = 0, 1
-"""Sizes of steps that may be undone."""
 NEAR = 3
 """Result of a step that was undone, besides those of a loop."""
-N_COARSE, N_MIDDLE, N_FINE, N_CONTACTS, N_UNFORESEEN = range(5)
-"""Indices into `Memory.effort`."""
 
 
 @njit
@@ -505,7 +510,7 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
             ticks = (step - 1) * r + j * (r // m)
             status, is_clear = _leap(middle, law, memory, log, after, MIDDLE, ticks, is_clear)
             if status == COMPLETED:
-                effort[N_MIDDLE] += 1
+                effort[MIDDLE] += 1
                 _account(fine, memory, before, after, 1.0 / m)
                 before = after
                 continue
@@ -518,11 +523,11 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
             status = _fine_step(fine, law, memory, log, after, (step - 1) * r + tick, floor)
             if status != COMPLETED:
                 return status
-            effort[N_FINE] += 1
+            effort[FINE] += 1
             if is_first and counts[N_EVENTS] > event:
                 is_first = False
-                effort[N_CONTACTS] += 1
-                effort[N_UNFORESEEN] += _was_unforeseen(memory, log, event)
+                effort[CONTACTS] += 1
+                effort[UNFORESEEN] += _was_unforeseen(memory, log, event)
             _account(fine, memory, before, after, 1.0 / r)
             before = after
     return COMPLETED
@@ -550,7 +555,7 @@ def _step_of_three_sizes(p, log, step, was_clear):  # type: ignore[no-untyped-de
     tick = step * log.refine
     status, is_clear = _leap(p.coarse, law, memory, log, new_base, COARSE, tick, was_clear)
     if status == COMPLETED:
-        memory.effort[N_COARSE] += 1
+        memory.effort[COARSE] += 1
     elif status == NEAR:
         log.is_divided[memory.counts[SLOT] * (log.n_steps + 1) + step] = 1
         status = _divide(p.middle, p.fine, law, memory, log, step, -log.limit)

@@ -14,7 +14,16 @@ from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.loop import StepByStep
-from delam_fem.simulation.recorder import N_BASE, PeriodRecord, add_rows
+from delam_fem.simulation.recorder import (
+    COARSE,
+    CONTACTS,
+    FINE,
+    MIDDLE,
+    N_BASE,
+    UNFORESEEN,
+    PeriodRecord,
+    add_rows,
+)
 from delam_fem.simulation.refinement import AHEAD, BACK, NOT_REFINED, SAFETY, Refinement, base_rows
 from delam_fem.system.mpi import MPI
 
@@ -91,8 +100,6 @@ def _spring_of(
     return numbers.stiffness, damping
 
 
-COARSE, MIDDLE, FINE = 0, 1, -1
-"""Levels of steps. Without middle steps, MIDDLE and FINE are the same level."""
 NOT_SOUGHT: BoolArray = np.zeros(0, dtype=np.bool_)
 
 N_ENDS = N_BASE + 4
@@ -132,7 +139,7 @@ class RefinedSteps(StepByStep):
                 if not is_bounded:
                     return step - 1
             else:
-                record.effort[0] += 1
+                record.effort[COARSE] += 1
             s.finish_step()
             record.keep(step, s)
         return len(rows) - 1
@@ -200,7 +207,7 @@ class RefinedSteps(StepByStep):
             start = last - r // m
             if m > 1:
                 if self._leap(MIDDLE, within[start], within[last], record, first + last) is None:
-                    record.effort[1] += 1
+                    record.effort[MIDDLE] += 1
                     self._observe(within[last], 1.0 / m, ends)
                     self._account(record, within[last], forces)
                     continue
@@ -210,12 +217,12 @@ class RefinedSteps(StepByStep):
                 smallest_gap = s.advance()
                 if smallest_gap < floor:
                     return False
-                record.effort[2] += 1
+                record.effort[FINE] += 1
                 hit = self._ask(record, first + tick, smallest_gap)
                 if hit.size and is_first:
                     is_first = False
-                    record.effort[3] += 1
-                    record.effort[4] += not near[hit].all()
+                    record.effort[CONTACTS] += 1
+                    record.effort[UNFORESEEN] += not near[hit].all()
                 self._observe(within[tick], 1.0 / r, ends)
                 self._account(record, within[tick], forces)
         return True

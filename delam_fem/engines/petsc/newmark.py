@@ -107,6 +107,7 @@ class Newmark(Dynamics):
         self._has_dampers = bool(np.any(self._dampings))
         self._is_average = (beta, gamma) == (0.25, 0.5)
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
+        self._last_size = len(time_steps) - 1
         self._now = self._sizes[-1]
         self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
         self._velocities, self._kept_a = new_vector(o.n_own), new_vector(o.n_own)
@@ -137,8 +138,8 @@ class Newmark(Dynamics):
         )
 
     def use(self, level: int) -> None:
-        """Choose the size of the next steps by its number."""
-        self._now = self._sizes[level]
+        """Choose the size of the next steps by its level; the last one if there are fewer."""
+        self._now = self._sizes[min(level, self._last_size)]
         self.time_step = self._now.time_step
         self._prepare_springs()
 

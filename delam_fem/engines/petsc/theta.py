@@ -231,6 +231,7 @@ class MoreauJean(Dynamics):
         if self.operators.rayleigh is not None:
             self._damping = RayleighDamping(self._M, self._K, self.operators.rayleigh)
         self._sizes = [self._size(dt) for dt in time_steps]
+        self._last_size = len(time_steps) - 1
         self._now = self._sizes[-1]
         self.compliance = _PresentCompliance(self._now.W)
         self._motion_start = self._motion.duplicate()
@@ -283,8 +284,8 @@ class MoreauJean(Dynamics):
         self.resting = pairs
 
     def use(self, level: int) -> None:
-        """Choose the size of the next steps by its number."""
-        self._now = self._sizes[level]
+        """Choose the size of the next steps by its level; the last one if there are fewer."""
+        self._now = self._sizes[min(level, self._last_size)]
         self.time_step, self.compliance.present = self._now.time_step, self._now.W
 
     @property

@@ -14,6 +14,7 @@ from delam_fem.case.definition import Case
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics, record
+from delam_fem.results.channels import require_channels
 from delam_fem.results.figures.style import (
     BLACK,
     HISTORY_PERIODS,
@@ -32,7 +33,6 @@ from delam_fem.results.figures.style import (
     time_axis,
 )
 from delam_fem.results.schema import SENSOR, sensors_of
-from delam_fem.system.errors import CaseError
 
 FEW_SAMPLES = 400
 """Samples up to which they are drawn as dots too."""
@@ -61,10 +61,7 @@ def chosen(history: xr.Dataset, channels: xr.Dataset, names: tuple[str, ...]) ->
     Raises:
         CaseError: there is no channel of a name.
     """
-    if unknown := [name for name in names if name not in channels]:
-        raise CaseError(
-            f"channel: expected some of {', '.join(map(str, channels))}, given {', '.join(unknown)}"
-        )
+    require_channels(names, channels)
     sensors = [name for name in map(str, channels) if f"{SENSOR}{name}" in sensors_of(history)]
     return [channels[name] for name in names or sensors or map(str, channels)]
 

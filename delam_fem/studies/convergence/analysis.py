@@ -26,6 +26,7 @@ from delam_fem.api import (
     assemble,
     number,
     offered,
+    require_channels,
     statistics,
     style,
 )
@@ -83,11 +84,7 @@ class Convergence(Finding):
         for text in self.refinement.of:
             name, _ = channel_of(text)
             for method, units in self._units.items():
-                if name not in units:
-                    raise CaseError(
-                        f"of: expected some of {', '.join(units)}, which {method} records at each "
-                        f"step, given {text!r}"
-                    )
+                require_channels([name], units, "of", f", which {method} records at each step")
             if len(units_of_name := {units[name] for units in self._units.values()}) > 1:
                 raise CaseError(
                     f"of: expected a channel with one unit, given {text!r} in "

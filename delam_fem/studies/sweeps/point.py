@@ -53,7 +53,6 @@ from delam_fem.api import (
     Engine,
     FloatArray,
     History,
-    IntArray,
     Layout,
     Operators,
     Recorder,
@@ -77,6 +76,8 @@ from delam_fem.api import (
     offered,
     one_period,
     places_of,
+    require,
+    require_channels,
     scanned_places,
     session_of,
     set_initial,
@@ -258,12 +259,9 @@ def channel_units(sweep: Sweep, layout: Layout) -> dict[str, str]:
     if not names:
         return {}
     units = offered(layout, sweep.case(0))
-    wrong = [name for name in names if name not in units]
-    if wrong or len(set(names)) < len(names):
-        raise CaseError(
-            f"record.channels: expected different ones of {', '.join(units)}, given "
-            f"{', '.join(wrong or names)}"
-        )
+    require_channels(names, units, "record.channels")
+    are_different = len(set(names)) == len(names)
+    require(are_different, "record.channels", f"different ones of {', '.join(units)}", names)
     return {name: units[name] for name in names}
 
 
@@ -354,8 +352,6 @@ def _channel_quantity(
 
 SETTLED = {"settled": 1.0, "not settled": 0.0, "irregular": -1.0}
 """Numbers of the verdicts in the dataset of a sweep."""
-NO_PAIR = -1
-"""Number in place of a pair if the interface has none at the probes."""
 
 
 def row_of(
@@ -463,32 +459,20 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
     layout = structure.layout
     gap0 = structure.operators.gap0
     n_laminae = len(layout.parts)
-    pairs = _pairs_at_probes(layout)
+    pairs = layout.pairs_at_references()
     n_steps = sum(record.n_steps for record in recorder.window)
-    is_hit = np.zeros((pairs.size, n_steps), dtype=np.bool_)
+    is_hit = np.zeros((len(pairs), n_steps), dtype=np.bool_)
     impacts = recorder.impacts()
-    ends = -(-impacts.ticks // recorder.refine)  # the step in which an impact happened
-    steps = np.repeat(ends, impacts.sizes) - 1
+    steps = impacts.steps(recorder.refine)
     for row, pair in zip(is_hit, pairs, strict=True):
         row[steps[impacts.hit == pair]] = True
     return diagnostics.ProbeMotion(
         displacements_of(recorder, n_laminae),
         recorder.strobe[: recorder.n_closed, 0, :n_laminae].T,
-        np.where(pairs == NO_PAIR, 0.0, gap0[pairs]),
+        np.array([0.0 if pair is None else gap0[pair] for pair in pairs]),
         is_hit,
         impacts.hit.size,
     )
-
-
-def _pairs_at_probes(layout: Layout) -> IntArray:
-    """Return the pair at the probe of the lower part of each interface, shape (n_interfaces,)."""
-    pairs = np.full(len(layout.interfaces), NO_PAIR, dtype=np.int64)
-    for number, interface in enumerate(layout.interfaces):
-        places = interface.places
-        matches = np.flatnonzero(places == layout.probes[interface.parts[0]].point)
-        if matches.size:
-            pairs[number] = interface.first_pair + matches[0]
-    return pairs
 
 
 def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayLike]:
