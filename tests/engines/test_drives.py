@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from covertable import make
+from support import slow_beyond
 
 import delam_fem as df
 from delam_fem import api
@@ -81,17 +82,15 @@ def case_of(drive: str, model: str, acts_on: str, law: str) -> Case:
 
 
 CELLS = [
-    (str(a), str(b), str(c), str(d))
-    for a, b, c, d in make(
-        [list(DRIVES), list(MODELS), ["base", "force"], list(LAWS)], length=2
-    )
-    if (a, c) != ("none", "force")
-]  # fmt: skip
+    dict(zip(("drive", "model", "acts_on", "law"), map(str, cell), strict=True))
+    for cell in make([list(DRIVES), list(MODELS), ["base", "force"], list(LAWS)], length=2)
+    if (cell[0], cell[2]) != ("none", "force")
+]
 
 
-@pytest.mark.parametrize(("drive", "model", "acts_on", "law"), CELLS)
-def test_both_engines_agree(drive: str, model: str, acts_on: str, law: str) -> None:
-    case = case_of(drive, model, acts_on, law)
+@pytest.mark.parametrize("cell", slow_beyond(CELLS))
+def test_both_engines_agree(cell: dict[str, str]) -> None:
+    case = case_of(**cell)
     one, other = (df.run(case, engine) for engine in ("compiled", "petsc"))
     q, p = (r.history["tip_displacement"].to_numpy() for r in (one, other))
     times = one.history["time"].to_numpy()
@@ -102,7 +101,7 @@ def test_both_engines_agree(drive: str, model: str, acts_on: str, law: str) -> N
     assert before.sum() > 2
     assert np.abs(q - p)[:, before].max() < ENGINES * scale
     assert one.summary["energy_residual"] < 1e-9
-    is_force = acts_on == "force"
+    is_force = cell["acts_on"] == "force"
     course = one.history["force" if is_force else "base_displacement"].to_numpy()
     exact = api.drive(case.excitation).states(times)[:, 0]
     assert course == pytest.approx(exact, rel=1e-9, abs=1e-9 * np.abs(exact).max())

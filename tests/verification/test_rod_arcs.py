@@ -39,6 +39,7 @@ def test_a_run_settles_to_the_exact_motion(ratio: float, omega: float) -> None:
     assert tip == pytest.approx(2e-4 * orbit.largest, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_on_a_stiff_stop_the_motion_loses_its_stability_and_wins_it_back() -> None:
     """The frequencies between which `orbit follow` loses it: Neimark-Sacker points."""
     exact, orbit, _ = settled(rod(4.0, 64300.0))

@@ -19,6 +19,7 @@ import pytest
 from delam_fem.api import Case, FloatArray, assemble, base_motion, preset, run
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.siconos,
     pytest.mark.skipif(
         importlib.util.find_spec("siconos") is None,

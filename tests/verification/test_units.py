@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from covertable import make
+from support import slow_beyond
 
 import delam_fem as df
 
@@ -71,9 +72,7 @@ FACTORS = {
     "refine": [1, 8],
     "damping": ["two-mode", "stiffness"],
 }  # fmt: skip
-CELLS = [
-    pytest.param(cell, id="-".join(str(cell[name]) for name in FACTORS)) for cell in make(FACTORS)
-]
+CELLS = slow_beyond(make(FACTORS), lambda cell: "-".join(str(cell[name]) for name in FACTORS))
 
 
 def case_of(cell: dict[str, Any]) -> dict[str, Any]:
