@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.model.discretise import assemble
-from delam_fem.model.reduction import reduced_case
+from delam_fem.api import assemble, reduced_case
 from delam_fem.model.reduction_file import write
 from delam_fem.results.fields import vtkhdf
 

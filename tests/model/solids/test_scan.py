@@ -5,11 +5,8 @@ import pytest
 import scipy.sparse.linalg
 
 import delam_fem as df
+from delam_fem.api import CaseError, assemble, reduced_case, scanned_places
 from delam_fem.case.surface_scan import scan_points
-from delam_fem.model.discretise import assemble
-from delam_fem.model.places import scanned_places
-from delam_fem.model.reduction import reduced_case
-from delam_fem.system.errors import CaseError
 
 LAMINA = {
     "length": 0.2, "width": 0.15, "density": 2700.0, "young_modulus": 70e9, "damping_ratio": 0.01,

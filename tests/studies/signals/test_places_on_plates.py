@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from delam_fem.api import CaseError
 from delam_fem.results.record import SCHEMA, write_record
 from delam_fem.studies.signals import reading
 from delam_fem.studies.signals.channels import assignment
-from delam_fem.system.errors import CaseError
 
 
 def test_a_heading_and_an_option_say_x_and_z(tmp_path):
