@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 from scipy.signal import detrend, find_peaks, resample_poly
 
-from delam_fem.api import CaseError, FloatArray, require, spectra, style
+from delam_fem.api import BoolArray, CaseError, FloatArray, require, spectra, style
 from delam_fem.studies.signals.channels import Values
 from delam_fem.studies.signals.reading import history_of
 from delam_fem.studies.signals.units import ratio_of
@@ -66,6 +66,9 @@ STEPS, CONVERGED, LARGEST_STEP = 30, 1e-6, 0.02
 """Most steps of the roots; relative gain that ends them; their largest relative length."""
 PASSES = 5
 """Passes over the peaks; each subtracts what the other modes add to a peak."""
+FAINT, COHERENT = 1e-3, 0.5
+"""Density of the excitation over its largest one, and coherence, below which a line is noise over
+noise, which a window taken out would spread over the others."""
 
 
 def pulses(force: FloatArray) -> list[tuple[int, int]]:
@@ -329,7 +332,9 @@ def with_responses(
     damped = responses
     rate = decay / step
     if has_window:
-        damped, rate = _without_hann(responses, step)
+        density = estimate.S_FF[0, 0].real
+        is_nothing = (density < FAINT * density[1:].max()) & (coherence < COHERENT)
+        damped, rate = _without_hann(_bridged(responses, is_nothing), step)
     if decay:
         size = np.sqrt(estimate.S_FF[0, 0].real)
         if is_single:  # the window makes the force small where the sweep is late, and it is known
@@ -371,6 +376,23 @@ def _with_densities(
     about = {"units": squared[0], "long_name": f"{words} of the excitation"}
     data["psd_excitation"] = ("frequency", densities[0], about)
     return data
+
+
+def _bridged(responses: Values, is_nothing: BoolArray) -> Values:
+    """Return responses with straight lines where nothing is known, to 0 at the last line.
+
+    Args:
+        responses: shape (n_outputs, n).
+        is_nothing: where nothing is known, shape (n_outputs, n).
+    """
+    bridged = responses.copy()
+    for row, is_unknown in zip(bridged, is_nothing, strict=True):
+        known = np.flatnonzero(~is_unknown)
+        if 0 < known.size < row.size:
+            ends = np.concatenate([[0], known, [row.size - 1]])
+            values = np.concatenate([[row[known[0]].real], row[known], [0.0]])
+            row[is_unknown] = np.interp(np.flatnonzero(is_unknown), ends, values)
+    return bridged
 
 
 def _without_hann(response: Values, step: float) -> tuple[Values, float]:
