@@ -394,7 +394,6 @@ Motion = Literal["displacement", "velocity", "acceleration"]
 """What of a base is prescribed."""
 _INTEGRALS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 _MOTION_UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
-_OF_UNITS = {unit: motion for motion, unit in _MOTION_UNITS.items()}
 
 if TYPE_CHECKING:
     _OfMotion = _Kind

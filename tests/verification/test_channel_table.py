@@ -234,20 +234,22 @@ class TestOscillator:
         assert first == pytest.approx(lines[4], rel=CLOSE)
         assert second == pytest.approx(lines[8], abs=CLOSE * lines[4])
 
-    def test_response(self, what: str) -> None:
-        """What is three times the force has the response 3, in its own unit over N."""
-        from delam_fem.studies.signals.responses import with_responses
 
-        x = np.random.default_rng(2).normal(size=4096)
-        data = xr.Dataset(
-            {"force": ("time", x), "sensor_y": ("time", 3.0 * x),
-             "channel_variable": ("channel", ["force", "sensor_y"]),
-             "channel_units": ("channel", ["N", UNITS[what]]),
-             "channel_lamina": ("channel", ["", ""])},
-            {"time": np.arange(4096) / 1000.0, "channel": ["force", "y"]},
-        )  # fmt: skip
-        response = with_responses(data, "force", segment=0.5)["response"]
-        np.testing.assert_allclose(response[1:-1, 0], 3.0, rtol=1e-9)
+@pytest.mark.parametrize("units", [*dict.fromkeys(UNITS.values()), "1"])
+def test_response(units: str) -> None:
+    """What is three times the force has the response 3, in its own unit over N; "1": a strain."""
+    from delam_fem.studies.signals.responses import with_responses
+
+    x = np.random.default_rng(2).normal(size=4096)
+    data = xr.Dataset(
+        {"force": ("time", x), "sensor_y": ("time", 3.0 * x),
+         "channel_variable": ("channel", ["force", "sensor_y"]),
+         "channel_units": ("channel", ["N", units]),
+         "channel_lamina": ("channel", ["", ""])},
+        {"time": np.arange(4096) / 1000.0, "channel": ["force", "y"]},
+    )  # fmt: skip
+    response = with_responses(data, "force", segment=0.5)["response"]
+    np.testing.assert_allclose(response[1:-1, 0], 3.0, rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -308,8 +310,37 @@ def test_strain_in_summary_record_and_overlay(tmp_path: Path) -> None:
     assert abs(channel.gain) == pytest.approx(1.0, abs=5e-3)
 
 
+def on_page(result: df.Result, name: str) -> float:
+    """Return the largest value of a channel on the page of a run, in the unit of the page."""
+    from delam_fem.results.pages.report import channel_rows
+
+    rows = {row[0]: row for row in channel_rows(result.history, result.case)}
+    return float(rows[name][3].split()[0].replace("−", "-"))
+
+
+def test_strain_on_the_page_and_in_an_export(tmp_path: Path) -> None:
+    result = df.run(BENT, engine="compiled")
+    assert on_page(result, "gauge") == pytest.approx(1e6 * STRAIN, rel=2e-3)
+    (axes, *_) = Plots(result.history, BENT).channel_spectra("gauge").axes
+    orders, amplitudes = axes.lines[0].get_data()
+    assert amplitudes[np.argmin(np.abs(orders - 1.0))] == pytest.approx(1e6 * STRAIN, rel=2e-3)
+    (exported,) = result.export("mat", tmp_path / "run.mat")
+    assert np.ptp(loadmat(exported)["sensor_gauge"]) / 2.0 == pytest.approx(STRAIN, rel=2e-3)
+
+
 @pytest.mark.slow
-def test_strain_in_converge_sweep_orbit_and_fit(tmp_path: Path) -> None:
+def test_strain_in_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(BENT.to_toml())
+    (tmp_path / "sweep.toml").write_text(
+        'base = "case.toml"\n[[axis]]\nkey = "excitation.amplitude"\n'
+        f'values = [{F}, {2 * F}]\n[record]\nsummary = false\nchannels = ["gauge"]\n'
+    )
+    swept = df.run_sweep(df.load_sweep(tmp_path / "sweep.toml"), tmp_path / "out", workers=1)
+    np.testing.assert_allclose(swept["gauge_amplitude"], [STRAIN, 2.0 * STRAIN], rtol=2e-3)
+
+
+@pytest.mark.slow
+def test_strain_in_converge_orbit_and_fit(tmp_path: Path) -> None:
     study = df.converge(
         BENT, tmp_path / "refined", laws=["newton@newmark"], of=["gauge:amplitude"],
         steps=(100, 200, 400), limit_steps=0, periods=2, workers=1,
@@ -344,6 +375,43 @@ def test_an_impactor_in_summary_and_record(tmp_path: Path) -> None:
     assert entry["max"] * BLOW.time_step == pytest.approx(IMPULSE, rel=1e-6)
     again = df.read_record(df.write_record(result.record, tmp_path / "record.nc"))
     np.testing.assert_array_equal(again["contact_impactor 1"], channel)
+
+
+def test_an_impactor_on_the_page_and_in_an_export(tmp_path: Path) -> None:
+    result = df.run(BLOW, engine="compiled")
+    assert on_page(result, "contact_impactor 1") == pytest.approx(
+        IMPULSE / BLOW.time_step, rel=1e-3
+    )
+    (exported,) = result.export("mat", tmp_path / "run.mat")
+    assert loadmat(exported)["event_impulse"].item() == pytest.approx(IMPULSE, rel=1e-6)
+
+
+@pytest.mark.parametrize("begin", [0.0, -0.01, 0.001])
+def test_a_load_cell_of_an_impactor_is_overlaid(begin: float, tmp_path: Path) -> None:
+    """The blow of an elastic impactor is a half sine; its record begins at another time."""
+    stiffness, gap = 2e4, 1e-3
+    keys = {"impactor.1.stiffness": stiffness, "impactor.1.gap": gap}
+    result = df.run(BLOW.with_overrides({"contact.law": "penalty", **keys}), engine="compiled")
+    m = BALL * M / (BALL + M)
+    omega = math.sqrt(stiffness / m)
+    t = 1e-4 * np.arange(900)
+    phase = omega * (t + begin - gap / SPEED)
+    is_in_contact = (phase > 0.0) & (phase < math.pi)
+    force = np.where(is_in_contact, SPEED * math.sqrt(stiffness * m) * np.sin(phase), 0.0)
+    path = tmp_path / "cell.csv"
+    np.savetxt(path, np.column_stack([t, force]), "%.12g", ",", comments="",
+               header="time [s],contact_impactor 1 [N]")  # fmt: skip
+    overlay = df.overlay(result, path)
+    (channel,) = overlay.channels
+    assert channel.gain == pytest.approx(1.0, abs=CLOSE)
+    assert channel.correlation > 0.999
+    assert overlay.offset == pytest.approx(begin, abs=2e-5)
+
+
+def test_blows_that_need_not_repeat_have_no_orbit() -> None:
+    assert "impactors that are all held" in refusal(
+        lambda: df.orbit(BLOW, channels=["contact_impactor 1"])
+    )
 
 
 @pytest.mark.slow

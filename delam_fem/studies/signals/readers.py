@@ -464,10 +464,6 @@ def _value(node: Any, file: Any, budget: Iterator[int]) -> Any:
     return array.squeeze() if array.ndim <= 2 else array
 
 
-MOST_BYTES_OF_SOUND = 1_000_000_000
-"""Size of the largest file of sound or of TDMS."""
-
-
 def read_hdf5(path: Path) -> list[Sheet]:
     """Read the datasets of an HDF5 file of a logger as `read_matlab` reads variables.
 
