@@ -22,6 +22,8 @@ from delam_fem.numerics.types import FloatArray
 from delam_fem.system.mpi import hold, release, slepc, start_petsc
 
 if TYPE_CHECKING:
+    from petsc4py import PETSc
+
     from delam_fem.system.mpi import MPI
 
 _T = TypeVar("_T")
@@ -34,6 +36,61 @@ MOST_LOADS = 64
 """Largest number of loads that are solved for at once: their solutions fill memory."""
 SINGULAR = (-6, -10)
 """Values of MUMPS's INFOG(1) that say that a matrix is singular."""
+TOO_SMALL = (-8, -9)
+"""Values of MUMPS's INFOG(1) that say that its workspace is smaller than what the factors need."""
+WORKSPACE = (100, 300, 1000)
+"""Workspace beyond MUMPS's estimate that is tried in turn where that was too small [%]."""
+
+
+def factorise(solver: PETSc.KSP, like: PETSc.Mat, eigenpairs: Any = None) -> int:
+    """Set up a solver whose factors are those of MUMPS; return its INFOG(1) (collective).
+
+    MUMPS estimates its workspace from the pattern of the matrix; with a few rows that couple many
+    dofs, as of a spring at a lamina, it may need more. Below 0 there are no factors.
+
+    Args:
+        solver: the solver.
+        like: a matrix with the pattern of the one to be factorised.
+        eigenpairs: solver of SLEPc that makes this matrix; None: `solver` has it.
+    """
+    from petsc4py import PETSc
+
+    preconditioner = solver.getPC()
+    status = 0
+    for more in (0, *WORKSPACE):
+        if more:  # PETSc never tries factors again that have failed
+            solver.reset()
+            solver.setOperators(like)
+            preconditioner.setFactorSetUpSolverType()
+            preconditioner.getFactorMatrix().setMumpsIcntl(14, more)
+        try:
+            (eigenpairs or solver).setUp()
+        except PETSc.Error:
+            status = int(preconditioner.getFactorMatrix().getMumpsInfog(1))
+            if status >= 0:
+                raise
+        else:
+            status = int(preconditioner.getFactorMatrix().getMumpsInfog(1))
+        if status not in TOO_SMALL:
+            break
+    return status
+
+
+def require_factors(status: int, size: int) -> None:
+    """Refuse to go on without factors.
+
+    Args:
+        status: what `factorise` returns.
+        size: number of ranks.
+
+    Raises:
+        ValueError: the matrix is singular.
+        MemoryError: the factors need more memory than there is.
+    """
+    if status in SINGULAR:
+        raise ValueError("the matrix is singular")
+    if status < 0:
+        raise MemoryError(f"MUMPS on {size} ranks, INFOG(1) = {status}")
 
 
 class Share:
@@ -82,11 +139,8 @@ class Share:
         preconditioner = self._solver.getPC()
         preconditioner.setType(PETSc.PC.Type.CHOLESKY)
         preconditioner.setFactorSolverType("mumps")
-        if self._eigenpairs is not None:
-            self._eigenpairs.setUp()  # K + s M is made
-        self._solver.setUp()
+        self.status = factorise(self._solver, self._matrices[0], self._eigenpairs)
         self._factor = preconditioner.getFactorMatrix()
-        self.status = int(self._factor.getMumpsInfog(1))
         self._vector = self._matrices[0].createVecRight()
 
     def solve(self, count: int, loads: FloatArray | None) -> FloatArray | None:
@@ -191,10 +245,7 @@ class Ranks:
             (K[first:last], None if M is None else M[first:last]) for first, last in pairwise(ends)
         )
         status = self._together("_factor", number, shift, of_first=pieces)
-        if status in SINGULAR:
-            raise ValueError("the matrix is singular")
-        if status < 0:
-            raise MemoryError(f"MUMPS on {size} ranks, INFOG(1) = {status}")
+        require_factors(status, size)
         return number
 
     def solve(self, number: int, b: FloatArray) -> FloatArray:

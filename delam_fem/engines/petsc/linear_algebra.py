@@ -16,6 +16,7 @@ from petsc4py import PETSc
 
 from delam_fem.contact.decisions import NO_BLOCK
 from delam_fem.model.operators import DistributedOperators, matrix, with_near_null
+from delam_fem.model.sharing import factorise, require_factors
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI, given_options
@@ -174,6 +175,8 @@ class PetscFactor:
 
         Raises:
             PETSc.Error: the matrix is singular.
+            ValueError: a distributed matrix is singular.
+            MemoryError: MUMPS has not got the memory for distributed factors.
             CaseError: PETSc refuses the options, or what they choose does not solve.
         """
         self.scale = scale
@@ -200,7 +203,10 @@ class PetscFactor:
             self._apply_options(PETSc.Options(prefix), is_symmetric, like)
             self._whole_solve = self._iterate
         else:
-            self._solver.setUp()
+            if is_shared:
+                require_factors(factorise(self._solver, whole), whole.comm.size)
+            else:
+                self._solver.setUp()
             self._factor = self._preconditioner.getFactorMatrix()
             self._whole_solve = self._factor.solve
             self._forget()  # a factor is enough
