@@ -24,9 +24,9 @@ from delam_fem.results import diagnostics
 from delam_fem.results.fields import pictures
 from delam_fem.results.fields.laminae import contact_lights, held_ends
 from delam_fem.results.fields.pictures import RIGHT, TO_CAMERA, drawable_frames, magnification
-from delam_fem.results.fields.vtkhdf import CELL_TYPES, Series
+from delam_fem.results.fields.vtkhdf import CELL_TYPES, OPENING, Series
 from delam_fem.results.figures.style import lamina_colours
-from delam_fem.results.reading import SOLID, load_numbers
+from delam_fem.results.reading import SOLID, SURFACE, load_numbers
 from delam_fem.simulation.recorder import HIT, RESTING
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic
@@ -72,8 +72,9 @@ def write_film(
         case: its case.
         paths: paths of the files, which show the same; each ends in one of `FORMATS`. Their folders
             exist.
-        solid: path of solid.vtkhdf, to show solids coloured by the von Mises stress; None: the
-            laminae, with the pairs that touch lit.
+        solid: path of solid.vtkhdf, to show solids coloured by the von Mises stress, or of
+            surface.vtkhdf, to show a reduced plate coloured by its opening; None: the laminae,
+            with the pairs that touch lit.
         periods: length of the film in periods, at most that of the window.
         rate: pictures per second.
         stretch: factor of all lateral lengths of laminae; 1: true to scale. Deflections that are
@@ -154,7 +155,8 @@ def animate(
         periods: length of the film: the last periods.
         rate: pictures per second.
         stretch: factor of lateral lengths; 1: true to scale.
-        solid: whether solids are shown, coloured by their stress.
+        solid: whether solids are shown, coloured by their stress; of reduced plates the surfaces,
+            coloured by the opening of their patches.
         progress: called with the numbers of finished and of all pictures.
 
     Returns:
@@ -180,7 +182,10 @@ def animate(
             f"{run}: the run kept no frames of its fields; run it again with "
             "output.fields_per_period above 0"
         )
-    fields = run / "fields" / SOLID
+    fields = next(
+        (path for name in (SURFACE, SOLID) if (path := run / "fields" / name).is_file()),
+        run / "fields" / SOLID,
+    )
     if solid and not fields.is_file():
         raise CaseError(
             f'{run}: --solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
@@ -346,6 +351,10 @@ SHOWN_THICKNESS = 0.1
 """All laminae together are drawn at most so thick, in lengths of the structure."""
 UNITS = (("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0))
 """Units of stress, of which the largest is taken that gives a number of at least 0.1."""
+UNITS_OF_OPENINGS = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9))
+"""The same of openings."""
+OPENED = (OPENING, "opening of the patches", "viridis", 0.0)
+"""What is drawn of a reduced plate, as `STRESSES` of solids."""
 STRESSES = (
     ("von_mises", "von Mises stress", "viridis", 0.0),
     ("stress_xx", "stress along x", pictures.COLOURS, -1.0),
@@ -411,9 +420,10 @@ def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
     return plotter
 
 
-def _scaled(largest: float) -> tuple[float, str, float]:
-    """Return a largest stress in a unit, the unit, and its size [Pa]."""
-    name, size = next((unit for unit in UNITS if largest >= 0.1 * unit[1]), UNITS[-1])
+def _scaled(largest: float, field: str) -> tuple[float, str, float]:
+    """Return the largest value of a field in a unit, the unit, and its size in SI."""
+    units = UNITS_OF_OPENINGS if field == OPENING else UNITS
+    name, size = next((unit for unit in units if largest >= 0.1 * unit[1]), units[-1])
     return largest / size or 1.0, name, size
 
 
@@ -443,7 +453,7 @@ def _coloured(
         The laminae, and the unit of the stress there [Pa].
     """
     largest, name, words, colours, lowest = look
-    high, unit, size = _scaled(largest)
+    high, unit, size = _scaled(largest, name)
     grid = pv.UnstructuredGrid({CELL_TYPES[series.cell]: series.cells}, points)
     grid.point_data[name] = stress / size
     actor = plotter.add_mesh(
@@ -497,18 +507,17 @@ def _look(plotter: pv.Plotter, points: FloatArray, aspect: float) -> None:
 def _solid(
     plotter: pv.Plotter, series: Series, history: xr.Dataset, case: Case, frames: list[int]
 ) -> Callable[[int], None]:
-    """Put a solid into a plotter; return a function that shows a frame in fixed colours and view.
+    """Put a solid, or a reduced plate, into a plotter; return a function that shows a frame.
 
     All frames share the scale of colours and the direction of view.
     """
     thick = thickening(series)
     factor = magnification(history, frames, case.length)
     every = {k: series.drawn(series.field("displacement", k), thick, factor) for k in frames}
-    stresses = {k: series.field("von_mises", k) for k in frames}
-    largest = float(np.percentile(np.stack(list(stresses.values())), HIGH))
-    grid, size = _coloured(
-        plotter, series, every[frames[0]], stresses[frames[0]], (largest, *STRESSES[0])
-    )
+    shown = OPENED if OPENING in series.names else STRESSES[0]
+    values = {k: series.field(shown[0], k) for k in frames}
+    largest = float(np.percentile(np.stack(list(values.values())), HIGH))
+    grid, size = _coloured(plotter, series, every[frames[0]], values[frames[0]], (largest, *shown))
     plotter.add_text(
         f"{case.title}\n{scales(thick, factor)}",
         position=(0.02, 0.88), viewport=True, font_size=11, color="black",
@@ -518,7 +527,7 @@ def _solid(
 
     def show(frame: int) -> None:
         grid.points = every[frame]
-        grid.point_data["von_mises"][:] = stresses[frame] / size
+        grid.point_data[shown[0]][:] = values[frame] / size
         _held(plotter, grid, case)
 
     return show

@@ -192,8 +192,11 @@ def _write_point_data(
             group[name][rows] = np.concatenate([data[name] for data in frames])
 
 
-NEEDED = ("displacement", "velocity", "stress_xx", "von_mises")
-"""Fields that pictures of a solid show."""
+NEEDED = ("displacement", "velocity")
+"""Fields that all files have."""
+OF_SOLIDS = ("stress_xx", "von_mises")
+"""Further fields that pictures of a solid show; those of a reduced plate show its opening."""
+OPENING = "opening"
 
 
 def _damaged(path: Path, error: Exception) -> CaseError:
@@ -284,7 +287,7 @@ class Series:
                 raise ValueError(f"{name} with numbers that are not finite")
         if self.cells.min() < 0 or self.cells.max() >= n or self.lamina.min() < 0:
             raise ValueError("cells with corners that do not exist")
-        for name in NEEDED:
+        for name in (*NEEDED, *((OPENING,) if OPENING in shapes else OF_SOLIDS)):
             if shapes.get(name, ())[:1] != (n * self.times.size,):
                 raise ValueError(f"no {name}, or of another size")
         for name, (rows, *components) in shapes.items():
