@@ -514,10 +514,10 @@ def _solid(
     thick = thickening(series)
     factor = magnification(history, frames, case.length)
     every = {k: series.drawn(series.field("displacement", k), thick, factor) for k in frames}
-    shown = OPENED if OPENING in series.names else STRESSES[0]
-    values = {k: series.field(shown[0], k) for k in frames}
+    look = OPENED if OPENING in series.names else STRESSES[0]
+    values = {k: series.field(look[0], k) for k in frames}
     largest = float(np.percentile(np.stack(list(values.values())), HIGH))
-    grid, size = _coloured(plotter, series, every[frames[0]], values[frames[0]], (largest, *shown))
+    grid, size = _coloured(plotter, series, every[frames[0]], values[frames[0]], (largest, *look))
     plotter.add_text(
         f"{case.title}\n{scales(thick, factor)}",
         position=(0.02, 0.88), viewport=True, font_size=11, color="black",
@@ -527,7 +527,7 @@ def _solid(
 
     def show(frame: int) -> None:
         grid.points = every[frame]
-        grid.point_data[shown[0]][:] = values[frame] / size
+        grid.point_data[look[0]][:] = values[frame] / size
         _held(plotter, grid, case)
 
     return show

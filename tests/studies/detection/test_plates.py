@@ -50,11 +50,11 @@ def test_outlines_of_patches_have_their_areas():
 
 
 def test_the_intact_plate_keeps_edges_and_scan():
-    whole = intact(plate(scan={"spacing": 0.02}))
-    assert not whole.delamination
-    assert whole.is_plate
-    assert whole.support.holds("end")
-    assert whole.scan == plate(scan={"spacing": 0.02}).scan
+    bonded = intact(plate(scan={"spacing": 0.02}))
+    assert not bonded.delamination
+    assert bonded.is_plate
+    assert bonded.support.holds("end")
+    assert bonded.scan == plate(scan={"spacing": 0.02}).scan
 
 
 def test_options_and_the_case_do_not_both_say_the_points():
@@ -77,18 +77,18 @@ def test_studies_that_know_no_plates_refuse_them():
 def test_a_patch_is_found_and_a_scan_of_it_is_judged_alike(tmp_path):
     """The simulated scan, and the record of a run that is read as a measurement."""
     case = plate()
-    found = df.detect(case, tmp_path / "scan", modes=30)
-    assert found.mark.is_detected
-    assert not found.intact_marks["curvature"].is_detected
+    detection = df.detect(case, tmp_path / "scan", modes=30)
+    assert detection.mark.is_detected
+    assert not detection.intact_marks["curvature"].is_detected
     numbers = json.loads((tmp_path / "scan" / "detection.json").read_text())
     assert numbers["detected"]
     assert not numbers["intact_called"]
     assert numbers["overlap"] > 0.3
-    region = found.mark.region
+    region = detection.mark.region
     assert numbers["area"] == pytest.approx(region.area)
     # most of what is marked lies in the patch, and its middle does
     assert patches_of(case).contains(*np.mean(region.outlines[0], axis=0)).all()
-    assert found.contrast("curvature") > 3.0
+    assert detection.contrast("curvature") > 3.0
     for name in ("detection", "indices", "shapes"):
         assert (tmp_path / "scan" / "figures" / f"{name}.png").stat().st_size > 10_000
     # the same plate as a rig: its record has x and z of each point
