@@ -467,9 +467,21 @@ class Case(Section):
                         "expected a force on bars and points, on which tension has no effect",
                     )
         if self.has_axial_forces and not all(lamina.is_uniform for lamina in self.lamina):
+            self._check_forces_along_profiles()
+
+    def _check_forces_along_profiles(self) -> None:
+        """Check that axial forces do not bend laminae that are not uniform."""
+        is_upright = self.gravity is not None and self.gravity.along != 0.0
+        key = "gravity.inclination" if is_upright else "load"
+        if not self.is_apart:
             raise inconsistent(
-                "gravity.inclination" if self.gravity and self.gravity.along else "load",
-                "expected uniform laminae, along which weight or tension acts, given a profile",
+                key,
+                "expected uniform laminae, or laminae that are apart: the neutral axis of a bonded "
+                "profile is not straight, and what acts along it bends it",
+            )
+        if self.model.is_continuum and any(load.axial for load in self.load):
+            raise inconsistent(
+                "load", "expected uniform laminae with tension in a solid, given a profile"
             )
 
     def _check_sensors(self) -> None:

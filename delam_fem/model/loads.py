@@ -31,7 +31,7 @@ import scipy.sparse as sp
 from scipy.special import roots_legendre
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Load
+from delam_fem.case.sections import Lamina, Load
 from delam_fem.contact import complementarity
 from delam_fem.model.factors import Factor, factored, largest_above_zero
 from delam_fem.model.layout import (
@@ -398,8 +398,9 @@ def require_unbuckled(K: sp.spmatrix, geometric: sp.spmatrix | None, n: int) -> 
 def axial_forces(case: Case, x: FloatArray, chains: Sequence[Chain]) -> FloatArray:
     """Return the axial forces of all laminae at both ends of each cell, (n_laminae, n, 2) [N].
 
-    Tension is positive. Within a cell they are linear; a point mass inside a cell counts from its
-    end on. Neighbours that are bonded share the force of their stack by E b h.
+    Tension is positive. Within a cell they are linear, of a lamina that is not uniform the nearest
+    linear ones; a point mass inside a cell counts from its end on. Neighbours that are bonded share
+    the force of their stack by E b h.
 
     Args:
         case: the case.
@@ -418,10 +419,11 @@ def axial_forces(case: Case, x: FloatArray, chains: Sequence[Chain]) -> FloatArr
 def tensions(case: Case) -> FloatArray:
     """Return the tension of each lamina by [[load]] axial, shape (n_laminae,) [N].
 
-    That of the whole structure is shared by E b h.
+    That of the whole structure is shared by E b h; of a lamina that is not uniform, by the one that
+    a uniform one of the same stiffness along the axis has.
     """
     N = np.zeros(len(case.lamina))
-    EA = np.array([lamina.axial_rigidity for lamina in case.lamina])
+    EA = np.array([_effective_rigidity(lamina) for lamina in case.lamina])
     names = [lamina.name for lamina in case.lamina]
     for load in case.load:
         if load.axial is not None and load.lamina is None:
@@ -429,6 +431,23 @@ def tensions(case: Case) -> FloatArray:
         elif load.axial is not None:
             N[names.index(load.lamina or "")] += load.axial
     return N
+
+
+def _effective_rigidity(lamina: Lamina) -> float:
+    """Return E A of a lamina as a bar: its length over its flexibility [N]."""
+    if lamina.is_uniform:
+        return lamina.axial_rigidity
+    edges = np.array([0.0, *lamina.breaks, lamina.length])
+    s, w, inside = _points(edges)
+    flexibility = float((w / lamina.axial_rigidity_at(s, inside)).sum())
+    return lamina.length / flexibility
+
+
+def _points(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return places, weights [m] and the middles of cells, each of shape (n_cells, 4)."""
+    half = 0.5 * np.diff(x)[:, None]
+    middles = np.broadcast_to(x[:-1, None] + half, (half.size, GAUSS[0].size))
+    return middles + half * GAUSS[0], half * GAUSS[1], middles
 
 
 Chain = tuple[int, int, tuple[int, ...], int, int]
@@ -447,11 +466,11 @@ def _of_weight(case: Case, x: FloatArray, chains: Sequence[Chain], a: float) -> 
     f = np.zeros(count)
     bars = []
     for first, last, group, start, end in chains:
-        EA = [case.lamina[i].axial_rigidity for i in group]
-        pulls = np.zeros((last - first, 2))  # of all masses before the ends of each cell
-        per_cell = sum(case.lamina[i].mass_per_length for i in group) * np.diff(x[first : last + 1])
-        pulls[:, 1] = a * np.cumsum(per_cell)
-        pulls[1:, 0] = pulls[:-1, 1]
+        points, weights, middles = _points(x[first : last + 1])
+        laminae = [case.lamina[i] for i in group]
+        density = np.sum([lamina.mass_per_length_at(points, middles) for lamina in laminae], axis=0)
+        EA = np.sum([lamina.axial_rigidity_at(points, middles) for lamina in laminae], axis=0)
+        pulls = _pulls(a * density * weights)
         for mass, place in _masses(case, group):
             is_at_end = last == x.size - 1 and place >= x[last]
             if not (x[first] <= place < x[last] or is_at_end):
@@ -460,11 +479,10 @@ def _of_weight(case: Case, x: FloatArray, chains: Sequence[Chain], a: float) -> 
             pulls[x[first + 1 : last + 1] > place, 1] += a * mass
             if is_at_end and end >= 0:
                 f[end] += a * mass
-        h = np.diff(x[first : last + 1])
-        length = float(h.sum())
-        k = sum(EA) / length
-        # N = N_start - pulls; its mean times length over EA is the elongation
-        mean = float((0.5 * pulls.sum(axis=1)) @ h) / length
+        flexible = weights / EA
+        k = 1.0 / float(flexible.sum())
+        # N = N_start - pulls; its mean over k is the elongation
+        mean = k * float((flexible * (pulls @ LINEAR)).sum())
         bars.append((pulls, mean, k))
         for joint, other in ((start, end), (end, start)):
             if joint >= 0:
@@ -484,10 +502,30 @@ def _of_weight(case: Case, x: FloatArray, chains: Sequence[Chain], a: float) -> 
     for (first, last, group, start, end), (pulls, mean, k) in zip(chains, bars, strict=True):
         stretch = (u[end] if end >= 0 else 0.0) - (u[start] if start >= 0 else 0.0)
         forces = k * stretch + mean - pulls
-        EA_all = np.array([case.lamina[i].axial_rigidity for i in group])
+        EA_all = np.array([_effective_rigidity(case.lamina[i]) for i in group])
         for i, share in zip(group, EA_all / EA_all.sum(), strict=True):
             N[i, first:last] += share * forces
     return N
+
+
+LINEAR = 0.5 * np.stack([1.0 - GAUSS[0], 1.0 + GAUSS[0]])
+"""Values of the two linear functions of a cell at its points, shape (2, 4)."""
+
+
+def _pulls(loads: FloatArray) -> FloatArray:
+    """Return the sum of all loads before a place, nearest to it in each cell and linear there.
+
+    Args:
+        loads: at the points of each cell, shape (n_cells, 4) [N].
+
+    Returns:
+        Its values at both ends of each cell, shape (n_cells, 2) [N].
+    """
+    before = np.cumsum(loads.sum(axis=1)) - loads.sum(axis=1)
+    start, end = LINEAR
+    mean = before + loads @ start
+    slope = 3.0 * (loads @ (start * end))  # of the least squares, over half a cell
+    return np.stack([mean - slope, mean + slope], axis=1)
 
 
 def _masses(case: Case, group: Sequence[int]) -> Iterator[tuple[float, float]]:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import delam_fem as df
-from delam_fem.api import Structure, assemble, lowest, opening_amplitude, springs_of
+from delam_fem.api import FloatArray, Structure, assemble, lowest, opening_amplitude, springs_of
 
 L, B, H, RHO, E = 0.3, 0.03, 0.001, 7850.0, 2.1e11
 EI = E * B * H**3 / 12.0
@@ -128,6 +129,67 @@ def test_weak_forms_and_closed_forms_have_one_geometric_stiffness() -> None:
     difference = abs(weak.stiffness - closed.stiffness).max()
     assert difference < 1e-12 * abs(closed.stiffness).max()
     assert weak.buckling_factor == pytest.approx(closed.buckling_factor, rel=1e-8)
+
+
+def tapered(elements: int, inclination: float) -> df.Case:
+    """Return a strip whose thickness falls to half of it at its end, under ten times its weight."""
+    lamina = {"name": "strip", "length": L, "width": 0.02, "damping_ratio": 0.01,
+              "thickness": {"x": [0.0, L], "value": [0.001, 0.0005]},
+              "density": 2700.0, "young_modulus": 7e10}  # fmt: skip
+    return case_of(
+        lamina=[lamina],
+        mesh={"elements": elements},
+        gravity={"acceleration": 20.0, "inclination": inclination},
+    )
+
+
+def ritz(inclination: float, n: int = 14) -> FloatArray:
+    """Return the lowest frequencies of `tapered` by polynomials of degree n + 1 [Hz]."""
+    s, w = np.polynomial.legendre.leggauss(60)
+    x = 0.5 * L * (s + 1.0)
+    weight = 0.5 * L * w
+    h = 0.001 * (1.0 - 0.5 * x / L)
+    behind = 2700.0 * 0.02 * 0.001 * ((L - x) - 0.25 * (L**2 - x**2) / L)
+    force = -20.0 * np.sin(np.radians(inclination)) * behind
+    square = np.polynomial.Polynomial([0.0, 0.0, 1.0 / L**2])
+    shapes = [square * np.polynomial.Legendre.basis(k, [0.0, L]).convert(
+        kind=np.polynomial.Polynomial) for k in range(n)]  # fmt: skip
+    values, slopes, curvatures = (np.array([f.deriv(d)(x) for f in shapes]) for d in (0, 1, 2))
+    stiffness = (curvatures * (weight * 7e10 * 0.02 * h**3 / 12.0)) @ curvatures.T
+    stiffness += (slopes * (weight * force)) @ slopes.T
+    mass = (values * (weight * 2700.0 * 0.02 * h)) @ values.T
+    squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
+    return np.asarray(np.sqrt(squares[:3]) / (2.0 * np.pi))
+
+
+@pytest.mark.parametrize("inclination", [90.0, -90.0, 30.0])
+def test_weight_along_a_tapered_strip_changes_its_frequencies(inclination: float) -> None:
+    exact = ritz(inclination)
+    plain = ritz(0.0)
+    errors = []
+    for elements in (10, 40):
+        o = assemble(tapered(elements, inclination), needs_dolfinx=False).operators
+        hertz, _ = lowest(o.stiffness, o.mass, 3)
+        errors.append(np.abs(hertz / exact - 1.0).max())
+    assert np.abs(exact / plain - 1.0).max() > 0.005
+    assert errors[1] < 1e-5
+    assert errors[0] > 100.0 * errors[1]  # the order is 4, as of uniform strips
+
+
+@pytest.mark.slow
+def test_weight_along_a_tapered_solid_is_that_along_a_beam() -> None:
+    case = tapered(20, 90.0).with_overrides({"model.kind": "plane-stress", "model.poisson": 0.0})
+    o = assemble(case).operators
+    (hertz,), _ = lowest(o.stiffness, o.mass, 1)
+    assert hertz == pytest.approx(ritz(90.0)[0], rel=1e-3)
+    assert abs(hertz / ritz(0.0)[0] - 1.0) > 1e-2
+
+
+def test_weak_forms_know_weight_along_a_tapered_strip() -> None:
+    case = tapered(8, 90.0)
+    closed, weak = (assemble(case, needs_dolfinx=needs).operators for needs in (False, True))
+    difference = closed.stiffness - weak.stiffness
+    assert abs(difference).max() < 1e-11 * abs(closed.stiffness).max()
 
 
 def test_a_strip_falls_over_beyond_its_buckling_load() -> None:
