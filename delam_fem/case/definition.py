@@ -122,6 +122,11 @@ def _placed(table: object, end: object) -> object:
     return {**table, "position": end}
 
 
+LEAST_SHEAR = 0.01
+"""Shear modulus of a layer over the largest modulus of a case below which beams refuse it: cores of
+sandwiches have less, UD layers three times as much and more."""
+
+
 class Case(Section):
     """A complete case.
 
@@ -238,6 +243,7 @@ class Case(Section):
     def _consistent(self) -> Self:
         """Check conditions that involve several sections."""
         self._check_laminae()
+        self._check_materials()
         self._check_openings()
         self._check_places()
         self._check_time()
@@ -549,6 +555,31 @@ class Case(Section):
                 raise inconsistent("lamina", f"expected two names, given {other.name!r} twice")
         if not self.has_one_length:
             self._check_lengths()
+
+    def _check_materials(self) -> None:
+        """Check that beams have no layers whose couplings or shear they do not know."""
+        if self.model.is_continuum or self.model.file is not None:
+            return
+        solid = 'take model.kind = "plane-stress" or "solid"'
+        stiffest = max(lamina.mean("young_modulus") for lamina in self.lamina)
+        for lamina in self.lamina:
+            if lamina.orthotropic is None:
+                continue
+            if not lamina.is_symmetric:
+                raise inconsistent(
+                    f"lamina.{lamina.name}.plies",
+                    "expected plies whose upper half mirrors the lower one with laminae as beams, "
+                    "which know no coupling of bending and stretching, given "
+                    f"{[*(lamina.plies or ())]}; {solid}",
+                )
+            shear = min(1.0 / lamina.orthotropic.at(angle)[3, 3] for angle, _ in lamina.layers)
+            if shear < LEAST_SHEAR * stiffest:
+                raise inconsistent(
+                    f"lamina.{lamina.name}.material",
+                    f"expected a shear modulus of at least {LEAST_SHEAR:g} of the largest Young's "
+                    f"modulus, {stiffest:.4g} Pa, with laminae as beams, which know no shear, "
+                    f"given {shear:.4g} Pa; {solid}",
+                )
 
     def _check_lengths(self) -> None:
         """Check that laminae of unequal lengths are cantilevers that begin at one clamp."""

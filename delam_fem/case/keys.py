@@ -23,6 +23,7 @@ from pydantic_core import PydanticUndefined, core_schema
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset_text
+from delam_fem.case.materials import Orthotropic
 from delam_fem.case.sections import Profile
 from delam_fem.case.toml import Data, toml_value
 from delam_fem.case.values import Expected, Section
@@ -165,7 +166,7 @@ def _parts(annotation: Any) -> Iterator[Any]:
 def _models(annotation: Any) -> list[type[Section]]:
     """Return the models of tables in the type of a field."""
     parts = [p for p in _parts(annotation) if isinstance(p, type) and issubclass(p, Section)]
-    return [part for part in parts if part.is_written and part is not Profile]
+    return [part for part in parts if part.is_written and part not in (Profile, Orthotropic)]
 
 
 def _is_array(annotation: Any) -> bool:
@@ -181,6 +182,8 @@ def _type(annotation: Any, choices: tuple[str, ...]) -> str:
         return f"{', '.join(first)} or {last}" if first else last
     if Profile in _parts(annotation):
         return "a positive number or a table over x"
+    if Orthotropic in _parts(annotation):
+        return "a name, or a table of E1 E2 E3 G12 G13 G23 [Pa] nu12 nu13 nu23"
     for part in (annotation, *get_args(annotation)):
         for note in getattr(part, "__metadata__", ()):
             if isinstance(note, Expected):
@@ -219,6 +222,10 @@ def case_schema() -> Schema:
     definitions = {table.model.__name__: table for table in listed if table.name}
     for name, table in definitions.items():
         made["$defs"][name] = _described(made["$defs"][name], table)
+    layer = made["$defs"]["Orthotropic"]["properties"]
+    for name in layer:
+        quantity = {"type": "string", "pattern": QUANTITY}
+        layer[name] = {"anyOf": [{"type": "number"}, quantity]}
     ends, inner = ({"$ref": f"#/$defs/{name}"} for name in ("Support", "PointSupport"))
     several = {"type": "array", "items": {"anyOf": [ends, inner]}}
     del made["$defs"]["Support"]["properties"]["placed"]

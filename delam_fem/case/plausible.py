@@ -31,7 +31,8 @@ from delam_fem.case.excitation import (
     drive,
     parts_of,
 )
-from delam_fem.case.sections import DISAGREEING, ENDS, MATERIALS, Lamina
+from delam_fem.case.materials import MATERIALS
+from delam_fem.case.sections import DISAGREEING, ENDS, Lamina
 
 Bounds = tuple[float, float]
 
@@ -184,7 +185,7 @@ def _two_stiffnesses(lamina: Lamina) -> Iterator[str]:
 
 def _two_masses(lamina: Lamina) -> Iterator[str]:
     """Yield a warning if a given mass per length is far from that of the lamina's material."""
-    row = MATERIALS.get(lamina.material or "")
+    row = MATERIALS.get(lamina.material) if isinstance(lamina.material, str) else None
     if row is None:
         return
     if not lamina.is_uniform:

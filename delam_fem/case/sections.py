@@ -1,15 +1,5 @@
 """Define the sections of a case as frozen, strict models.
 
-Young's modulus and density of the named materials are nominal values for a first model. Sheets of
-one name differ by some percent: where natural frequencies matter, identify the modulus.
-
-Sources:
-    aluminium: EN 1999-1-1, 3.2.5.
-    steel: EN 1993-1-1, 3.2.6 (modulus, Poisson's ratio); EN 1991-1-1, table A.4 (77 to 78.5 kN/m3).
-    titanium: the alloy Ti-6Al-4V; ASM Handbook, volume 2.
-    carbon-epoxy (T300/5208), glass-epoxy (Scotchply 1002): unidirectional, along the fibres; S. W.
-    Tsai, H. T. Hahn, "Introduction to Composite Materials" (1980), table 1.7.
-
 Numbers are SI and float64. A whole number is accepted for a float; no other conversion is made.
 `definition.py` checks conditions that involve several sections.
 """
@@ -30,11 +20,13 @@ from pydantic import (
     PrivateAttr,
     SerializerFunctionWrapHandler,
     Tag,
+    ValidationError,
     model_serializer,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
+from delam_fem.case.materials import MATERIALS, ORTHOTROPIC, POISSON, Orthotropic
 from delam_fem.case.values import (
     Bits,
     CellCount,
@@ -64,31 +56,12 @@ from delam_fem.case.values import (
     inconsistent,
 )
 from delam_fem.contact.laws import SCHEMES, Impulse, LawName, Scheme, SchemeName
+from delam_fem.numerics import elasticity
 from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.numerics.harmonics import Kind
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.system.errors import CaseError
 
-MATERIALS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "aluminium": {"young_modulus": 70e9, "density": 2700.0},
-        "steel": {"young_modulus": 210e9, "density": 7850.0},
-        "titanium": {"young_modulus": 113.8e9, "density": 4430.0},
-        "carbon-epoxy": {"young_modulus": 181e9, "density": 1600.0},
-        "glass-epoxy": {"young_modulus": 38.6e9, "density": 1800.0},
-    }
-)
-"""Young's modulus E [Pa] and density rho [kg/m3] by the names that `lamina.….material` takes."""
-POISSON: Mapping[str, float] = MappingProxyType(
-    {
-        "aluminium": 0.3,
-        "steel": 0.3,
-        "titanium": 0.342,
-        "carbon-epoxy": 0.28,
-        "glass-epoxy": 0.26,
-    }
-)
-"""Poisson's ratio by the names of materials [-]; of unidirectional layers the larger one."""
 _OF_MATERIALS: Mapping[str, str] = MappingProxyType({"young_modulus": "Pa", "density": "kg/m3"})
 """Keys of a lamina whose values a material says, with their units."""
 DISAGREEING = 0.05
@@ -162,6 +135,21 @@ VARYING = ("thickness", "width", "density", "young_modulus")
 """Keys of a lamina that take a table over x."""
 
 
+def _material_form(value: object) -> Literal["name", "table"]:
+    """Return what a material is by its form."""
+    return "table" if isinstance(value, Mapping | Orthotropic) else "name"
+
+
+Material = Annotated[
+    Annotated[str, Tag("name")] | Annotated[Orthotropic, Tag("table")],
+    Discriminator(_material_form),
+]
+"""The name of a material, or the numbers of an orthotropic one."""
+Angle = Annotated[Finite, Unit("deg")]
+MOST_PLIES = 200
+"""Largest number of plies of a lamina."""
+
+
 class Lamina(Section):
     """One lamina of the delaminated beam.
 
@@ -177,8 +165,12 @@ class Lamina(Section):
         length: length L [m].
         width: width b [m].
         thickness: thickness h [m].
-        material: name of a material, whose density and modulus the lamina then has, as "aluminium";
-            see docs/layered.md. Other numbers beside it are refused.
+        material: name of a material, whose density and modulus the lamina then has, as "aluminium"
+            or "cfrp-ud", or a table of the numbers of an orthotropic one (docs/layered.md). Other
+            numbers beside it are refused.
+        angle: angle of the fibres of an orthotropic material, from x towards z [deg]; 0 if nothing
+            is given.
+        plies: in place of angle: those of plies of equal thickness, from the bottom [deg].
         density: density rho [kg/m3]; a material or mass_per_length gives it too.
         young_modulus: Young's modulus E [Pa]; a material or bending_stiffness gives it too.
         bending_stiffness: bending stiffness EI [N m2]; if given, it replaces E b h^3/12, also
@@ -198,7 +190,9 @@ class Lamina(Section):
     length: Annotated[Positive, Unit("m")]
     width: Annotated[Along, Unit("m")]
     thickness: Annotated[Along, Unit("m")]
-    material: str | None = None
+    material: Material | None = None
+    angle: Angle | None = None
+    plies: Annotated[tuple[Angle, ...] | None, Expected("a list of angles [deg]")] = None
     density: Annotated[Along, Unit("kg/m3")]
     young_modulus: Annotated[Along, Unit("Pa")]
     bending_stiffness: Annotated[Positive | None, Unit("N m2")] = None
@@ -234,7 +228,7 @@ class Lamina(Section):
     def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, object]:
         """Return the keys of the lamina without those that follow from others."""
         data: dict[str, object] = handler(self)
-        follow = {*_PICTURE, *_OF_MATERIALS} - self.model_fields_set
+        follow = {*_PICTURE, *_OF_MATERIALS, "bending_stiffness"} - self.model_fields_set
         line_mass = {} if self._line_mass is None else {"mass_per_length": self._line_mass}
         return {key: value for key, value in data.items() if key not in follow} | line_mass
 
@@ -264,12 +258,54 @@ class Lamina(Section):
                     f"{key}.x",
                     f"expected a last place at the length {self.length:g} m, given {last:g}",
                 )
-        for key in ("bending_stiffness", "mass", "material"):
+        for key in ("bending_stiffness", "mass", "material", "plies"):
             names = (*_OF_MATERIALS,) if key == "material" else VARYING
+            if key == "material" and isinstance(self.material, Orthotropic):
+                names = ("young_modulus",)
             tables = [name for name in names if name in self.profiles]
             if tables and getattr(self, key) is not None:
                 raise inconsistent(key, f"expected none beside a table of {' and '.join(tables)}")
         return self
+
+    @model_validator(mode="after")
+    def _fitting_angles(self) -> Self:
+        """Check that angles belong to an orthotropic material, and are said once."""
+        for key in ("angle", "plies"):
+            if getattr(self, key) is not None and self.orthotropic is None:
+                raise inconsistent(
+                    key,
+                    f"expected only beside an orthotropic material, {', '.join(ORTHOTROPIC)} or a "
+                    f"table of its moduli, given material = {self.material!r}",
+                )
+        if self.angle is not None and self.plies is not None:
+            raise inconsistent("plies", "expected angle or plies, not both")
+        if self.plies is not None and not 1 <= len(self.plies) <= MOST_PLIES:
+            raise inconsistent(
+                "plies", f"expected 1 to {MOST_PLIES} angles, given {len(self.plies)}"
+            )
+        return self
+
+    @property
+    def orthotropic(self) -> Orthotropic | None:
+        """The orthotropic material of the lamina; None: it is isotropic."""
+        if isinstance(self.material, Orthotropic):
+            return self.material
+        named = ORTHOTROPIC.get(self.material or "")
+        return None if named is None else named[0]
+
+    @property
+    def layers(self) -> tuple[tuple[float, float], ...]:
+        """Angle [deg] and share of the thickness of each layer from the bottom; equal plies join.
+
+        An isotropic lamina is one layer.
+        """
+        return _layers(self.angle, self.plies)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether the layers above the middle mirror those below, so that bending stretches not."""
+        plies = self.plies or (0.0,)
+        return all(abs(a - b) % 180.0 == 0.0 for a, b in zip(plies, plies[::-1], strict=True))
 
     @property
     def profiles(self) -> dict[str, Profile]:
@@ -385,8 +421,8 @@ class Lamina(Section):
 
     @property
     def poisson(self) -> float:
-        """Poisson's ratio of the lamina's material; 0 without one [-]."""
-        return POISSON.get(self.material or "", 0.0)
+        """Poisson's ratio of the lamina's isotropic material; 0 without one [-]."""
+        return POISSON.get(self.material, 0.0) if isinstance(self.material, str) else 0.0
 
     def angular_frequencies(self, n: int, *, is_even: bool = False) -> FloatArray:
         """Return the first natural frequencies, omega_k = (B_k/L)^2 sqrt(EI / rho A) of a beam.
@@ -420,6 +456,8 @@ def _converted(key: object, value: object) -> object:
     """Return a value of a lamina, in SI if it carries a unit, before others follow from it."""
     if key == "mass_per_length":
         return in_si(value, "kg/m", "mass_per_length")
+    if key == "plies" and isinstance(value, list | tuple):
+        return [in_si(entry, "deg", "plies") for entry in value]
     field = Lamina.model_fields.get(str(key))
     notes = () if field is None else field.metadata
     unit = next((note.name for note in notes if isinstance(note, Unit)), None)
@@ -435,7 +473,7 @@ def _converted(key: object, value: object) -> object:
 
 
 def _take_material(numbers: dict[object, object]) -> set[str]:
-    """Fill in density and modulus of a named material; return the keys whose values it says.
+    """Fill in density and stiffness of a material; return the keys whose values it says.
 
     Raises:
         PydanticCustomError: the material is unknown, or a number differs from the material's.
@@ -443,21 +481,104 @@ def _take_material(numbers: dict[object, object]) -> set[str]:
     name = numbers.get("material")
     if name is None:
         return set()
-    row = MATERIALS.get(name) if isinstance(name, str) else None
+    row: Mapping[str, float] | None = None
+    if isinstance(name, str):
+        row = MATERIALS.get(name)
     if row is None:
-        raise inconsistent("material", f"expected one of {', '.join(MATERIALS)}, given {name!r}")
+        return _take_orthotropic(name, numbers)
     said = {"young_modulus"}
     if "mass_per_length" not in numbers:
         said.add("density")
     for key in said:
-        value = numbers.setdefault(key, row[key])
-        if isinstance(value, int | float) and not math.isclose(value, row[key], rel_tol=_SAME):
-            raise inconsistent(
-                key,
-                f"expected {row[key]:g} {_OF_MATERIALS[key]} of material = {name!r}, or no "
-                f"material, given {value:g} {_OF_MATERIALS[key]}",
-            )
+        _take(numbers, key, row[key])
     return said
+
+
+def _take(numbers: dict[object, object], key: str, of_material: float) -> None:
+    """Fill in a number of a named material.
+
+    Raises:
+        PydanticCustomError: another one is given.
+    """
+    value = numbers.setdefault(key, of_material)
+    if isinstance(value, int | float) and not math.isclose(value, of_material, rel_tol=_SAME):
+        raise inconsistent(
+            key,
+            f"expected {of_material:g} {_OF_MATERIALS[key]} of material = "
+            f"{numbers['material']!r}, or no material, given {value:g} {_OF_MATERIALS[key]}",
+        )
+
+
+def _take_orthotropic(material: object, numbers: dict[object, object]) -> set[str]:
+    """Fill in the modulus along x and, of plies, EI; return the keys that the material says.
+
+    The modulus is that of stretching, EI that of bending, both of classical laminate theory for a
+    narrow beam (`elasticity.laminate`).
+
+    Raises:
+        PydanticCustomError: the material is unknown, or a stiffness stands beside it.
+    """
+    said = {"young_modulus"}
+    if isinstance(material, str):
+        if material not in ORTHOTROPIC:
+            raise inconsistent(
+                "material",
+                f"expected one of {', '.join((*MATERIALS, *ORTHOTROPIC))} or a table of E1, E2, "
+                f"E3, G12, G13, G23, nu12, nu13 and nu23, given {material!r}",
+            )
+        row, density = ORTHOTROPIC[material]
+        if "mass_per_length" not in numbers:
+            said.add("density")
+            _take(numbers, "density", density)
+    elif isinstance(material, Orthotropic):
+        row = material
+    else:
+        try:
+            row = Orthotropic.model_validate(material)
+        except ValidationError:  # the lamina's own check tells it with its place
+            numbers["young_modulus"] = 1.0
+            return said
+    for key in ("young_modulus", "bending_stiffness"):
+        if key in numbers:
+            raise inconsistent(
+                key, "expected none beside an orthotropic material, whose moduli give it"
+            )
+    angle = numbers.get("angle")
+    plies = numbers.get("plies", [0.0 if angle is None else angle])
+    angles = [_number(one) for one in plies] if isinstance(plies, list | tuple) else []
+    if not angles or None in angles:
+        numbers["young_modulus"] = row.E1  # the angles themselves are refused
+        return said
+    layers = _layers(None, tuple(one for one in angles if one is not None))
+    b, h = (_positive(numbers.get(key)) for key in ("width", "thickness"))
+    heights = [share * (h or 1.0) for _, share in layers]
+    _, stretching, bending = elasticity.laminate([row.at(one) for one, _ in layers], heights)
+    numbers["young_modulus"] = stretching / sum(heights)
+    if len(layers) > 1 and b is not None and h is not None:
+        numbers["bending_stiffness"] = b * bending
+        said.add("bending_stiffness")
+    return said
+
+
+def _layers(
+    angle: float | None, plies: tuple[float, ...] | None
+) -> tuple[tuple[float, float], ...]:
+    """Return angle [deg] and share of the thickness of each layer; neighbours of one angle join."""
+    angles = (angle or 0.0,) if plies is None else plies
+    layers: list[tuple[float, float]] = []
+    for one in angles:
+        share = 1.0 / len(angles)
+        if layers and layers[-1][0] == one:
+            share += layers.pop()[1]
+        layers.append((one, share))
+    return tuple(layers)
+
+
+def _number(value: object) -> float | None:
+    """Return a finite number as such; None: it is another value."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
 
 
 def _take_section(numbers: dict[object, object]) -> float | None:

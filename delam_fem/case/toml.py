@@ -18,7 +18,7 @@ from typing import TypeAlias, TypeGuard
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from delam_fem.case.sections import MATERIALS
+from delam_fem.case.materials import MATERIALS, ORTHOTROPIC
 from delam_fem.system.errors import CaseError
 from delam_fem.system.footprint import bounded
 
@@ -283,7 +283,9 @@ _MATERIAL_KEYS = {
     "material": ("density", "young_modulus", "mass_per_length", "bending_stiffness"),
     "density": ("material", "mass_per_length"),
     "mass_per_length": ("material", "density"),
-    "young_modulus": ("material",),
+    "young_modulus": ("material", "angle", "plies"),
+    "angle": ("plies",),
+    "plies": ("angle",),
 }
 """Keys of a lamina that an override of its material, or of a number of the material, removes."""
 
@@ -436,20 +438,28 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         if key == "contact.law" and "@" in str(value) and isinstance(table, dict):
             table.pop("scheme", None)  # the law brings its own
         if key.startswith("lamina."):
-            _leave_material(data, key)
+            _leave_material(data, key, value)
         set_key(data, key, deepcopy(value))  # tables of the caller stay as they are
 
 
-def _leave_material(data: Data, key: str) -> None:
-    """Remove what a new material, density or modulus of a lamina replaces."""
+def _leave_material(data: Data, key: str, value: object) -> None:
+    """Remove what a new material, density, modulus or angle of a lamina replaces."""
     path, _, last = key.rpartition(".")
     entries = data.get("lamina")
     part = path.removeprefix("lamina.")
     if not isinstance(entries, list) or last not in _MATERIAL_KEYS or "." in part:
         return
     entry = _entry(entries, part, key)
-    row = MATERIALS.get(str(entry.get("material")))
-    for number, value in () if row is None else row.items():
-        entry.setdefault(number, value)
-    for other in _MATERIAL_KEYS[last]:
+    removed = set(_MATERIAL_KEYS[last])
+    name = str(entry.get("material"))
+    if last not in ("angle", "plies"):
+        for number, size in MATERIALS.get(name, {}).items():
+            entry.setdefault(number, size)
+    if last in ("density", "mass_per_length") and name not in MATERIALS:
+        removed -= {"material"}  # an orthotropic one keeps its moduli
+        if name in ORTHOTROPIC:
+            entry["material"] = ORTHOTROPIC[name][0].model_dump()
+    if last == "material" and str(value) in MATERIALS:
+        removed |= {"angle", "plies"}
+    for other in removed:
         entry.pop(other, None)

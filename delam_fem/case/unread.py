@@ -116,6 +116,7 @@ def _of_lamina(case: Case, lamina: Lamina) -> Iterator[str]:
         yield from ("width", "thickness", "density", "bending_stiffness", "motion")
         if not is_read_by_balls:
             yield from ("material", "young_modulus")
+        yield from ("angle", "plies")
     elif lamina.motion == "axial" and "young_modulus" in lamina.model_fields_set:
         yield "bending_stiffness"
     elif lamina.has_two_stiffnesses and not is_read_by_balls:
@@ -153,7 +154,10 @@ def _of_time(case: Case) -> Iterator[str]:
 def _read_of_model(case: Case) -> set[str]:
     """Return the keys of the section `model` that have an effect."""
     has_balls = any(impactor.radius is not None for impactor in case.impactor)
-    return set(case.model.reads) | ({"poisson"} if has_balls else set())
+    reads = set(case.model.reads)
+    if all(lamina.orthotropic is not None for lamina in case.lamina):
+        reads -= {"poisson"}  # their ratios are those of the material
+    return reads | ({"poisson"} if has_balls else set())
 
 
 def _of_striker(case: Case, own: object) -> Iterator[str]:

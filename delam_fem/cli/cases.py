@@ -242,12 +242,22 @@ def _lamina(lamina: Lamina) -> str:
         if lamina.motion == "axial"
         else f"EI {_along(lamina.flexural_rigidity_at, lamina)} N m²"
     )
-    material = f"{lamina.material}, " if lamina.material else ""
+    material = _material(lamina)
     return (
         f"{1e3 * lamina.length:g} × {_size(lamina, 'width')} × {_size(lamina, 'thickness')} mm, "
         f"{material}{stiffness}, {_along(lamina.mass_per_length_at, lamina)} kg/m, "
         f"D {lamina.damping_ratio:g}"
     )
+
+
+def _material(lamina: Lamina) -> str:
+    """Return in words what a lamina is made of, with the angles of its layers."""
+    if lamina.orthotropic is None:
+        return f"{lamina.material}, " if lamina.material else ""
+    name = lamina.material if isinstance(lamina.material, str) else "orthotropic"
+    if lamina.plies is None:
+        return f"{name} at {lamina.angle or 0.0:g}°, "
+    return f"{name} [{'/'.join(f'{angle:g}' for angle in lamina.plies)}], "
 
 
 def _along(course: Callable[[FloatArray], FloatArray], lamina: Lamina) -> str:

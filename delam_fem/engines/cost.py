@@ -199,7 +199,8 @@ def _size_of(case: Case) -> tuple[float, float]:
     if file is not None:  # of triangles and tetrahedra half as many neighbours
         return float(dim * p**dim * len(read_file(file).points)), 0.5 * dim * (p + 2.0) ** dim
     n_across = case.mesh.across or model.strips
-    across = [p * n + 1 for n in (model.layers, n_across)[: dim - 1]]
+    through = max(model.layers * len(lamina.layers) for lamina in case.lamina)
+    across = [p * n + 1 for n in (through, n_across)[: dim - 1]]
     neighbours = math.prod(min(n, p + 2) for n in across) * (p + 2.0)
     n_nodes = (case.mesh.elements or 0) * p * math.prod(across)
     return float(dim * len(case.lamina) * n_nodes), dim * neighbours

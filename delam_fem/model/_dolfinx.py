@@ -242,9 +242,9 @@ def facet_dofs(space: Any, n_facets: int) -> list[list[int]]:
     return [[int(k) for k in of_facet(dim - 1, facet)] for facet in range(n_facets)]
 
 
-def constant(mesh: Any, value: float) -> Any:
+def constant(mesh: Any, value: float | FloatArray) -> Any:
     """Return a constant of forms, whose value may change without another compilation."""
-    return dolfinx.fem.Constant(mesh, np.float64(value))
+    return dolfinx.fem.Constant(mesh, np.asarray(value, dtype=np.float64))
 
 
 def input_nodes(linear: Any) -> IntArray:

@@ -300,6 +300,11 @@ def _contact(own: Impactor, case: Case, which: int) -> tuple[FloatArray | float 
     if own.radius is None:
         return own.stiffness, np.zeros(1)
     lamina = case.lamina[which]
+    if lamina.orthotropic is not None:
+        raise CaseError(
+            f"impactor.radius: expected stiffness in its place on lamina {lamina.name}, because "
+            "Hertz's contact is that of isotropic bodies"
+        )
     of_all = case.model.poisson
     x = np.array([case.position_of(own)])
     modulus = float(lamina.along("young_modulus", x)[0])

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from delam_fem.api import Contact
-from delam_fem.case.sections import MATERIALS, Damping, Output, Section, Support, TimeStepping
+from delam_fem.case.materials import MATERIALS
+from delam_fem.case.sections import Damping, Output, Section, Support, TimeStepping
 
 DEFAULTS: dict[type[Section], dict[str, Any]] = {
     TimeStepping: {

@@ -11,7 +11,8 @@ import pytest
 from delam_fem.api import Case, CaseError, assemble, load_case, preset, save_case
 from delam_fem.case.files import preset_text
 from delam_fem.case.gap import opening_at_rest
-from delam_fem.case.sections import MATERIALS, Delamination
+from delam_fem.case.materials import MATERIALS
+from delam_fem.case.sections import Delamination
 
 EDGES = {"between": ("lower", "upper"), "start": 0.1, "end": 0.3}
 

@@ -11,8 +11,8 @@ import pytest
 
 from delam_fem.api import Lamina, Sensor, preset
 from delam_fem.case.keys import case_schema
+from delam_fem.case.materials import MATERIALS
 from delam_fem.case.sections import (
-    MATERIALS,
     SENSOR_UNITS,
     Delamination,
     Impactor,

@@ -26,7 +26,7 @@ from petsc4py import PETSc
 from delam_fem.api import MPI
 from delam_fem.contact import complementarity
 from delam_fem.model.solids.facing import FacingPoints, at_middles, at_vertices, gap_rows, project
-from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import Elasticity, Solid
 from delam_fem.model.solids.mesh import FACETS, Facing, SolidMesh
 
 Array = npt.NDArray[np.float64]
@@ -220,7 +220,7 @@ def pressed(mesh: SolidMesh, approach: float, points: str, *, is_rigid: bool) ->
     """Press the bodies together by a distance; pairs are at "vertices" or "middles"."""
     solid = Solid.on(mesh, MPI.COMM_SELF, 2)
     free = np.flatnonzero(~held(mesh, solid, is_rigid=is_rigid))
-    K = solid.stiffness(np.full(len(mesh.cells), YOUNG), POISSON)
+    K = solid.stiffness(np.full(len(mesh.cells), YOUNG), Elasticity.isotropic(mesh, POISSON))
     rows, columns, values = K.getValuesCSR()
     K = sp.csr_matrix((values, columns, rows), shape=K.getSize())[free][:, free]
     pairs = project(mesh, mesh.sides[0], POINTS[points](mesh, mesh.sides[0]))

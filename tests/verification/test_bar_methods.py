@@ -21,7 +21,7 @@ from test_bar_impact import UNIT_BAR
 
 from delam_fem.api import MPI, BaseCoupling, FloatArray, Operators
 from delam_fem.model import _dolfinx
-from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import Elasticity, Solid
 from delam_fem.model.solids.mesh import SolidMesh
 
 COURANT = 0.1
@@ -264,7 +264,9 @@ def from_solid(bar: Bar, n: int) -> tuple[Operators, FloatArray]:
     matrices = []
     for matrix in (
         solid.mass(np.full(n, bar.density * WIDTH)),
-        solid.stiffness(np.full(n, bar.young_modulus * WIDTH), 0.0),
+        solid.stiffness(
+            np.full(n, bar.young_modulus * WIDTH), Elasticity.isotropic(solid.mesh, 0.0)
+        ),
     ):
         rows, columns, values = matrix.getValuesCSR()
         matrices.append(sp.csr_matrix((values, columns, rows)))

@@ -11,7 +11,7 @@ from split_beam import SplitBeam
 from delam_fem.api import MPI, Case, Structure, lowest, preset
 from delam_fem.model.layout import DISPLACEMENT
 from delam_fem.model.solids.assembly import assemble
-from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import Elasticity, Solid
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.model.solids.unknowns import Unknowns, held
 
@@ -65,7 +65,9 @@ def test_degree_one_locks() -> None:
     )
     rho = np.array([lamina.density * lamina.width for lamina in case.lamina])
     unknowns = Unknowns.of(solid, held(case, solid, modulus[mesh.lamina]))
-    K = unknowns.restricted(solid.stiffness(modulus[mesh.lamina], 0.0)).rows
+    K = unknowns.restricted(
+        solid.stiffness(modulus[mesh.lamina], Elasticity.isotropic(solid.mesh, 0.0))
+    ).rows
     M = unknowns.restricted(solid.mass(rho[mesh.lamina])).rows
     is_thin = unknowns.parts == THIN
     frequency = lowest(K[is_thin][:, is_thin], M[is_thin][:, is_thin], 1)[0][0]

@@ -12,7 +12,7 @@ What a beam has at its points, a solid reads from its middle lines (`body.py`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -49,12 +49,13 @@ from delam_fem.model.solids.body import (
     points_along,
     reading_rows,
 )
-from delam_fem.model.solids.forms import SAME, Solid, evaluate, gathered
+from delam_fem.model.solids.forms import SAME, Elasticity, Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import SolidMesh, locate
-from delam_fem.model.solids.meshing import lattice, solid_mesh
+from delam_fem.model.solids.meshing import lattice, layers_of_cells, solid_mesh
 from delam_fem.model.solids.unknowns import NodeColumns, Restricted, Unknowns, X, Y, held
 from delam_fem.model.solids.weight import weight, with_axial_stress
 from delam_fem.model.stops_sensors import StrainRows
+from delam_fem.numerics import elasticity
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
@@ -87,22 +88,23 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     ranks = in_plan(mesh, comm.size) if of_bodies is None else of_bodies
     solid = Solid.on(mesh, comm, case.model.degree, ranks)
     E = young_modulus(case, mesh)
+    material = elasticity_of(case, mesh)
     ends = held(case, solid, E * _width(case, mesh))
     is_plain = "lumped" in (case.time.mass, case.contact.impulse)
     columns = None if is_plain else NodeColumns.of(solid, np.unique(ends.dofs // mesh.dim))
     unknowns = Unknowns.of(solid, ends, columns)
     touching, H = facing.touching(case, unknowns, x)
     layout = _layout(case, unknowns, x, touching)
-    M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
+    M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh), material)
     M, lumped = _with_masses(M, lumped, case, layout, comm)
     springs = [*_springs(case, layout), *edge_springs(case, unknowns)]
     for row, number, k, _ in springs:
         K = _with_product(K, k, row, number, comm)
     buckling = None
     if case.has_axial_forces:
-        rigidity = E * _width(case, mesh)
+        moduli = E * _width(case, mesh), material
         density = _density(case, mesh)
-        K, buckling = with_axial_stress(case, unknowns, K, rigidity, density, layout)
+        K, buckling = with_axial_stress(case, unknowns, K, moduli, density, layout)
     C, rayleigh = _damping(case, unknowns, M, K, H)
     for row, number, _, c in springs:
         C = _with_product(C, c, row, number, comm)
@@ -128,7 +130,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         unknowns.free,
         unknowns.base,
         E,
-        case.model.poisson or 0.0,
+        material,
         np.array([lamina.mean("width") for lamina in case.lamina]),
         touching,
     )
@@ -221,8 +223,8 @@ def _operators(
 
 
 def young_modulus(case: Case, mesh: SolidMesh) -> FloatArray:
-    """Return Young's modulus of each cell, from EI = E b h³/12, shape (n_cells,) [Pa]."""
-    return _of_cells(
+    """Return Young's modulus of each cell along x, from EI = E b h³/12, shape (n_cells,) [Pa]."""
+    result = _of_cells(
         mesh,
         [
             (lambda x, value=lamina.along: value("young_modulus", x))  # type: ignore[misc]
@@ -233,6 +235,40 @@ def young_modulus(case: Case, mesh: SolidMesh) -> FloatArray:
             for lamina in case.lamina
         ],
     )
+    for _, cells, S in _layers(case, mesh):
+        result[cells] = 1.0 / S[0, 0]
+    return result
+
+
+def elasticity_of(case: Case, mesh: SolidMesh) -> Elasticity:
+    """Return the material of each cell: an isotropic one, and one for each orthotropic layer."""
+    material = Elasticity.isotropic(mesh, case.model.poisson or 0.0)
+    matrices = [material.matrices[0]]
+    numbers: dict[tuple[object, float], int] = {}
+    for key, cells, S in _layers(case, mesh):
+        number = numbers.setdefault(key, len(matrices))
+        if number == len(matrices):
+            matrices.append(elasticity.stiffness(S, mesh.dim) * S[0, 0])
+        material.kind[cells] = number
+    return Elasticity(np.array(matrices), material.kind)
+
+
+def _layers(
+    case: Case, mesh: SolidMesh
+) -> Iterator[tuple[tuple[object, float], IntArray, FloatArray]]:
+    """Yield the layers of orthotropic laminae.
+
+    Yields:
+        Material and angle; the cells; the compliance in x, y, z, shape (6, 6) [1/Pa].
+    """
+    for i, lamina in enumerate(case.lamina):
+        material = lamina.orthotropic
+        if material is None:
+            continue
+        cells = np.flatnonzero(mesh.lamina == i)
+        layer = layers_of_cells(case, mesh, i)
+        for number, (angle, _) in enumerate(lamina.layers):
+            yield (material, angle), cells[layer == number], material.at(angle)
 
 
 def _of_cells(
@@ -266,7 +302,7 @@ def _density(case: Case, mesh: SolidMesh) -> FloatArray:
 
 
 def _matrices(
-    case: Case, unknowns: Unknowns, rigidity: FloatArray
+    case: Case, unknowns: Unknowns, rigidity: FloatArray, material: Elasticity
 ) -> tuple[Restricted, Restricted, FloatArray | None]:
     """Return M, K and the diagonal of the lumped mass, None if there are columns.
 
@@ -287,9 +323,7 @@ def _matrices(
         M = unknowns.diagonal(values)
     else:
         M = unknowns.restricted(matrix)
-    K = unknowns.restricted(
-        unknowns.columns.stiffness(rigidity, case.model.poisson or 0.0), is_relative=True
-    )
+    K = unknowns.restricted(unknowns.columns.stiffness(rigidity, material), is_relative=True)
     is_plain = unknowns.columns.is_plain
     return M, K, np.array(unknowns.diagonal(values).rows.data) if is_plain else None
 
@@ -452,7 +486,8 @@ def _damping(
 ) -> tuple[Restricted, tuple[FloatArray, FloatArray]]:
     """Return C = alpha M + beta K with the coefficients of each lamina, or of the stack.
 
-    A stack has those of its beam, a plate those of its own modes with all pairs kept closed.
+    A stack has those of its beam. A plate, and a stack with orthotropic layers, whose shear beams
+    do not know, have those of their own modes with all pairs kept closed.
 
     Args:
         case: the case.
@@ -464,7 +499,8 @@ def _damping(
     Returns:
         C; alpha and beta at the own free dofs, each of shape (n_own,).
     """
-    if case.is_plate:
+    is_layered = any(lamina.orthotropic is not None for lamina in case.lamina)
+    if case.is_plate or (is_layered and not case.is_apart):
         comm = unknowns.solid.comm
         stiffness, mass = (
             sp.vstack(comm.allgather(matrix.rows), format="csr") for matrix in (K, M)

@@ -25,7 +25,7 @@ from delam_fem.model.beams.network import network
 from delam_fem.model.layout import Place, Sheets
 from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.facing import Pairs, pressure
-from delam_fem.model.solids.forms import SAME, Recovery, Solid, evaluate
+from delam_fem.model.solids.forms import SAME, Elasticity, Recovery, Solid, evaluate
 from delam_fem.model.solids.mesh import (
     FACET_OF,
     FACETS,
@@ -51,7 +51,7 @@ class Body:
         free: CSR (n_dofs, n_own); see above.
         base: shape (n_dofs,); see above.
         young_modulus: Young's modulus of each cell of the mesh, shape (n_cells,) [Pa].
-        poisson: Poisson's ratio.
+        material: of the cells.
         width: width of each lamina, and of its surfaces in two dimensions, shape (n_laminae,) [m].
         touching: pairs that can move, in the order of the layout's interfaces; they follow one
             another in the gap matrix.
@@ -61,7 +61,7 @@ class Body:
     free: sp.csr_matrix
     base: FloatArray
     young_modulus: FloatArray
-    poisson: float
+    material: Elasticity
     width: FloatArray
     touching: tuple[Pairs, ...] = ()
 
@@ -123,13 +123,13 @@ class Body:
         )
         for where, of_rank in parts:
             nodes[where] = of_rank
-        material = self.young_modulus, self.poisson, self.width
-        return Shape(self.mesh, solid.degree, nodes, *material, self.touching)
+        stiffness = self.young_modulus, self.material
+        return Shape(self.mesh, solid.degree, nodes, *stiffness, self.width, self.touching)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """The laminae as points and cells for output, each lamina with points of its own.
+    """The laminae as points and cells for output, each lamina and layer with points of its own.
 
     A shape holds arrays alone, nothing that ranks share.
 
@@ -138,7 +138,7 @@ class Shape:
         degree: of the displacements.
         nodes: global nodes of all cells, shape (n_cells, k).
         young_modulus: of each cell, shape (n_cells,) [Pa].
-        poisson: Poisson's ratio.
+        material: of the cells.
         width: of each lamina, shape (n_laminae,) [m].
         touching: pairs of surfaces that may touch.
     """
@@ -147,14 +147,16 @@ class Shape:
     degree: int
     nodes: IntArray
     young_modulus: FloatArray
-    poisson: float
+    material: Elasticity
     width: FloatArray
     touching: tuple[Pairs, ...]
 
     @cached_property
     def _numbering(self) -> tuple[IntArray, IntArray, IntArray]:
         lamina = np.repeat(self.mesh.lamina, self.nodes.shape[1])
-        keys = lamina * (int(self.nodes.max()) + 1) + self.nodes.ravel()
+        kind = np.repeat(self.material.kind, self.nodes.shape[1])  # stresses jump between them
+        layer = lamina * len(self.material.matrices) + kind
+        keys = layer * (int(self.nodes.max()) + 1) + self.nodes.ravel()
         _, first, number = np.unique(keys, return_index=True, return_inverse=True)
         return first, number.reshape(self.nodes.shape), lamina[first]
 
@@ -189,8 +191,8 @@ class Shape:
     @cached_property
     def recovery(self) -> Recovery:
         """What recovers stresses at the points."""
-        material = self.young_modulus, self.poisson
-        return Recovery.of(self.mesh, self.degree, self.nodes, self.cells, *material)
+        stiffness = self.young_modulus, self.material
+        return Recovery.of(self.mesh, self.degree, self.nodes, self.cells, *stiffness)
 
     @cached_property
     def pressing(self) -> tuple[sp.csr_matrix, ...]:

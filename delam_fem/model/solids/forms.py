@@ -6,12 +6,14 @@ The weak forms of mass and stiffness are
     k(u, v) = ∫ b sigma(u) : eps(v) dx,     eps(u) = (grad u + grad uᵀ) / 2             (stiffness)
     k_σ(u, v) = ∫ b sigma_0 : (grad uᵀ grad v) dx                              (geometric stiffness)
 
-    plane stress   sigma = E / (1 - nu²) ((1 - nu) eps + nu tr(eps) I)                  (2D)
-    3D             sigma = E / (1 + nu) (eps + nu / (1 - 2 nu) tr(eps) I),   b = 1
+    sigma = E D eps,    b = 1 in 3D
 
-b is the width. All integrals are exact on cells whose mapping is affine: full integration. The
-space is Lagrange of degree 2 or 3. Degree 1 locks on thin sheets: the shear of a cell as long as
-ten thicknesses makes it a hundred times too stiff. Reduced integration has modes without energy.
+b is the width. E is Young's modulus of a cell along x, D the elasticity of its material in parts of
+E (`numerics/elasticity.py`): isotropic or orthotropic, in two dimensions that of plane stress.
+
+All integrals are exact on cells whose mapping is affine: full integration. The space is Lagrange of
+degree 2 or 3. Degree 1 locks on thin sheets: the shear of a cell as long as ten thicknesses makes
+it a hundred times too stiff. Reduced integration has modes without energy.
 
 `evaluate` gives displacements and their derivatives at points inside the cells, as sparse rows. The
 cell of a point is found on the mesh as it was given (`mesh.locate`), so that all ranks find the
@@ -27,6 +29,7 @@ of the same lamina that share it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -43,6 +46,7 @@ from delam_fem.model.solids.mesh import (
     jacobians_of,
     reference_coordinates,
 )
+from delam_fem.numerics.elasticity import DIRECTIONS, isotropic
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
@@ -262,18 +266,42 @@ class Solid:
         v = ufl.TestFunction(self.space)
         return _dolfinx.assemble_matrix(self.of_cells(density) * ufl.inner(u, v) * self._dx())
 
-    def stiffness(self, young_modulus: FloatArray, poisson: float) -> Any:
+    def stiffness(self, young_modulus: FloatArray, material: Elasticity) -> Any:
         """Assemble the stiffness, a PETSc matrix that the caller owns (collective).
 
         Args:
             young_modulus: of each input cell, times the width in 2D, shape (n_cells,).
-            poisson: Poisson's ratio.
+            material: of the cells.
         """
         u = ufl.TrialFunction(self.space)
         v = ufl.TestFunction(self.space)
-        E = self.of_cells(young_modulus)
-        nu = _dolfinx.constant(self.domain, poisson)
-        return _dolfinx.assemble_matrix(ufl.inner(stress(E, nu, u), strain(v)) * self._dx())
+
+        def form(D: Any) -> Any:
+            return ufl.inner(stress(D, u), strain(v))
+
+        return self._of_kinds(young_modulus, material, form)
+
+    def _of_kinds(
+        self, young_modulus: FloatArray, material: Elasticity, form: Callable[[Any], Any]
+    ) -> Any:
+        """Return the sum of a form over the kinds of material, a matrix (collective).
+
+        Args:
+            young_modulus: see `stiffness`.
+            material: of the cells.
+            form: the integrand of E D, in UFL.
+        """
+        total: Any = None
+        for number, elasticity in enumerate(material.matrices):
+            E = self.of_cells(np.where(material.kind == number, young_modulus, 0.0))
+            D = _dolfinx.constant(self.domain, elasticity)
+            part = _dolfinx.assemble_matrix(E * form(D) * self._dx())
+            if total is None:
+                total = part
+            else:
+                total.axpy(1.0, part)
+                part.destroy()
+        return total
 
     def body_force(self, density: FloatArray, direction: int) -> FloatArray:
         """Return the load of a unit acceleration along a direction on one rank, shape (n_dofs,).
@@ -294,7 +322,7 @@ class Solid:
     def geometric_stiffness(
         self,
         young_modulus: FloatArray,
-        poisson: float,
+        material: Elasticity,
         displacement: FloatArray,
         tension: FloatArray,
     ) -> Any:
@@ -302,19 +330,25 @@ class Solid:
 
         Args:
             young_modulus: of each input cell, times the width in 2D, shape (n_cells,).
-            poisson: Poisson's ratio.
+            material: of the cells.
             displacement: u_0, whose stress acts, shape (n_dofs,) [m].
             tension: further stress along x of each input cell, times the width in 2D, (n_cells,).
         """
         u = ufl.TrialFunction(self.space)
         v = ufl.TestFunction(self.space)
-        E = self.of_cells(young_modulus)
-        nu = _dolfinx.constant(self.domain, poisson)
-        acting = stress(E, nu, _dolfinx.function(self.space, displacement))
-        along = self.of_cells(tension)
+        u_0 = _dolfinx.function(self.space, displacement)
         turned = ufl.grad(u).T * ufl.grad(v)
-        form = ufl.inner(acting, turned) + along * ufl.inner(u.dx(0), v.dx(0))
-        return _dolfinx.assemble_matrix(form * self._dx())
+
+        def form(D: Any) -> Any:
+            return ufl.inner(stress(D, u_0), turned)
+
+        along = self.of_cells(tension) * ufl.inner(u.dx(0), v.dx(0))
+        total = _dolfinx.assemble_matrix(along * self._dx())
+        if np.any(displacement):
+            acting = self._of_kinds(young_modulus, material, form)
+            total.axpy(1.0, acting)
+            acting.destroy()
+        return total
 
 
 def strain(u: Any) -> Any:
@@ -322,20 +356,42 @@ def strain(u: Any) -> Any:
     return ufl.sym(ufl.grad(u))
 
 
-def stress(E: Any, nu: Any, u: Any) -> Any:
-    """Return the stress sigma(u) in UFL, in 2D that of plane stress.
+def stress(D: Any, u: Any) -> Any:
+    """Return the stress sigma(u) in UFL.
 
     Args:
-        E: Young's modulus.
-        nu: Poisson's ratio.
+        D: elasticity as a constant matrix, see `numerics/elasticity.py`.
         u: displacements.
     """
     eps = strain(u)
     dim = eps.ufl_shape[0]
-    trace = ufl.tr(eps) * ufl.Identity(dim)
-    if dim == 2:
-        return E / (1 - nu**2) * ((1 - nu) * eps + nu * trace)
-    return E / (1 + nu) * (eps + nu / (1 - 2 * nu) * trace)
+    pairs = DIRECTIONS[dim]
+    strains = ufl.as_vector([eps[i, j] if i == j else 2 * eps[i, j] for i, j in pairs])
+    of_pairs = dict(zip(pairs, ufl.dot(D, strains), strict=True))
+    return ufl.as_matrix([[of_pairs[min(i, j), max(i, j)] for j in range(dim)] for i in range(dim)])
+
+
+@dataclass(frozen=True)
+class Elasticity:
+    """The material of each cell, in parts of its Young's modulus along x.
+
+    Attributes:
+        matrices: D over E by kind of material, shape (n_kinds, 3, 3) or (n_kinds, 6, 6) [-].
+        kind: kind of each cell of the mesh, shape (n_cells,).
+    """
+
+    matrices: FloatArray
+    kind: IntArray
+
+    @classmethod
+    def isotropic(cls, mesh: SolidMesh, poisson: float) -> Elasticity:
+        """Return the elasticity of one isotropic material.
+
+        Args:
+            mesh: the mesh.
+            poisson: Poisson's ratio [-].
+        """
+        return cls(isotropic(mesh.dim, poisson)[None], np.zeros(len(mesh.cells), dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -421,8 +477,8 @@ def gathered(rows: sp.csr_matrix, comm: MPI.Intracomm) -> sp.csr_matrix:
     return sp.csr_matrix((data, (row, column)), shape=rows.shape)
 
 
-COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
-"""Components of the stress by dimension, in VTK's order: xx, yy, zz, xy, yz, xz."""
+VTK_ORDER = {2: [0, 1, 2], 3: [0, 1, 2, 3, 5, 4]}
+"""Components of stresses by dimension in VTK's order: xx, yy, zz, xy, yz, xz."""
 
 
 @dataclass(frozen=True)
@@ -434,15 +490,16 @@ class Recovery:
         gradients: of the basis at the sampled places, shape (n_cells, n_places, n_basis, dim).
         continued: values at the nodes of a cell from those at its places, (n_basis, n_places).
         mean: mean over the cells of a point, CSR (n_points, n_cells n_basis).
-        moduli: Lamé's second parameter mu, and lambda, that of plane stress in two dimensions, of
-            each cell, shape (2, n_cells) [Pa].
+        young_modulus: of each cell, shape (n_cells,) [Pa].
+        material: of the cells.
     """
 
     nodes: IntArray
     gradients: FloatArray
     continued: FloatArray
     mean: sp.csr_matrix
-    moduli: FloatArray
+    young_modulus: FloatArray
+    material: Elasticity
 
     @classmethod
     def of(
@@ -452,7 +509,7 @@ class Recovery:
         nodes: IntArray,
         points: IntArray,
         young_modulus: FloatArray,
-        poisson: float,
+        material: Elasticity,
     ) -> Recovery:
         """Prepare the recovery of stresses on a mesh.
 
@@ -462,7 +519,7 @@ class Recovery:
             nodes: global nodes of the cells of the mesh, shape (n_cells, n_basis).
             points: points of the cells, at which stresses are wanted, shape (n_cells, n_basis).
             young_modulus: of each cell, shape (n_cells,) [Pa].
-            poisson: Poisson's ratio.
+            material: of the cells.
         """
         places, continued = sampled(mesh.cell, degree, _dolfinx.reference_nodes(mesh.cell, degree))
         corners = mesh.points[mesh.cells]
@@ -474,10 +531,7 @@ class Recovery:
         gradients = np.einsum("dkb,ckdj->ckbj", table, inverse)
         rows = points.ravel()
         mean = sp.csr_matrix((1.0 / np.bincount(rows)[rows], (rows, np.arange(rows.size))))
-        nu = poisson
-        mu = young_modulus / (2.0 * (1.0 + poisson))
-        spread = 1.0 - nu if mesh.dim == 2 else 1.0 - 2.0 * nu
-        return cls(nodes, gradients, continued, mean, np.array([mu, 2.0 * mu * nu / spread]))
+        return cls(nodes, gradients, continued, mean, young_modulus, material)
 
     def stress(self, displacement: FloatArray) -> FloatArray:
         """Return the stresses at the points, shape (n_points, n_components) [Pa].
@@ -486,20 +540,24 @@ class Recovery:
             displacement: of all nodes, shape (n_nodes, dim) [m].
         """
         grad = np.einsum("cbi,ckbj->ckij", displacement[self.nodes], self.gradients, optimize=True)
-        mu, bulk = self.moduli[:, :, None, None, None]
         dim = grad.shape[-1]
-        trace = np.trace(grad, axis1=2, axis2=3)[..., None, None]
-        sigma = mu * (grad + grad.swapaxes(2, 3)) + bulk * trace * np.eye(dim)
-        first, second = zip(*COMPONENTS[dim], strict=True)
-        at_nodes = np.einsum("bk,cks->cbs", self.continued, sigma[:, :, first, second])
-        return np.asarray(self.mean @ at_nodes.reshape(-1, len(first)))
+        first, second = zip(*DIRECTIONS[dim], strict=True)
+        strains = grad[:, :, first, second] + grad[:, :, second, first]  # 2 eps_ij
+        strains[:, :, :dim] *= 0.5
+        sigma = np.empty_like(strains)
+        for number, D in enumerate(self.material.matrices):
+            chosen = self.material.kind == number
+            sigma[chosen] = strains[chosen] @ D * self.young_modulus[chosen, None, None]
+        sigma = sigma[:, :, VTK_ORDER[dim]]
+        at_nodes = np.einsum("bk,cks->cbs", self.continued, sigma)
+        return np.asarray(self.mean @ at_nodes.reshape(-1, sigma.shape[2]))
 
 
 def von_mises(sigma: FloatArray) -> FloatArray:
     """Return von Mises' equivalent stress, shape (n,) [Pa].
 
     Args:
-        sigma: components of `COMPONENTS`, shape (n, 3) of plane stress, or (n, 6).
+        sigma: components in VTK's order, shape (n, 3) of plane stress, or (n, 6).
     """
     if sigma.shape[1] == 3:
         xx, yy, xy = sigma.T

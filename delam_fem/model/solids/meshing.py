@@ -2,9 +2,9 @@
 
 The structured mesh of a case has quadrilaterals or hexahedra in rows along each lamina. Along x the
 vertices are those of `mesh.elements`, with one at every edge of a delamination. Each lamina has
-`model.layers` cells through its thickness and, in 3D, `model.strips` across its width. Bonded
-laminae share their vertices. Over a delamination each has its own; the vertices at its edges are
-shared.
+`model.layers` cells through its thickness, or through each of its layers of plies, and, in 3D,
+`model.strips` across its width. Bonded laminae share their vertices. Over a delamination each has
+its own; the vertices at its edges are shared.
 
 A plate has `mesh.across` cells across its width in place of strips, with vertices at the edges of
 patches along both axes. A patch that is an ellipse is a rectangle of cells whose outline is moved
@@ -90,7 +90,7 @@ def lattice(case: Case) -> SolidMesh:
     for lamina, grid in zip(case.lamina, vertices, strict=True):
         thickness = lamina.along("thickness", X)
         width = lamina.along("width", x)
-        y = bottom[:, None] + np.linspace(np.zeros(X.shape), thickness, grid.shape[1], axis=1)
+        y = bottom[:, None] + heights_of(case, lamina)[:, None] * thickness[:, None]
         bottom = bottom + thickness
         z = np.zeros((x.size, 1))
         if is_3d:
@@ -115,6 +115,54 @@ def lattice(case: Case) -> SolidMesh:
         },
         _sides(vertices, bonded),
     )
+
+
+def cells_through(case: Case, lamina: Lamina) -> int:
+    """Return the number of cells through the thickness of a lamina in the structured mesh."""
+    return case.model.layers * len(lamina.layers)
+
+
+def heights_of(case: Case, lamina: Lamina) -> FloatArray:
+    """Return the heights of the vertices of a lamina in the structured mesh, in its thickness."""
+    ends = np.cumsum([0.0, *(share for _, share in lamina.layers)])
+    ends[-1] = 1.0
+    within = np.linspace(0.0, 1.0, case.model.layers + 1)[:-1]
+    starts = ends[:-1, None] + within * np.diff(ends)[:, None]
+    return np.append(starts.ravel(), 1.0)
+
+
+def layers_of_cells(case: Case, mesh: SolidMesh, i: int) -> IntArray:
+    """Return the layer of plies in which each cell of a lamina is, shape (n,).
+
+    Args:
+        case: the case.
+        mesh: its mesh.
+        i: number of the lamina.
+
+    Raises:
+        CaseError: cells of a mesh from a file lie in several layers.
+    """
+    lamina = case.lamina[i]
+    cells = mesh.cells[mesh.lamina == i]
+    if case.mesh.file is None:  # cells count upwards within a place along x, see `_cells`
+        n_across = (case.mesh.across or case.model.strips) if mesh.dim == 3 else 1
+        upwards = np.arange(len(cells)) // n_across % cells_through(case, lamina)
+        return np.asarray(upwards // case.model.layers)
+    if len(lamina.layers) == 1:
+        return np.zeros(len(cells), dtype=np.int64)
+    y = mesh.points[cells][..., 1]
+    heights = (y - y.min()) / np.ptp(y)
+    ends = np.cumsum([share for _, share in lamina.layers])
+    starts = np.concatenate([[0.0], ends[:-1]])
+    layer = np.searchsorted(ends[:-1], heights.mean(axis=1))
+    below = starts[layer] - heights.min(axis=1)
+    above = heights.max(axis=1) - ends[layer]
+    if max(below.max(), above.max()) > THICKNESS_TOLERANCE:
+        raise CaseError(
+            f"lamina.{lamina.name}.plies: expected faces of cells between the plies of a flat "
+            "lamina in mesh.file; give each ply a lamina of its own, or such a mesh"
+        )
+    return np.asarray(layer, dtype=np.int64)
 
 
 def _plan(case: Case, x: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -272,7 +320,8 @@ def _require_size(case: Case, n: int, *, is_3d: bool) -> None:
     model = case.model
     n_across = case.mesh.across or model.strips
     across = (p * n_across + 1) * 3 if is_3d else 2
-    dofs = len(case.lamina) * (p * n + 1) * (p * model.layers + 1) * across
+    through = sum(p * cells_through(case, lamina) + 1 for lamina in case.lamina)
+    dofs = through * (p * n + 1) * across
     if dofs > MOST_DOFS:
         strips = f", model.strips = {model.strips}" if is_3d else ""
         if case.mesh.across is not None:
@@ -286,10 +335,10 @@ def _require_size(case: Case, n: int, *, is_3d: bool) -> None:
 def _vertices(case: Case, bonded: BoolArray, *, is_3d: bool) -> list[IntArray]:
     """Return the vertices of each lamina along x, y, z: shape (n, layers + 1, strips + 1 or 1)."""
     _, n, n_across = bonded.shape
-    shape = (n + 1, case.model.layers + 1, n_across + 1 if is_3d else 1)
     result: list[IntArray] = []
     count = 0
-    for i in range(len(case.lamina)):
+    for i, lamina in enumerate(case.lamina):
+        shape = (n + 1, cells_through(case, lamina) + 1, n_across + 1 if is_3d else 1)
         is_shared = np.zeros(shape, dtype=np.bool_)
         if i > 0:  # a vertex is shared if a cell beside it is bonded
             before = slice(None, -1)

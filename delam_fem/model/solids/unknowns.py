@@ -58,7 +58,7 @@ from delam_fem.case.sections import ENDS, PointSupport
 from delam_fem.model import _dolfinx, operators
 from delam_fem.model.beams.network import clusters, holds, network, node_at
 from delam_fem.model.mesh import NODE_TOLERANCE, edges
-from delam_fem.model.solids.forms import SAME, Solid
+from delam_fem.model.solids.forms import SAME, Elasticity, Solid
 from delam_fem.model.solids.mesh import TENSOR, SolidMesh, jacobians_of
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -330,19 +330,18 @@ class NodeColumns:
         of_nodes = sp.csr_matrix((np.ones(rows.size), (rows, columns)), shape=(n, n))
         return sp.kron(of_nodes, sp.identity(dim), format="csr")
 
-    def stiffness(self, young_modulus: FloatArray, poisson: float) -> Any:
+    def stiffness(self, young_modulus: FloatArray, material: Elasticity) -> Any:
         """Assemble K_d of R2, a PETSc matrix that the caller owns (collective).
 
         Args:
             young_modulus: of each input cell, times the width in 2D, shape (n_cells,).
-            poisson: Poisson's ratio.
+            material: of the cells.
         """
         if self.is_plain:
-            return self.solid.stiffness(young_modulus, poisson)
+            return self.solid.stiffness(young_modulus, material)
         n = self.solid.dim * self.solid.n_nodes
         sums = [sp.csr_matrix((n, n))]
-        D = elasticity(self.solid.dim, poisson)
-        for rows, columns, values in self._entries(young_modulus, D):
+        for rows, columns, values in self._entries(young_modulus, material):
             total = sp.csr_matrix((values, (rows, columns)), shape=(n, n))
             # as in a binary counter, sums of like size are joined: each entry is added a few times
             while sums and sums[-1].nnz <= total.nnz:
@@ -357,7 +356,7 @@ class NodeColumns:
         return operators.matrix(own_rows(total, first, stop, comm), comm)
 
     def _entries(
-        self, young_modulus: FloatArray, D: FloatArray
+        self, young_modulus: FloatArray, material: Elasticity
     ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
         """Yield rows, columns and values of the stiffness of this rank's cells, in portions."""
         solid, dim = self.solid, self.solid.dim
@@ -365,8 +364,10 @@ class NodeColumns:
         nodes = solid.nodes_of(input_cells)
         references = self.reference[nodes]
         corners = solid.mesh.points[solid.mesh.cells[input_cells]]
-        for cells in _alike(corners, nodes, references, solid.mesh.points):
+        kind = material.kind[input_cells]
+        for cells in _alike(corners, nodes, references, kind, solid.mesh.points):
             slots, outside = _slots(nodes[cells[0]], references[cells[0]])
+            D = material.matrices[kind[cells[0]]]
             K = _cell_stiffness(solid, corners[cells[0]], slots, D)
             i, j = np.nonzero(K)
             of_slots = np.concatenate([nodes[cells], references[cells][:, outside]], axis=1)
@@ -378,24 +379,6 @@ class NodeColumns:
                 E = young_modulus[input_cells[cells[some]]]
                 values = (E[:, None] * K[i, j]).ravel()
                 yield dofs[some][:, i].ravel(), dofs[some][:, j].ravel(), values
-
-
-def elasticity(dim: int, poisson: float) -> FloatArray:
-    """Return the elasticity D for E = 1, in 2D that of plane stress; shear strains are 2 eps_ij.
-
-    Returns:
-        Shape (3, 3) for xx, yy, xy, or (6, 6) for xx, yy, zz, xy, xz, yz.
-    """
-    nu = poisson
-    if dim == 2:
-        direct = np.array([[1.0, nu], [nu, 1.0]]) / (1.0 - nu**2)
-    else:
-        direct = (np.eye(3) + nu / (1.0 - 2.0 * nu)) / (1.0 + nu)
-    result = np.zeros((3 * dim - 3, 3 * dim - 3))
-    result[:dim, :dim] = direct
-    shear = np.arange(dim, 3 * dim - 3)
-    result[shear, shear] = 0.5 / (1.0 + nu)
-    return result
 
 
 def _links(solid: Solid) -> IntArray:
@@ -416,22 +399,22 @@ def _links(solid: Solid) -> IntArray:
 
 
 def _alike(
-    corners: FloatArray, nodes: IntArray, references: IntArray, points: FloatArray
+    corners: FloatArray, nodes: IntArray, references: IntArray, kind: IntArray, points: FloatArray
 ) -> Iterator[IntArray]:
-    """Yield the numbers of cells of the same shape whose columns lie in the same way."""
+    """Yield the numbers of cells of one shape and kind whose columns lie in the same way."""
     if not len(corners):
         return
     extent = np.ptp(points, axis=0)
-    # two cells are alike if their corners agree, which nodes share a reference, and where in the
-    # cell that reference is: three tables of whole numbers, one row a cell
+    # two cells are alike if their material and corners agree, which nodes share a reference, and
+    # where in the cell that reference is: tables of whole numbers, one row a cell
     shapes = np.round((corners - corners[:, :1]) / (SAME * extent)).reshape(len(corners), -1)
     first = (references[:, :, None] == references[:, None, :]).argmax(axis=2)
     at_home = (references[:, :, None] == nodes[:, None, :]) @ (1 + np.arange(nodes.shape[1]))
-    keys = np.concatenate([shapes.astype(np.int64), first, at_home], axis=1)
-    _, kind = np.unique(keys, axis=0, return_inverse=True)
-    kind = kind.ravel()
-    order = np.argsort(kind, kind="stable")
-    yield from np.split(order, np.flatnonzero(np.diff(kind[order])) + 1)
+    keys = np.concatenate([shapes.astype(np.int64), first, at_home, kind[:, None]], axis=1)
+    _, group = np.unique(keys, axis=0, return_inverse=True)
+    group = group.ravel()
+    order = np.argsort(group, kind="stable")
+    yield from np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
 
 
 def _slots(nodes: IntArray, references: IntArray) -> tuple[FloatArray, IntArray]:

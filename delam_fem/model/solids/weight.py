@@ -24,7 +24,7 @@ from delam_fem.model.factors import factored
 from delam_fem.model.layout import Layout, place_of
 from delam_fem.model.loads import require_unbuckled, tensions
 from delam_fem.model.solids.body import middle_line
-from delam_fem.model.solids.forms import evaluate
+from delam_fem.model.solids.forms import Elasticity, evaluate
 from delam_fem.model.solids.mesh import locate
 from delam_fem.model.solids.unknowns import Restricted, Unknowns, X, Y
 from delam_fem.numerics.types import FloatArray
@@ -48,7 +48,7 @@ def with_axial_stress(
     case: Case,
     unknowns: Unknowns,
     stiffness: Restricted,
-    moduli: FloatArray,
+    moduli: tuple[FloatArray, Elasticity],
     density: FloatArray,
     layout: Layout,
 ) -> tuple[Restricted, float | None]:
@@ -58,7 +58,8 @@ def with_axial_stress(
         case: the case.
         unknowns: of the solid, on one rank.
         stiffness: K with the springs of supports.
-        moduli: Young's modulus of each cell, times the width in 2D, shape (n_cells,).
+        moduli: Young's modulus of each cell, times the width in 2D, shape (n_cells,); the
+            material of the cells.
         density: of each cell, times the width in 2D, shape (n_cells,).
         layout: gives the points of the masses.
 
@@ -80,8 +81,7 @@ def with_axial_stress(
     widths = np.array([lamina.mean("width") for lamina in case.lamina])
     sections = heights if solid.dim == 2 else heights * widths
     tension = (tensions(case) / sections)[solid.mesh.lamina]
-    poisson = case.model.poisson or 0.0
-    added = unknowns.restricted(solid.geometric_stiffness(moduli, poisson, displacement, tension))
+    added = unknowns.restricted(solid.geometric_stiffness(*moduli, displacement, tension))
     total = Restricted(
         (stiffness.rows + added.rows).tocsr(),
         stiffness.column + added.column,

@@ -21,7 +21,7 @@ from delam_fem.model.solids.facing import (
     interface,
     project,
 )
-from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import Elasticity, Solid
 from delam_fem.model.solids.mesh import Facing, SolidMesh
 
 Array = npt.NDArray[np.float64]
@@ -243,7 +243,7 @@ def test_constant_pressure_on_quadratic_cells_is_not_uniform_deformation() -> No
             solid = Solid.on(mesh, MPI.COMM_SELF, 2)
             x = solid.coordinates
             free = np.repeat((x[:, 1] > ROUND_OFF) & (x[:, 1] < 0.5 + 0.5 * GAP), 2)
-            K = solid.stiffness(np.ones(len(mesh.cells)), 0.0)
+            K = solid.stiffness(np.ones(len(mesh.cells)), Elasticity.isotropic(solid.mesh, 0.0))
             rows, columns, values = K.getValuesCSR()
             K = sp.csr_matrix((values, columns, rows), shape=K.getSize())
             pairs = project(mesh, mesh.sides[0], places(mesh, mesh.sides[0]))

@@ -8,7 +8,7 @@ from delam_fem.api import MPI, Body, FloatArray
 from delam_fem.model import _dolfinx
 from delam_fem.model.solids.body import Shape
 from delam_fem.model.solids.facing import at_places, at_vertices, project
-from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import Elasticity, Solid
 from delam_fem.model.solids.mesh import FACETS
 
 COUNTS = {
@@ -34,7 +34,7 @@ def shape_of(cell: str, degree: int = 2, *, inside: bool = False) -> Shape:
     E = np.ones(len(mesh.cells))
     none = np.zeros(mesh.dim * solid.n_nodes)
     width = np.array([WIDTH, 2.0 * WIDTH])
-    body = Body(solid, None, none, E, 0.0, width, (pairs,))
+    body = Body(solid, None, none, E, Elasticity.isotropic(solid.mesh, 0.0), width, (pairs,))
     return body.shape()
 
 

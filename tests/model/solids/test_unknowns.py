@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 from delam_fem.api import MPI, preset
-from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import Elasticity, Solid
 from delam_fem.model.solids.meshing import lattice
 from delam_fem.model.solids.unknowns import SHARED, Unknowns, held
 
@@ -31,7 +31,7 @@ def unknowns(request: pytest.FixtureRequest) -> Unknowns:
 def test_restricted_matrices_are_those_of_the_transformation(unknowns: Unknowns) -> None:
     """S1 of unknowns.py, in dense matrices; T written down anew from what is held."""
     solid, supported = unknowns.solid, unknowns.held
-    matrix = solid.stiffness(np.ones(len(solid.mesh.cells)), 0.3)
+    matrix = solid.stiffness(np.ones(len(solid.mesh.cells)), Elasticity.isotropic(solid.mesh, 0.3))
     indptr, columns, values = matrix.getValuesCSR()
     A = sp.csr_matrix((values, columns, indptr), shape=matrix.getSize()).toarray()
     restricted = unknowns.restricted(matrix)
@@ -76,6 +76,8 @@ def test_matrices_of_slender_laminae_are_narrow_bands() -> None:
     case = preset("default", {"model.kind": "plane-stress", "mesh.elements": 40})
     solid = Solid.on(lattice(case), MPI.COMM_SELF, 2)
     unknowns = Unknowns.of(solid, held(case, solid, np.ones(80)))
-    K = unknowns.restricted(solid.stiffness(np.ones(80), 0.0)).rows.tocoo()
+    K = unknowns.restricted(
+        solid.stiffness(np.ones(80), Elasticity.isotropic(solid.mesh, 0.0))
+    ).rows.tocoo()
     assert abs(K.row - K.col).max() == 17  # three columns of three nodes
     assert unknowns.n_free == 2 * 2 * 3 * 80
