@@ -12,8 +12,7 @@ import pytest
 from box_meshes import two_bricks
 from plates import EDGES, LENGTH, RHO, plate
 
-from delam_fem.api import MPI, Case, CaseError, assemble, lowest
-from delam_fem.model.solids.body import Body
+from delam_fem.api import MPI, Body, Case, CaseError, assemble, lowest
 from delam_fem.model.solids.forms import Elasticity, Solid
 from delam_fem.model.solids.unknowns import NodeColumns
 from delam_fem.numerics.elasticity import compliance, stiffness, turned
