@@ -139,6 +139,10 @@ BASES: dict[str, tuple[str, dict[str, Any]]] = {
                                      "delamination.1.shape": "half-cosine"}),
     "edge": ("edge", BONDED | {"delamination.1.shape": "power", "delamination.1.exponent": 3.0}),
     "plane": ("embedded", BONDED | {"model.kind": "plane-stress", "model.poisson": 0.3}),
+    "layers": ("embedded", BONDED | {
+        "model.kind": "plane-stress", "lamina.1.material": "cfrp-ud", "lamina.1.angle": 20.0,
+        "lamina.2.material": "gfrp-ud",
+    }),
     "plate": ("embedded", BONDED | {
         "model": {"kind": "solid", "poisson": 0.3}, "mesh": {"elements": 7, "across": 6},
         "delamination.1.across": [-0.005, 0.003], "delamination.1.shape_in_plane": "ellipse",
@@ -197,7 +201,8 @@ CHOSEN: dict[str, tuple[object, ...]] = {
     "output.window_periods": (1,), "contact.threshold_velocity": (0.0, 0.2),
     "time.refine_velocity": (1.0,), "time.most_periods": (77,),
     "lamina.bending_stiffness": (2.0,), "lamina.mass": (0.02,), "lamina.stiffness": (200.0,),
-    "lamina.material": ("steel",), "lamina.mass_per_length": (0.2,), "lamina.name": ("other",),
+    "lamina.material": ("steel",), "lamina.angle": (33.0,), "lamina.plies": ([90.0, 0.0],),
+    "lamina.mass_per_length": (0.2,), "lamina.name": ("other",),
     "gap.root": (2e-4,), "gap.exponent": (3.0,), "gap.file": ("gap.csv",),
     "mesh.file": ("mesh.msh",), "model.file": ("model.npz",), "model.modes": (9,),
     "excitation.low": (3.5,), "excitation.high": (10.0,), "excitation.spacing": (0.5,),
@@ -256,6 +261,7 @@ SHOWN_BY = {
     "contact.penalty_stiffness": "penalty", "time.refine_velocity": "apart",
     "excitation.lamina": "force", "excitation.position": "force",
     "time.begin": "loaded", "time.most_periods": "apart", "model.poisson": "plane",
+    "lamina.angle": "layers", "lamina.plies": "layers",
     "impactor.radius": "ball", "mesh.across": "plate", "delamination.across": "plate",
     "delamination.shape_in_plane": "plate",
 }  # fmt: skip
