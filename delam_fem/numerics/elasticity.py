@@ -86,10 +86,10 @@ def turned(S: FloatArray, angle: float) -> FloatArray:
         angle: [deg].
     """
     # cosine and sine of quarter turns are exact: 0 and 90 degrees couple nothing
-    quarters, rest = divmod(angle, 90.0)
-    c, s = np.cos(np.deg2rad(rest)), np.sin(np.deg2rad(rest))
-    for _ in range(int(quarters) % 4):
-        c, s = -s, c
+    quarters, remainder = divmod(angle, 90.0)
+    turn = np.deg2rad(remainder)
+    first = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[int(quarters) % 4]
+    c, s = first @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     axes = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])  # rows: 1, y, 2 in x, y, z
     # strains in the material's axes from those in x, y, z, both with 2 eps_ij
     T = np.empty((6, 6))
@@ -146,6 +146,6 @@ def laminate(
         A += Q * (high - low)
         B += Q * (high**2 - low**2) / 2.0
         D += Q * (high**3 - low**3) / 3.0
-    whole = np.block([[A, B], [B, D]])
-    flexibility = np.linalg.inv(whole)
-    return whole, float(1.0 / flexibility[0, 0]), float(1.0 / flexibility[3, 3])
+    matrix = np.block([[A, B], [B, D]])
+    flexibility = np.linalg.inv(matrix)
+    return matrix, float(1.0 / flexibility[0, 0]), float(1.0 / flexibility[3, 3])

@@ -76,16 +76,16 @@ def test_laminates_beside_laminate_theory_by_hand() -> None:
     h = 0.25e-3
     Q11, Q22, Q12 = np.array([E1, E2, NU12 * E2]) / (1.0 - NU12**2 * E2 / E1)
     cross = [turned(LAYER, angle) for angle in (0.0, 90.0, 90.0, 0.0)]
-    whole, stretching, bending = laminate(cross, [h] * 4)
+    matrix, stretching, bending = laminate(cross, [h] * 4)
     A11 = 2.0 * h * (Q11 + Q22)
     D11 = 2.0 / 3.0 * h**3 * (7.0 * Q11 + Q22)
     D22 = 2.0 / 3.0 * h**3 * (Q11 + 7.0 * Q22)
     D12 = 16.0 / 3.0 * h**3 * Q12
-    assert whole[0, 0] == pytest.approx(A11) and whole[3, 3] == pytest.approx(D11)
-    np.testing.assert_allclose(whole[:3, 3:], 0.0, atol=1e-9 * A11 * h)
+    assert matrix[0, 0] == pytest.approx(A11) and matrix[3, 3] == pytest.approx(D11)
+    np.testing.assert_allclose(matrix[:3, 3:], 0.0, atol=1e-9 * A11 * h)
     assert bending == pytest.approx(D11 - D12**2 / D22)
     assert stretching == pytest.approx(A11 - (4.0 * h * Q12) ** 2 / A11)
     # two plies: B11 = (Q22 - Q11) h²/2 with the stiff one below
-    whole, _, bending = laminate(cross[:2], [h, h])
-    assert whole[0, 3] == pytest.approx(0.5 * h**2 * (Q22 - Q11))
-    assert bending < 0.5 * whole[3, 3]
+    matrix, _, bending = laminate(cross[:2], [h, h])
+    assert matrix[0, 3] == pytest.approx(0.5 * h**2 * (Q22 - Q11))
+    assert bending < 0.5 * matrix[3, 3]
