@@ -91,11 +91,11 @@ class Orthotropic(Section):
                     f"strain must have a positive energy, given {value:g}",
                 )
         if not elasticity.is_admissible(self.compliance):
-            given = ", ".join(f"{key} = {getattr(self, key):g}" for key in ("nu12", "nu13", "nu23"))
+            ratios = ", ".join(f"{key} = {getattr(self, key):g}" for key in ("nu12", "nu13", "nu23"))
             raise inconsistent(
                 "nu12",
                 "expected Poisson's ratios that together give any strain a positive energy, given "
-                f"{given} with E1 = {self.E1:g}, E2 = {self.E2:g}, E3 = {self.E3:g} Pa",
+                f"{ratios} with E1 = {self.E1:g}, E2 = {self.E2:g}, E3 = {self.E3:g} Pa",
             )
         return self
 
