@@ -91,7 +91,8 @@ class Orthotropic(Section):
                     f"strain must have a positive energy, given {value:g}",
                 )
         if not elasticity.is_admissible(self.compliance):
-            ratios = ", ".join(f"{key} = {getattr(self, key):g}" for key in ("nu12", "nu13", "nu23"))
+            names = ("nu12", "nu13", "nu23")
+            ratios = ", ".join(f"{key} = {getattr(self, key):g}" for key in names)
             raise inconsistent(
                 "nu12",
                 "expected Poisson's ratios that together give any strain a positive energy, given "
