@@ -156,6 +156,7 @@ if TYPE_CHECKING:
         keeping_closed as keeping_closed,
         largest_stable_time_step as largest_stable_time_step,
         lowest as lowest,
+        n_rigid as n_rigid,
         opening_amplitude as opening_amplitude,
         openings as openings,
         response as response,
@@ -316,7 +317,7 @@ _HOMES = {
     ),
     "model.linear": (
         "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
-        "lowest opening_amplitude openings response"
+        "lowest n_rigid opening_amplitude openings response"
     ),
     "model.loads": "springs_of",
     "model.mesh": "node_coordinates",

@@ -1383,7 +1383,9 @@ SENSOR_UNITS: Mapping[str, str] = {
 
 
 class Gravity(Section):
-    """Weight, which acts all the time on every body; without this table there is none.
+    """Weight; it matters where level strips sag by a tenth of the gap, or upright ones are slender.
+
+    A level cantilever sags by rho b h g L^4/(8 EI). Without this table there is no weight.
 
     Attributes:
         acceleration: acceleration of free fall [m/s2].

@@ -57,6 +57,7 @@ from delam_fem.api import (
     histories_of,
     lowest,
     motion_of,
+    n_rigid,
     one_period,
     read_arrays,
     reduce,
@@ -184,7 +185,7 @@ class PeriodMap(Protocol):
     ) -> tuple[PeriodMap, FloatArray]:
         """Return the map whose periods begin where the gap is widest, and a state there.
 
-        A kick there violates no gap. A map without a probed pair is returned as it is.
+        A kick there violates no gap. A map that sees no open gap is returned as it is.
 
         Args:
             state: at the beginning of a period.
@@ -328,12 +329,12 @@ class ProblemMap:
         self, state: FloatArray, parameter: float
     ) -> tuple[ProblemMap, FloatArray]:
         """Return the map that begins with the pair apart; see `PeriodMap`."""
-        problem = self.at(parameter)
-        if problem.pair is None or (beginnings := problem.beginnings(state)) is None:
+        beginnings = self.at(parameter).beginnings(state)
+        if beginnings is None:
             return self, state
-        (u, states), (lower, upper, _) = beginnings, problem.pair
-        best = int(np.argmax(u[:, upper] - u[:, lower]))
-        phase = ((best + 1) / len(u) + self.phase) % 1.0
+        gaps, states = beginnings
+        best = int(np.argmax(gaps))
+        phase = ((best + 1) / gaps.size + self.phase) % 1.0
         return ProblemMap(self._problem_of, self.slow, self.info, phase), states[best]
 
 
@@ -423,15 +424,23 @@ class PeriodicProblem:
         return PeriodSamples(end, record.u[1:, probes], record)
 
     def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return displacements (k, n_seen) and states (k, 2 n) at `BEGINNINGS` instants.
+        """Return gaps (k,) [m] and states (k, 2 n) at `BEGINNINGS` instants.
 
-        None: the steps do not fall on these instants.
+        The gap is that of the probed pair, or the smallest of all pairs where none is probed. None:
+        the steps do not fall on these instants, or some pair is closed at each of them.
         """
         every, remainder = divmod(self.span.steps_per_period, BEGINNINGS)
-        if remainder:
+        if remainder or not self.operators.n_pairs:
             return None
         record = self.period(state, 0.0, self.recorder(BEGINNINGS))[1]
-        return record.u[every::every, N_BASE:], np.reshape(record.frames, (-1, state.size))
+        states = np.reshape(record.frames, (-1, state.size))
+        if self.pair is not None:
+            lower, upper, _ = self.pair
+            u = record.u[every::every, N_BASE:]
+            return u[:, upper] - u[:, lower], states
+        o = self.operators
+        gaps = (states[:, : o.n_dofs] @ o.gap_matrix.T + o.gap0).min(axis=1)
+        return (gaps, states) if gaps.max() > 0.0 else None
 
 
 class StrobeMap(ProblemMap):
@@ -481,7 +490,8 @@ class CaseFamily:
                 "excitation.kind: expected a drive that repeats after each period, given "
                 f"{case.excitation.kind!r}"
             )
-        require_held(case, "orbit")
+        if not case.is_loaded:  # weight or a load brings back what floats
+            require_held(case, "orbit")
         self.case = case
         self.key = key
         self.channels = tuple(channels)
@@ -535,7 +545,9 @@ class CaseFamily:
 
     def map(self) -> StrobeMap:
         """Return the map of the family, with the modes of the case as its slow coordinates."""
-        return StrobeMap(self.problem, slow_modes(self.structure(self.case).operators))
+        operators = self.structure(self.case).operators
+        floating = 1.0 / self.case.period if self.case.is_floating else None
+        return StrobeMap(self.problem, slow_modes(operators, floating=floating))
 
 
 def probed_pair(structure: Structure) -> tuple[int, int, float] | None:
@@ -555,15 +567,26 @@ def probed_pair(structure: Structure) -> tuple[int, int, float] | None:
     return None
 
 
-def slow_modes(operators: Operators, n_modes: int = MODES) -> SlowCoordinates:
+def slow_modes(
+    operators: Operators, n_modes: int = MODES, *, floating: float | None = None
+) -> SlowCoordinates:
     """Return the displacements and velocities of the lowest modes as slow coordinates.
 
     The coordinates are ω_j a_j and b_j of u = Σ a_j φ_j, v = Σ b_j φ_j with φᵀ M φ = 1, so that
     their squares are twice the strain and the kinetic energy of the mode [J^½].
+
+    Args:
+        operators: the semi-discrete problem.
+        n_modes: largest number of modes.
+        floating: frequency that stands for that of motions without stiffness [Hz]; None: there are
+            none.
     """
     n = operators.n_dofs
     count = min(n_modes, n)
-    frequencies, vectors = lowest(operators.stiffness, operators.mass, count)
+    K = operators.stiffness
+    frequencies, vectors = lowest(K, operators.mass, count, is_floating=floating is not None)
+    if floating is not None:
+        frequencies[: n_rigid(K)] = floating
     omega = 2.0 * np.pi * frequencies
     masses = np.sqrt(np.einsum("ij,ij->j", vectors, operators.mass @ vectors))
     phi: FloatArray = vectors / masses
@@ -688,11 +711,18 @@ class ModalProblem:
         engine.restore(State(motion, resting, internal=state), self.table[0])
         return one_period(engine, observer.recorder(1), self.table)
 
-    def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what is seen after each step: displacements (N, n_seen), states (N, n)."""
+    def beginnings(self, state: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return the gap of the probed pair (N,) [m] and the state (N, n) after each step.
+
+        None: no pair is probed.
+        """
+        if self.pair is None:
+            return None
+        lower, upper, _ = self.pair
         period = self.periods.record(state, self.drive)
         q, v, s = (trace[1:].reshape(len(trace) - 1, -1) for trace in period.trace[:3])
-        return self.displacements(period), np.concatenate([q, v, s], axis=1)
+        u = self.displacements(period)
+        return u[:, upper] - u[:, lower], np.concatenate([q, v, s], axis=1)
 
     def displacements(self, period: Period) -> FloatArray:
         """Return the displacements of the probes at each step, shape (N, n_seen) [m]."""

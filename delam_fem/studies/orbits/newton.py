@@ -211,6 +211,9 @@ DIFFERENCE = 1e-7
 """Relative size of the differences; the derivative is good to about this."""
 FLOOR = 1e-11
 """Relative residual at which the iteration ends."""
+FARTHEST = 10.0
+"""Largest change of a coordinate, relative to the largest of its part at the start. Far away any
+body that floats repeats: what it falls in a period is round-off there."""
 ITERATIONS = 9
 SLOWEST, FAILURES = 0.5, 2
 """Factor by which an iteration should reduce the residual, and how often in a row it may not."""
@@ -256,12 +259,16 @@ def newton(
         shift: shift of the grid of time steps, as a share of a step.
 
     Returns:
-        The point with the smallest residual, exact or not.
+        The point with the smallest residual within `FARTHEST`, exact or not.
     """
     powered = Powered(map_, parameter, periods, shift)
     best = (np.inf, state, np.zeros((0, 0)), 0)
+    start = state
+    reach = FARTHEST * map_.info.scales(start)
     failures = 0
     for number in range(ITERATIONS):
+        if (np.abs(state - start) > reach).any():
+            break
         change = powered.after(state[None])[0] - state  # (1 - D) step = change, scaled by sizes
         sizes = map_.info.scales(state)
         residual = float(np.sqrt(np.mean((change / sizes) ** 2)))

@@ -110,6 +110,72 @@ def test_a_rig_of_another_kind_is_not_the_model(tmp_path: Path) -> None:
     assert "not this model" in str(finding.report.numbers["mismatch"])
 
 
+TENSION = 30.0
+"""Of the strip on pins [N]."""
+
+
+def pinned(lines: FloatArray) -> beams.ComplexArray:
+    """Return the middle of a strip on pins under tension over its base, with C = β K.
+
+    u = q + Σ W_n sin(nπ/2), (ω_n² (1 + iωβ) - ω²) W_n = ω² q 4/(nπ) of odd n, where
+    ρA ω_n² = EI (nπ/L)⁴ + N (nπ/L)².
+    """
+    n = np.arange(1, 400, 2)[:, None]
+    wave = n * np.pi / 0.3
+    square = (EI * wave**4 + TENSION * wave**2) / (2700.0 * 0.02 * 0.002)
+    omega = 2.0 * np.pi * lines
+    beta = 2.0 * D / np.sqrt(square[0])
+    modes = omega**2 * 4.0 / (n * np.pi) / (square * (1.0 + 1j * omega * beta) - omega**2)
+    return np.asarray(1.0 + np.sin(0.5 * np.pi * n[:, 0]) @ modes)
+
+
+@pytest.mark.slow
+def test_a_tension_comes_from_the_responses_of_an_exact_strip_on_pins(tmp_path: Path) -> None:
+    """The first frequency depends on EI and the tension, the third on EI nearly alone."""
+    rng = np.random.default_rng(3)
+    lines = np.arange(20.0, 700.0, 2.0)
+    drive = np.exp(2j * np.pi * rng.uniform(size=lines.size))
+    time = np.arange(3 * 1024) / 2048.0
+    turns = np.exp(2j * np.pi * np.outer(time, lines))
+    middle = (turns @ (pinned(lines) * drive / (2j * np.pi * lines) ** 2)).real
+    middle += NOISE * middle.std() * rng.standard_normal(middle.size)
+    np.savetxt(
+        tmp_path / "record.csv", np.stack([time, (turns @ drive).real, 1e3 * middle], axis=1),
+        delimiter=",", header="time [s],base [m/s2],middle [mm]", comments="", fmt="%.12g",
+    )  # fmt: skip
+    result = CliRunner().invoke(app, [
+        "measure", "response", str(tmp_path / "record.csv"), "--excitation", "base",
+        "--period", "0.5", "-o", str(tmp_path / "response"),
+    ])  # fmt: skip
+    assert result.exit_code == 0, result.output
+    strip = LAMINA | {"name": "strip", "bending_stiffness": 1.0, "damping_ratio": 0.01}
+    case = Case(
+        name="pins", lamina=[strip], support={"start": "pinned", "end": "pinned"},
+        load=[{"axial": 20.0}], damping={"rayleigh": "stiffness"}, mesh={"elements": 12},
+        sensor=[{"name": "middle", "quantity": "displacement", "lamina": "strip",
+                 "position": 0.15}],
+        excitation={"kind": "harmonic", "frequency": 20.0, "amplitude": 1e-3},
+        contact={"law": "none"},
+    )  # fmt: skip
+    finding = df.identify(
+        case, measured=(tmp_path / "response" / "measured.nc",), uncertain=(),
+        unknown=("load.1.axial=0:60", "lamina.strip.bending_stiffness=0.8:1.2",
+                 "lamina.strip.damping_ratio=0.004:0.02"),
+    )  # fmt: skip
+    numbers = finding.report.numbers
+    assert numbers is not None
+    for key, truth, width in (
+        ("load.1.axial", TENSION, 0.25), ("lamina.strip.bending_stiffness", EI, 0.05),
+        ("lamina.strip.damping_ratio", D, 0.1),
+    ):  # fmt: skip
+        entry = numbers["unknowns"][key]
+        low, high = entry["interval_90"]
+        assert entry["identified"], key
+        assert abs(entry["median"] - truth) < max(3.0 * (high - low) / 3.29, 2e-3 * truth), key
+        assert high - low < width * truth
+    assert numbers["mismatch"] is None
+
+
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     measured = responses(tmp_path)
     with pytest.raises(CaseError, match="--frequency"):

@@ -1,0 +1,1 @@
+"""Cases under weight and pressure with their exact solutions."""
