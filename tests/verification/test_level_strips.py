@@ -42,13 +42,13 @@ def strips(amplitude: float, **tables: Any) -> df.Case:
 def test_the_upper_strip_lies_on_the_lower_one() -> None:
     """Tips are those of cantilevers under their weights and the forces between them."""
     assert SAGS == pytest.approx((1.15e-3, 4.45e-3), rel=5e-3)
-    rest = df.rest(strips(1e-5))
-    force = rest.contact_force.values
+    equilibrium = df.rest(strips(1e-5))
+    force = equilibrium.contact_force.values
     x = L * np.arange(1, 9) / 8.0
     assert force.any() and (force >= 0.0).all()
     for i, sign in ((0, -1.0), (1, 1.0)):
         bent = float((force * x**2 * (3.0 * L - x)).sum()) / (6.0 * RIGIDITIES[i])
-        tip = rest.displacement.values[i, -1]
+        tip = equilibrium.displacement.values[i, -1]
         assert tip == pytest.approx(sign * bent - SAGS[i], rel=1e-8)
 
 
@@ -68,8 +68,8 @@ def test_engines_shake_both_alike_until_they_settle() -> None:
     summary = alike(strips(2e-6)).summary
     assert summary["settled"] == "settled"
     assert summary["periodicity"] == 1
-    for i, rest in enumerate(summary["rest"]["tip_displacement"]):
-        assert summary["tip_min"][i] < rest < summary["tip_max"][i]
+    for i, at_rest in enumerate(summary["rest"]["tip_displacement"]):
+        assert summary["tip_min"][i] < at_rest < summary["tip_max"][i]
         assert summary["tip_max"][i] - summary["tip_min"][i] < 1e-4
 
 
