@@ -10,7 +10,7 @@ from project import ROOT
 
 PAGES = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 
-LONG = {"fitted_model", "measured", "solids"}
+LONG = {"fitted_model", "measured", "plate", "solids"}
 """Pages that take fifteen seconds and more and run in their whole form alone."""
 
 

@@ -353,7 +353,7 @@ UNITS = (("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0))
 """Units of stress, of which the largest is taken that gives a number of at least 0.1."""
 UNITS_OF_OPENINGS = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9))
 """The same of openings."""
-OPENED = (OPENING, "opening of the patches", "viridis", 0.0)
+OPENED = (OPENING, "opening", "viridis", 0.0)
 """What is drawn of a reduced plate, as `STRESSES` of solids."""
 STRESSES = (
     ("von_mises", "von Mises stress", "viridis", 0.0),
