@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         Lamina as Lamina,
         Sensor as Sensor,
     )
+    from delam_fem.case.surface_scan import read_points as read_points
     from delam_fem.case.tables import (
         DAY as DAY,
         TableColumns as TableColumns,
@@ -301,6 +302,7 @@ _HOMES = {
     "case.gap": "initial_gap",
     "case.identity": "belong content_of identity require_same",
     "case.keys": "tables",
+    "case.surface_scan": "read_points",
     "case.sections": "Contact InitialGap Lamina Sensor",
     "case.tables": "DAY TableColumns heading read_columns",
     "case.toml": "Data apply_overrides message read_toml shown toml_text",

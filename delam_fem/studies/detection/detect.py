@@ -40,6 +40,7 @@ from delam_fem.api import (
     load_case,
     modes_of,
     number,
+    read_points,
     reduced_case,
     response,
     scanned_places,
@@ -299,6 +300,9 @@ def read_field(
         units=options.units,
         rate=options.rate,
     )
+    if options.positions is not None:
+        places = read_points(options.positions, f"positions {options.positions}")
+        data = reading.placed(data, quantity, lamina, places)
     return reading.scan(data, quantity, lamina)
 
 
@@ -350,7 +354,8 @@ def _across(field: xr.DataArray) -> FloatArray:
         names = field["channel"].to_numpy()[~np.isfinite(across)].tolist()
         raise CaseError(
             "measured: expected points of a plate with x and z, as in "
-            f"--channel 'p1=P1:m/s@0.01:-0.02/upper', given none across of {', '.join(names[:3])}"
+            "--channel 'p1=P1:m/s@0.01:-0.02/upper', or --positions FILE, given none across of "
+            f"{', '.join(names[:3])}"
         )
     return np.asarray(across)
 

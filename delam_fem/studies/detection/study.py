@@ -28,6 +28,8 @@ class Measured(Options):
             repeatable.
         units: unit of columns that name none, e.g. mm; SI: SI units.
         rate: samples per second of files without times [Hz].
+        positions: table with the columns x and z of the points of a plate, in the order of the
+            columns of the measurement.
     """
 
     measured: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE")] = None
@@ -36,6 +38,7 @@ class Measured(Options):
     ] = None
     units: Annotated[str | None, Flag(metavar="UNIT")] = None
     rate: float | None = None
+    positions: Annotated[Path | None, Flag(metavar="FILE")] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -555,11 +555,39 @@ def as_sep005(data: xr.Dataset) -> list[dict[str, Any]]:
     return series
 
 
+def placed(data: xr.Dataset, quantity: str, lamina: str, places: FloatArray) -> xr.Dataset:
+    """Return the record of a measurement whose channels of one quantity have places on a plate.
+
+    Args:
+        data: a measurement.
+        quantity: quantity of the channels.
+        lamina: lamina on which they are.
+        places: x and z of each of these channels, in the order of the file, shape (n, 2) [m].
+
+    Raises:
+        CaseError: there are more or fewer places than channels.
+    """
+    channels = record(data)
+    chosen = [
+        name
+        for name, channel in channels.data_vars.items()
+        if channel.attrs["quantity"] == quantity and channel.attrs.get("lamina", lamina) == lamina
+    ]
+    if len(chosen) != len(places):
+        raise CaseError(
+            f"positions: expected x and z of each of the {len(chosen)} channels of {quantity}, "
+            f"given {len(places)}"
+        )
+    for name, (x, z) in zip(chosen, places.tolist(), strict=True):
+        channels[name].attrs |= {"x": x, "z": z, "lamina": lamina}
+    return channels
+
+
 def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataArray:
     """Return the histories of one quantity at points along a lamina as one field.
 
     Args:
-        data: a measurement whose channels have positions.
+        data: a measurement whose channels have positions, or a record of it.
         quantity: "displacement", "velocity", "acceleration" or "strain".
         lamina: lamina on which the points are; None: points of all laminae.
 
@@ -572,7 +600,7 @@ def scan(data: xr.Dataset, quantity: str, lamina: str | None = None) -> xr.DataA
     """
     points = [
         channel
-        for channel in record(data).data_vars.values()
+        for channel in (record(data) if "channel" in data.coords else data).data_vars.values()
         if channel.attrs["quantity"] == quantity
         and "x" in channel.attrs
         and lamina in (None, channel.attrs.get("lamina", ""))

@@ -45,3 +45,17 @@ def test_a_record_of_a_scan_is_read_with_its_places(tmp_path):
     np.testing.assert_allclose(field["position"], [0.01, 0.02])
     np.testing.assert_allclose(field["across"], [-0.02, -0.04])
     np.testing.assert_allclose(field[0], [1.0, 2.0])
+
+
+def test_a_file_of_positions_places_the_columns_in_their_order(tmp_path):
+    path = tmp_path / "scan.csv"
+    rows = "\n".join(f"{t},{1.0},{2.0},{3.0}" for t in np.arange(20) * 1e-3)
+    path.write_text(f"time [s],a [m/s],b [m/s],c [mm]\n{rows}\n")
+    data = reading.read_measured(path)
+    places = np.array([[0.02, 0.01], [0.01, -0.03]])
+    field = reading.scan(reading.placed(data, "velocity", "upper", places), "velocity", "upper")
+    np.testing.assert_allclose(field["position"], [0.01, 0.02])
+    np.testing.assert_allclose(field["across"], [-0.03, 0.01])
+    np.testing.assert_allclose(field[0], [2.0, 1.0])
+    with pytest.raises(CaseError, match="positions: expected"):
+        reading.placed(data, "velocity", "upper", places[:1])
