@@ -13,7 +13,9 @@ from support import require_equal_engines
 
 import delam_fem as df
 from delam_fem import CaseError
-from delam_fem.api import Case, assemble, lowest
+from delam_fem.api import Case, assemble, lowest, nodal
+from delam_fem.model.layout import bending_moment
+from delam_fem.model.reduction import reduced_case
 from delam_fem.reference import matrices
 from delam_fem.studies.identification.unknowns import value_of
 from delam_fem.studies.sweeps.grid import unit_of
@@ -332,7 +334,7 @@ def test_tables_survive_files_units_and_overrides() -> None:
 
 @pytest.mark.slow
 def test_a_run_shows_what_changes(tmp_path: Any) -> None:
-    """Moments of a static shape follow F (L - x) at nodes; figures and fields are drawn."""
+    """Figures and fields are drawn, with finite moments."""
     case = case_of(
         {"thickness": TAPER}, {"name": "two", "thickness": 0.5 * H},
         support=None, gap={"tip": 1e-3}, mesh={"elements": 20},
@@ -341,6 +343,23 @@ def test_a_run_shows_what_changes(tmp_path: Any) -> None:
     result = df.run(case)
     assert np.isfinite(result.history["moment"]).all()
     result.save(tmp_path / "run")
+
+
+@pytest.mark.parametrize("is_reduced", [False, True])
+def test_moments_of_a_static_shape_converge_to_the_lever_arm(is_reduced: bool) -> None:
+    """M = F (L - x) of a force at the tip, in second order, of the beam and of its reduced file."""
+    errors = []
+    for n in (10, 20, 40):
+        force = {"kind": "force", "lamina": "one", "position": L, "amplitude": 1, "frequency": 5}
+        case = case_of({"thickness": TAPER}, mesh={"elements": n}, excitation=force)
+        structure = reduced_case(case, 8).structure if is_reduced else assemble(case)
+        o = structure.operators
+        u = np.linalg.solve(o.stiffness.toarray(), -o.base.stiffness)
+        nodal_values = nodal(structure.layout, u[None], np.zeros(1))
+        moment = bending_moment(structure.layout, *nodal_values)[0, 0]
+        errors.append(np.abs(moment - (L - structure.layout.x)).max() / L)
+    assert errors[-1] < 2e-3
+    assert np.log2(errors[0] / errors[1]) > 1.5 and np.log2(errors[1] / errors[2]) > 1.7
 
 
 def test_numbers_of_tables_are_keys_of_sweeps_and_fits() -> None:

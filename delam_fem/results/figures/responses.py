@@ -146,12 +146,14 @@ def responses(history: xr.Dataset, case: Case) -> Figure:
     is_density = not isinstance(case.excitation, MultisineExcitation | BurstExcitation)
     what = "density" if is_density else "amplitude"
     panels[0].semilogy(values.frequency, values.drive, ".-", color=BLACK, markersize=2)
-    panels[0].set_ylabel(f"{what} of the drive")
-    panels[1].set_ylabel(f"{what} of channels")
-    panels[2].set_ylabel("|H|")
+    drive_unit, *units = values.units
+    of_drive = f"({drive_unit})²/Hz" if is_density else drive_unit
+    of_channel = "square of the unit of each per Hz" if is_density else "unit of each"
+    panels[0].set_ylabel(f"{what} of the drive\n[{of_drive}]")
+    panels[1].set_ylabel(f"{what} of channels\n[{of_channel}]")
+    panels[2].set_ylabel(f"|H| [unit of each per {drive_unit}]")
     grid = np.linspace(values.frequency[0], values.frequency[-1], LINES)
     known = exact(case, grid) or {}
-    drive_unit, *units = values.units
     for k, (name, unit, colour) in enumerate(zip(values.names, units, colours, strict=True)):
         panels[1].semilogy(values.frequency, values.motion[k], color=colour, linewidth=0.8)
         panels[2].semilogy(
@@ -163,5 +165,5 @@ def responses(history: xr.Dataset, case: Case) -> Figure:
     legend_above(panels[2])
     label_x(panels, "frequency [Hz]")
     lines = ", lines: exact, without contact" if known else ""
-    figure.suptitle(f"{case.title}\ndrive in {drive_unit}; dots: estimated{lines}")
+    figure.suptitle(f"{case.title}\ndots: estimated{lines}")
     return figure

@@ -49,6 +49,7 @@ from delam_fem.api import (
 from delam_fem.studies.identification.posterior import described
 from delam_fem.studies.identification.unknowns import Unknown, require_values, value_of
 from delam_fem.studies.signals import reading
+from delam_fem.studies.signals.units import ratio_of
 
 Progress = Callable[[int, int], None]
 """Function that is told the numbers of finished and of all trials."""
@@ -103,6 +104,7 @@ class MeasuredResponses:
     Attributes:
         path: the file.
         names: of the channels, shape (n,).
+        units: of their responses, shape (n,).
         frequency: lines, shape (k,) [Hz].
         s: where the responses are known, iω or iω + a, shape (k,) [1/s].
         values: responses, shape (n, k).
@@ -113,6 +115,7 @@ class MeasuredResponses:
 
     path: Path
     names: tuple[str, ...]
+    units: tuple[str, ...]
     frequency: FloatArray
     s: beams.ComplexArray
     values: beams.ComplexArray
@@ -221,6 +224,7 @@ def read(
     outputs = [str(name) for name in data["output"].to_numpy()]
     table = [str(name) for name in data["channel"].to_numpy()]
     rows = []
+    units = []
     channels = []
     unknown = []
     for number, output in enumerate(outputs):
@@ -233,6 +237,8 @@ def read(
             unknown.append(output)
         else:
             rows.append(number)
+            unit_of_channel = str(data["channel_units"][table.index(output)].item())
+            units.append(ratio_of(unit_of_channel, unit))
             channels.append(channel)
     missing = [n for n in names if n not in outputs and f"{schema.SENSOR}{n}" not in outputs]
     if missing or not rows:
@@ -257,7 +263,7 @@ def read(
         if np.isfinite(of_row).all():  # of few periods or realisations, it scatters itself
             of_row[:] = np.sqrt(_near(of_row**2, np.square(np.abs(row))))
     measured = MeasuredResponses(
-        path, tuple(outputs[k] for k in rows), frequency[counts],
+        path, tuple(outputs[k] for k in rows), tuple(units), frequency[counts],
         2j * np.pi * frequency[counts] + decay, values, deviation, tuple(channels), OF_DRIVE[unit],
     )  # fmt: skip
     return measured, case
@@ -506,7 +512,10 @@ class Fit:
     lost: str
 
     def posterior(self, n: int, seed: int) -> statistics.Posterior:
-        """Return draws of the first n parameters, within their priors."""
+        """Return draws of the first n parameters, within their priors.
+
+        (F2) has a normal prior of each sought key; weights make it the uniform one.
+        """
         rng = np.random.default_rng(seed)
         chosen = self.model.parameters[:n]
         draws = rng.multivariate_normal(
@@ -518,7 +527,9 @@ class Fit:
             [parameter.value(place) for parameter, place in zip(chosen, row, strict=True)]
             for row in draws.tolist()
         ]
-        return statistics.Posterior(np.array(values), np.full(len(values), 1.0 / len(values)))
+        # a normal prior over 1 sqrt(12) is at most 4.5 times as dense in the middle as at the ends
+        weights = np.exp(0.5 * np.sum(((draws - 0.5) / UNIFORM) ** 2, axis=1))
+        return statistics.Posterior(np.array(values), weights / weights.sum())
 
     @property
     def case(self) -> Case:
@@ -677,9 +688,13 @@ def parameters_of(
 
 def residuals(fit: Fit) -> Figure:
     """Draw measured and fitted responses, and what is left beside the deviation of the lines."""
-    names = [(file, name) for file in fit.model.files for name in file.names]
+    names = [
+        (file, name, unit)
+        for file in fit.model.files
+        for name, unit in zip(file.names, file.units, strict=True)
+    ]
     figure, grid = style.stacked(2 * len(names), 4.0 * len(names), sharex=False)
-    for k, ((file, name), row, measured, sigma) in enumerate(
+    for k, ((file, name, unit), row, measured, sigma) in enumerate(
         zip(names, fit.rows, fit.model.measured, fit.deviations, strict=True)
     ):
         upper, lower = grid[2 * k], grid[2 * k + 1]
@@ -689,14 +704,14 @@ def residuals(fit: Fit) -> Figure:
         )  # fmt: skip
         upper.semilogy(file.frequency, np.abs(row), color=style.BLUE, label="fitted")
         upper.set_title(name, loc="left")
-        upper.set_ylabel("|H|")
+        upper.set_ylabel(f"|H| [{unit}]")
         style.legend_above(upper)
         lower.semilogy(
             file.frequency, np.abs(row - measured), ".", color=style.VERMILLION, markersize=3,
             label="left",
         )  # fmt: skip
         lower.semilogy(file.frequency, np.sqrt(2.0) * sigma, color=style.GREEN, label="deviation")
-        lower.set_ylabel("what is left")
+        lower.set_ylabel(f"what is left [{unit}]")
         lower.set_xlabel("frequency [Hz]")
         style.legend_above(lower)
     style.label_x(grid, "frequency [Hz]")

@@ -23,18 +23,22 @@ BINS = 24
 """Number of bars of a histogram."""
 TAIL = 0.005
 """Share of the samples beyond either end of an axis."""
-PANEL = 2.2
+PANEL = 2.4
 """Size of a panel [in]."""
+DOTS = 1000
+"""Most samples in a scatter."""
 
 
 def posterior_figure(
-    posterior: statistics.Posterior, labels: Sequence[str], truth: list[float] | None
+    posterior: statistics.Posterior,
+    labels: Sequence[tuple[str, str]],
+    truth: list[float] | None,
 ) -> Figure:
     """Draw the histogram of each unknown and the scatter of each pair.
 
     Args:
         posterior: the sample.
-        labels: unknowns in the order of the columns, in words with their units.
+        labels: words and unit of each unknown, in the order of the columns.
         truth: their values in a synthetic measurement; None: not known.
     """
     n = len(labels)
@@ -47,32 +51,51 @@ def posterior_figure(
     margin = 0.08 * (high - low)  # no end of the samples is an edge of a bar
     low = low - margin
     high = high + margin
+    # ticks have few digits: values are shown in thousands, thousandths and so on of their unit
+    size = np.maximum(np.abs(low), np.abs(high))
+    powers = 3 * np.floor(np.log10(np.where(size > 0.0, size, 1.0)) / 3.0).astype(np.int64)
+    scale = 10.0**powers
+    texts = [
+        f"{words}\n[{f'1e{power} ' if power else ''}{unit}]".replace(" –]", "]")
+        for (words, unit), power in zip(labels, powers.tolist(), strict=True)
+    ]
+    low = low / scale
+    high = high / scale
+    samples = posterior.samples / scale
+    ends = posterior.interval(0.9) / scale[:, None]
+    true_values = None if truth is None else (np.array(truth) / scale).tolist()
+    shown = slice(None, None, -(-len(samples) // DOTS))
     figure = Figure(figsize=(PANEL * n, PANEL * n))
     axes = figure.subplots(n, n, squeeze=False)
-    for i, row in enumerate(labels):
-        for j, column in enumerate(labels):
+    for i, row in enumerate(texts):
+        for j, column in enumerate(texts):
             panel = axes[i, j]
             if j > i:
                 figure.delaxes(panel)
                 continue
             panel.set_xlim(low[j], high[j])
-            values = posterior.samples[:, j]
+            values = samples[:, j]
             if i == j:
                 edges = np.linspace(low[j], high[j], BINS + 1)
                 panel.hist(values, edges, weights=posterior.weights, color=style.BLUE, alpha=0.7)
-                for end in posterior.interval(0.9)[j]:
+                for end in ends[j]:
                     panel.axvline(end, color=style.BLUE, linestyle=":")
                 panel.set_yticks([])
             else:
-                sizes = 12.0 * posterior.weights / posterior.weights.max()
-                panel.scatter(values, posterior.samples[:, i], s=sizes, color=style.BLUE, alpha=0.5)
+                sizes = 8.0 * posterior.weights[shown] / posterior.weights.max()
+                panel.scatter(
+                    values[shown], samples[shown, i], s=sizes, color=style.BLUE, alpha=0.4
+                )
                 panel.set_ylim(low[i], high[i])
-                if truth is not None:
-                    panel.axhline(truth[i], color=style.VERMILLION, linewidth=0.8)
-            if truth is not None:
-                panel.axvline(truth[j], color=style.VERMILLION, linewidth=0.8)
+                panel.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+                if true_values is not None:
+                    panel.axhline(true_values[i], color=style.VERMILLION, linewidth=0.8)
+            if true_values is not None:
+                panel.axvline(true_values[j], color=style.VERMILLION, linewidth=0.8)
             panel.set_xlabel(column)
-            panel.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+            panel.xaxis.set_major_locator(MaxNLocator(2, prune="both"))
+            panel.tick_params(labelsize=8)
+            panel.ticklabel_format(useOffset=False, style="plain")
             if j == 0 and i > 0:
                 panel.set_ylabel(row)
     red = "" if truth is None else "; red: the truth"
@@ -81,11 +104,17 @@ def posterior_figure(
     return figure
 
 
-def label_of(unknown: Unknown, case: Case) -> str:
-    """Return the last part of the key of an unknown in words, with its unit."""
-    unit = unit_of(unknown.keys(case)[0], case)
-    words = unknown.key.rsplit(".", 1)[-1].replace("_", " ")
-    return f"{words}\n[{'–' if unit == '1' else unit}]"
+def labels_of(unknowns: Sequence[Unknown], case: Case) -> list[tuple[str, str]]:
+    """Return words and unit of each unknown: as many last parts of its key as tell it apart."""
+    keys = [unknown.key.replace("_", " ").split(".") for unknown in unknowns]
+    labels = []
+    for key, unknown in zip(keys, unknowns, strict=True):
+        n = 3 if key[-1].isdecimal() else 1  # an entry of a table
+        while n < len(key) and sum(other[-n:] == key[-n:] for other in keys) > 1:
+            n += 1
+        unit = unit_of(unknown.keys(case)[0], case)
+        labels.append((" ".join(key[-n:]), "–" if unit == "1" else unit))
+    return labels
 
 
 class Description(NamedTuple):
@@ -159,7 +188,7 @@ def described(
             f"These motions do not identify {', '.join(lost)}: the 90 % interval is more than "
             f"{statistics.IDENTIFIED:g} times as wide as that of the prior."
         )
-    labels = [label_of(unknown, case) for unknown in unknowns]
+    labels = labels_of(unknowns, case)
     return Description(
         entries,
         Table(f"identification of {case.name}", HEADING, rows),

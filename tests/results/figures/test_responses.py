@@ -75,7 +75,10 @@ def test_runs_with_many_lines_have_the_figure_and_others_not() -> None:
     history = df.run(case, "compiled").history
     figure = df.run(case, "compiled").plot.responses()
     labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels == ["amplitude of the drive", "amplitude of channels", "|H|"]
+    assert [label.replace("\n", " ") for label in labels] == [
+        "amplitude of the drive [m]", "amplitude of channels [unit of each]",
+        "|H| [unit of each per m]",
+    ]  # fmt: skip
     assert len(figure.axes[2].lines) == 8  # estimated and exact, of two laminae's two channels
     assert "responses" in figures_of(history, case)
     harmonic = preset("paper", {"time.periods": 1, "time.steps_per_period": 20, "output": {},

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 import delam_fem as df
-from delam_fem.api import Case, CaseError, FloatArray, beams
+from delam_fem.api import Case, CaseError, FloatArray, assemble, beams, of_channels
 from delam_fem.cli.app import app
+from delam_fem.studies.identification.unknowns import value_of
+from delam_fem.studies.signals.writing import write_measured
 
 EI, D, NOISE = 0.92, 0.012, 0.01
 """The truth, and the noise of a channel over its rms."""
@@ -95,6 +98,43 @@ def test_keys_come_from_the_responses_of_an_exact_beam_and_the_fitted_case_runs(
     assert fitted.lamina[0].bending_stiffness == pytest.approx(EI, rel=0.01)
     assert fitted.name == CASE.name and not fitted.sensor
     assert finding.posterior.samples.shape[1] == len(UNKNOWN)
+
+
+def test_an_entry_of_a_table_over_x_is_a_key_of_a_fit(tmp_path: Path) -> None:
+    """A wedge whose tip is thinner than its case says, with four times as many elements."""
+    wedge = CASE.model_dump(exclude_unset=True, exclude_none=True)
+    lamina = {
+        "name": "one", "length": 0.3, "width": 0.02, "density": 2700.0, "young_modulus": 7e10,
+        "damping_ratio": 0.01, "thickness": {"x": [0.0, 0.3], "value": [0.003, 0.002]},
+    }  # fmt: skip
+    case = Case(**(wedge | {"lamina": [lamina], "gap": None, "mesh": {"elements": 12}}))
+    key = "lamina.one.thickness.value.2"
+    truth = case.with_overrides({key: 0.0014, "mesh.elements": 48})
+    frequency = np.arange(5.0, 400.0, 2.0)
+    s = 2j * np.pi * frequency
+    tip = of_channels(assemble(truth, needs_dolfinx=False), truth, s)["tip_one"]
+    rng = np.random.default_rng(1)
+    tip = tip * (1.0 + 0.01 * (rng.standard_normal((s.size, 2)) @ [1.0, 1j]))
+    names = ["base", "tip one"]
+    data = xr.Dataset(
+        {"base": ("time", np.zeros(4)), "tip_one": ("time", np.zeros(4))},
+        {"time": np.arange(4.0), "frequency": frequency, "output": names[1:], "channel": names},
+        {"schema": "delam_fem measurement", "title": "measurement", "notes": ""},
+    )
+    about = {"units": "1", "excitation": "base", "excitation_units": "m"}
+    data["response"] = (("frequency", "output"), tip[:, None], about)
+    for name, values in {
+        "variable": ["base", "tip_one"], "units": ["m", "m"], "lamina": ["", "one"],
+        "quantity": ["displacement"] * 2, "position": [np.nan] * 2, "source": names,
+    }.items():  # fmt: skip
+        data[f"channel_{name}"] = ("channel", values)
+    path = write_measured(data, tmp_path / "wedge.nc")
+    unknowns = (f"{key}=0.001:0.0025", "lamina.one.damping_ratio=0.005:0.02")
+    finding = df.identify(case, tmp_path / "fit", measured=(path,), unknown=unknowns, uncertain=())
+    for (low, high), value in zip(finding.posterior.interval(0.999), (0.0014, 0.01), strict=True):
+        assert low < value < high < 1.05 * low
+    fitted = df.load_case(tmp_path / "fit" / "fitted" / "case.toml")
+    assert value_of(fitted, key) == pytest.approx(0.0014, rel=1e-3)
 
 
 @pytest.mark.slow
