@@ -51,7 +51,7 @@ def posterior_figure(
     margin = 0.08 * (high - low)  # no end of the samples is an edge of a bar
     low = low - margin
     high = high + margin
-    # ticks have few digits: values are shown in thousands, thousandths and so on of their unit
+    # ticks have few digits: values are in thousands, thousandths and so on of their unit
     size = np.maximum(np.abs(low), np.abs(high))
     powers = 3 * np.floor(np.log10(np.where(size > 0.0, size, 1.0)) / 3.0).astype(np.int64)
     scale = 10.0**powers
@@ -64,7 +64,7 @@ def posterior_figure(
     samples = posterior.samples / scale
     ends = posterior.interval(0.9) / scale[:, None]
     true_values = None if truth is None else (np.array(truth) / scale).tolist()
-    shown = slice(None, None, -(-len(samples) // DOTS))
+    some = slice(None, None, -(-len(samples) // DOTS))
     figure = Figure(figsize=(PANEL * n, PANEL * n))
     axes = figure.subplots(n, n, squeeze=False)
     for i, row in enumerate(texts):
@@ -82,10 +82,8 @@ def posterior_figure(
                     panel.axvline(end, color=style.BLUE, linestyle=":")
                 panel.set_yticks([])
             else:
-                sizes = 8.0 * posterior.weights[shown] / posterior.weights.max()
-                panel.scatter(
-                    values[shown], samples[shown, i], s=sizes, color=style.BLUE, alpha=0.4
-                )
+                sizes = 8.0 * posterior.weights[some] / posterior.weights.max()
+                panel.scatter(values[some], samples[some, i], s=sizes, color=style.BLUE, alpha=0.4)
                 panel.set_ylim(low[i], high[i])
                 panel.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
                 if true_values is not None:

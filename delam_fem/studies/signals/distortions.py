@@ -310,8 +310,8 @@ def distortions(data: xr.Dataset) -> Figure:
             (lines, noise, style.SKY, "noise"),
         )  # fmt: skip
         for x, y, colour, word in series:
-            shown = np.where(y > 1e-12 * top, y, np.nan)  # nothing has no level
-            decibels = 20.0 * np.log10(shown / top)
+            positive = np.where(y > 1e-12 * top, y, np.nan)  # nothing has no level
+            decibels = 20.0 * np.log10(positive / top)
             if np.isfinite(decibels).any():
                 lower.plot(x, decibels, ".", color=colour, markersize=3, label=word)
         lower.set_ylabel("level [dB]")
