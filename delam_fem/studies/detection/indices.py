@@ -4,7 +4,7 @@ Each index is one number per point. Its limit is the value that noise alone exce
 structure with a given probability, the false-call rate. On a beam an interval is marked, on a plate
 a region (`region.py`).
 
-Two more indices are numbers of a point: `sideband_ratio` and `frequency_drift`.
+`sideband_ratio` is a number of a point under two excitations.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
 
 import numpy as np
 from scipy.special import fdtri
@@ -212,42 +211,6 @@ def sideband_ratio(field: FloatArray, times: FloatArray, pump: float, probe: flo
     harmonics = [k * pump for k in range(1, 1 + math.ceil(probe / pump) + 1)]
     sizes = np.abs(amplitudes(field, times, [probe, probe - pump, probe + pump, *harmonics]))
     return np.asarray((sizes[1] + sizes[2]) / sizes[0])
-
-
-def frequency_drift(field: FloatArray, times: FloatArray) -> FloatArray:
-    """Return by how much the frequency of a free decay changes as its amplitude falls [-].
-
-    The frequency of each cycle lies between two upward zero crossings, its amplitude is the largest
-    value between them. The drift is the mean frequency of the cycles in the upper half of the
-    amplitudes over that in the lower half, less 1. It is 0 for a linear beam, and for a
-    delamination that is closed at rest, whose frequency does not depend on the amplitude.
-
-    Args:
-        field: displacement or velocity of one decaying mode, shape (time, point).
-        times: equidistant, shape (time,) [s].
-
-    Returns:
-        Shape (point,); NaN where fewer than four cycles are seen.
-
-    Source: G. Kerschen and others, "Past, present and future of nonlinear system identification in
-    structural dynamics", Mech. Syst. Signal Process. 20 (2006): instantaneous frequency of a decay.
-    """
-    return np.array([_drift(signal, times) for signal in field.T])
-
-
-def _drift(signal: FloatArray, times: FloatArray) -> float:
-    """Return the drift of one signal; see `frequency_drift`."""
-    before = np.flatnonzero((signal[:-1] < 0.0) & (signal[1:] >= 0.0))
-    if before.size < 5:
-        return math.nan
-    share = -signal[before] / (signal[before + 1] - signal[before])
-    crossings = times[before] + share * (times[before + 1] - times[before])
-    frequencies = 1.0 / np.diff(crossings)
-    peaks = np.array([np.abs(signal[a : b + 1]).max() for a, b in pairwise(before.tolist())])
-    is_large = peaks > 0.5 * (peaks.max() + peaks.min())
-    if is_large.all() or not is_large.any():
-        return math.nan
-    return float(frequencies[is_large].mean() / frequencies[~is_large].mean() - 1.0)
 
 
 def _largest_of_noise(

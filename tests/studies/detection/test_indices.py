@@ -10,7 +10,6 @@ from delam_fem.studies.detection.indices import (
     FALSE_CALLS,
     INDICES,
     curvature,
-    frequency_drift,
     mark,
     sideband_ratio,
 )
@@ -63,25 +62,6 @@ def test_the_sideband_ratio_of_a_modulated_tone_is_its_depth() -> None:
     wt, Wt = 2 * math.pi * pump * TIMES, 2 * math.pi * probe * TIMES
     field = (1.0 + depth * np.cos(wt)[:, None]) * np.cos(Wt)[:, None] + 3.0 * np.sin(wt)[:, None]
     np.testing.assert_allclose(sideband_ratio(field, TIMES, pump, probe), depth, atol=1e-10)
-
-
-def test_a_linear_decay_has_no_drift_and_a_hardening_one_has_its_own() -> None:
-    times = np.linspace(0.0, 4.0, 40_001)
-    decay = np.exp(-times)
-    linear = decay * np.sin(2 * math.pi * 20.0 * times)
-    frequency = 20.0 * (1.0 + 0.1 * decay)  # 10 % higher at the start
-    phase = 2 * math.pi * np.concatenate([[0.0], np.cumsum(frequency[:-1] * np.diff(times))])
-    field = np.column_stack([linear, decay * np.sin(phase)])
-    drifts = frequency_drift(field, times)
-    assert abs(drifts[0]) < 1e-5
-    middle = 0.5 * (decay.max() + decay.min())
-    upper, lower = decay[decay > middle].mean(), decay[decay < middle].mean()
-    assert drifts[1] == pytest.approx((1.0 + 0.1 * upper) / (1.0 + 0.1 * lower) - 1.0, rel=0.1)
-
-
-def test_the_drift_of_a_few_cycles_is_not_a_number() -> None:
-    times = np.linspace(0.0, 1.0, 500)
-    assert np.isnan(frequency_drift(np.sin(15.0 * times)[:, None], times)[0])
 
 
 @pytest.mark.parametrize("n", [1000, pytest.param(4000, marks=pytest.mark.nightly)])
