@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -222,6 +222,18 @@ def on_plate(x: FloatArray, z: FloatArray) -> Bending:
     return Bending(chosen, sp.csr_matrix(entries, shape=(chosen.size, x.size)))
 
 
+@lru_cache(maxsize=4)
+def _bending(x: bytes, z: bytes | None) -> Bending:
+    """Return the second differences of points, which shapes with other noise share.
+
+    Args:
+        x: positions along, as bytes of an array.
+        z: the same across a plate; None: along a beam.
+    """
+    along = np.frombuffer(x)
+    return along_beam(along) if z is None else on_plate(along, np.frombuffer(z))
+
+
 def _grid_steps(at: FloatArray) -> FloatArray:
     """Return the distances of points of a grid along both axes, of others 1 and 1, shape (2,) [m].
 
@@ -264,7 +276,7 @@ class Shapes:
     @cached_property
     def bending(self) -> Bending:
         """Second differences of the points: along a beam, or the Laplacian on a plate."""
-        return along_beam(self.x) if self.z is None else on_plate(self.x, self.z)
+        return _bending(self.x.tobytes(), None if self.z is None else self.z.tobytes())
 
     def order(self, k: float) -> ComplexArray:
         """Return the shape V_k of order k, shape (n,).

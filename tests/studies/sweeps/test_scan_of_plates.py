@@ -1,0 +1,69 @@
+"""Sweeps that record the scan of a reduced plate."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import delam_fem as df
+from delam_fem.model.reduction import reduced_case
+from delam_fem.studies.signals.scan import shapes_of
+from delam_fem.studies.sweeps.grid import Sweep, sweep_of
+from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.system.errors import CaseError
+
+LAMINA = {
+    "length": 0.12, "width": 0.1, "density": 2700.0, "young_modulus": 70e9, "damping_ratio": 0.02,
+}  # fmt: skip
+CASE = {
+    "name": "plate",
+    "lamina": [
+        {"name": "lower", "thickness": 0.0014, **LAMINA},
+        {"name": "upper", "thickness": 0.0006, **LAMINA},
+    ],
+    "model": {"kind": "solid", "poisson": 0.33},
+    "mesh": {"elements": 6, "across": 6},
+    "delamination": [
+        {"between": ["lower", "upper"], "start": 0.04, "end": 0.09, "across": [-0.03, 0.02]}
+    ],
+    "excitation": {"kind": "harmonic", "frequency": 3000.0, "amplitude": 1e-6},
+    "contact": {"law": "newton-penalty", "impulse": "consistent"},
+    "time": {"steps_per_period": 100, "periods": 20},
+    "output": {"window_periods": 8, "fields_per_period": 20},
+    "scan": {"spacing": 0.02},
+}
+
+
+def swept(folder: Path, case: df.Case, **scan: object) -> Sweep:
+    df.save_case(case, folder)
+    return sweep_of({
+        "name": "plates",
+        "base": str(folder / "case.toml"),
+        "record": {"summary": False, "strobes": 0, "scan": scan},
+        "axis": [{"key": "excitation.frequency", "values": [2500.0, 3000.0]}],
+    })  # fmt: skip
+
+
+def test_the_points_of_a_plate_are_said_once(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match=r"record\.scan\.spacing"):
+        swept(tmp_path, df.Case(**CASE), spacing=0.01)
+    bare = df.Case(**{key: value for key, value in CASE.items() if key != "scan"})
+    with pytest.raises(CaseError, match=r"record\.scan: expected a plate with \[scan\]"):
+        swept(tmp_path, bare)
+
+
+@pytest.mark.slow
+def test_a_sweep_keeps_the_shapes_of_each_run(tmp_path: Path) -> None:
+    reduced_case(df.Case(**CASE), 12).save(tmp_path)
+    case = df.load_case(tmp_path / "case.toml")
+    data = run_sweep(swept(tmp_path / "base", case), tmp_path / "sweep", "serial").load()
+    history = df.run(case, "compiled").history
+    np.testing.assert_allclose(data["scan_x"], history["scan_x"])
+    np.testing.assert_allclose(data["scan_z"], history["scan_z"])
+    x, times = history["scan_x"].to_numpy(), history["frame"].to_numpy()
+    alone = shapes_of(history["scan_velocity"].to_numpy(), times, 3000.0, x)
+    recorded = (data["scan_real"] + 1j * data["scan_imag"]).isel(frequency=1).to_numpy()
+    for k in (1.0, 2.0):
+        row = data["order"].to_numpy().tolist().index(k)
+        largest = np.abs(alone.order(1.0)).max()
+        np.testing.assert_allclose(recorded[row], alone.order(k), atol=1e-6 * largest)
