@@ -1432,22 +1432,25 @@ class Load(Section):
         lamina: name of the lamina; an axial force without it is that of the structure.
         between: names of two neighbours, instead of a lamina: the load acts on both, equal and
             opposite; positive presses them together.
-        position: x of a force [m].
+        position: x of a force [m], or [x, z] on a plate.
         force: force [N]; positive upwards, of a bar along its axis.
         start: where a force per length begins [m]; 0, or the start of the only delamination between
             the two, if it is not given.
         end: where it ends [m]; the length, or the end of that delamination, if it is not given.
         per_length: force per length [N/m].
+        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given, and of a force between two laminae.
         axial: tension along the whole length [N]; that of the structure is shared by E b h.
     """
 
     lamina: Label | None = None
     between: Neighbours | None = None
-    position: Annotated[NotNegative, Unit("m")] | None = None
+    position: Position | None = None
     force: Annotated[Finite, Unit("N")] | None = None
     start: Annotated[NotNegative, Unit("m")] | None = None
     end: Annotated[Positive, Unit("m")] | None = None
     per_length: Annotated[Finite, Unit("N/m")] | None = None
+    surface: SurfaceName | None = None
     axial: Annotated[Finite, Unit("N")] | None = None
 
     @model_validator(mode="after")
@@ -1467,12 +1470,24 @@ class Load(Section):
             raise inconsistent("lamina", f"expected one of lamina, between, given {count}")
         if self.position is not None and kind != "force":
             raise inconsistent("position", f"expected only with force, given with {kind}")
+        if self.surface is not None and (kind != "force" or self.between is not None):
+            raise inconsistent("surface", "expected only with a force on one lamina")
         for key in ("start", "end"):
             if getattr(self, key) is not None and kind != "per_length":
                 raise inconsistent(key, f"expected only with per_length, given with {kind}")
         if self.start is not None and self.end is not None and not self.start < self.end:
             raise inconsistent("end", f"expected a place beyond start, given {self.end!r}")
         return self
+
+    @property
+    def sides(self) -> tuple[tuple[Load, float], ...]:
+        """The loads on single laminae that this one is, with their signs; no axial force."""
+        if self.between is None:
+            return ((self, 1.0),)
+        lower, upper = (
+            self.model_copy(update={"lamina": name, "between": None}) for name in self.between
+        )
+        return (lower, 1.0), (upper, -1.0)
 
     def reach(
         self, length: float, delaminations: tuple[Delamination, ...] = ()

@@ -333,6 +333,8 @@ def _attached(case: Case) -> Iterator[tuple[str, str]]:
 
 def _loads(case: Case) -> Iterator[tuple[str, str]]:
     """Yield rows of weight and constant loads."""
+    from delam_fem.case.sections import place_words
+
     if case.gravity is not None:
         gravity = case.gravity
         yield (
@@ -345,7 +347,7 @@ def _loads(case: Case) -> Iterator[tuple[str, str]]:
         if load.axial is not None:
             text = f"tension {load.axial:g} N, {where}"
         elif load.force is not None:
-            at = "" if load.position is None else f" at {1e3 * load.position:g} mm"
+            at = "" if load.position is None else f" at {place_words(load.position)}"
             text = f"{load.force:g} N, {where}{at}"
         else:
             start, end = load.reach(case.length, case.delamination)

@@ -43,6 +43,7 @@ from delam_fem.model.layout import (
     point_load,
 )
 from delam_fem.model.operators import Equilibrium, Operators
+from delam_fem.model.places import row_at
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
@@ -203,18 +204,15 @@ def _of_impactors(case: Case, n: int) -> FloatArray:
 def _of_load(o: Operators, layout: Layout, case: Case, load: Load) -> FloatArray:
     """Return a force, or a force per length, on a lamina or on two neighbours, shape (n,)."""
     n = o.n_dofs
-    sides = (
-        [(load.lamina, 1.0)]
-        if load.between is None
-        else [*zip(load.between, (1.0, -1.0), strict=True)]
-    )
     f = np.zeros(n)
-    for name, sign in sides:
-        part = layout.parts[layout.names.index(name or "")]
+    for side, sign in load.sides:
+        length = case.length_of(side.lamina)
         if load.force is not None:
-            f += sign * load.force * point_load(layout, part, case.position_of(load), n)
+            row = layout.of_dofs(row_at(layout, side, n, length))
+            f += sign * load.force * row.toarray()[0, :n]
         elif load.per_length is not None:
-            reach = load.reach(case.length_of(name), case.delamination)
+            part = layout.parts[layout.names.index(side.lamina or "")]
+            reach = load.reach(length, case.delamination)
             f += sign * load.per_length * _over(layout, part, reach, n)
     return f
 

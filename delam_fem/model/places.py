@@ -63,7 +63,8 @@ def _named(case: Case) -> Iterator[Place]:
     """Yield the places that tables name."""
     names = [lamina.name for lamina in case.lamina]
     entries: list[Any] = [*parts_of(case.excitation), *case.masses, *case.sensor]
-    for entry in (*entries, *case.stop, *case.impactor):
+    forces = [load for given in case.load if given.force is not None for load, _ in given.sides]
+    for entry in (*entries, *case.stop, *case.impactor, *forces):
         place = spot(names, entry)
         if place is not None:
             yield place

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi_pool import Crew
+from plates import plate
 
 import delam_fem as df
 from delam_fem.api import Case, CaseError, assemble, lowest, reduced_case
@@ -122,6 +123,54 @@ def test_two_strips_that_lie_on_each_other_press_as_beams_do() -> None:
         forces.append(float(o.equilibrium.force.sum()))
     assert forces[0] > 0.1
     assert forces[1] == pytest.approx(forces[0], rel=1e-2)
+
+
+def sheet(**tables: Any) -> Case:
+    """Return a clamped plate of 4 × 4 cells with a sensor beside its middle line."""
+    sensor = {"name": "corner", "quantity": "displacement", "lamina": "sheet",
+              "position": [0.2, -0.09], "surface": "top"}  # fmt: skip
+    return plate({"start": "clamped"}, 4, 4, **({"sensor": [sensor]} | tables))
+
+
+def test_a_force_acts_at_its_place_on_a_plate() -> None:
+    """Maxwell: what a force there does here, a force here does there; the other side differs."""
+    places = {"corner": [0.2, -0.09], "inside": [0.11, 0.05]}
+    responses = {}
+    for (read, sensor_at), (_, force_at) in (
+        (("corner", places["corner"]), ("inside", places["inside"])),
+        (("inside", places["inside"]), ("corner", places["corner"])),
+        (("mirrored", [0.11, -0.05]), ("corner", places["corner"])),
+    ):
+        force = {"lamina": "sheet", "position": force_at, "force": 2.0, "surface": "top"}
+        sensor = {"name": "here", "quantity": "displacement", "lamina": "sheet",
+                  "position": sensor_at, "surface": "top"}  # fmt: skip
+        o = assemble(sheet(load=[force], sensor=[sensor])).operators
+        assert o.equilibrium is not None and o.sensors is not None
+        responses[read] = float((o.sensors @ o.equilibrium.displacement)[0])
+    assert responses["corner"] == pytest.approx(responses["inside"], rel=1e-9)
+    assert abs(responses["mirrored"]) > 1.2 * abs(responses["inside"])
+
+
+def test_the_weight_of_a_mass_on_a_plate_acts_at_its_place() -> None:
+    spot = {"lamina": "sheet", "position": [0.15, 0.06], "surface": "top"}
+    mass = assemble(sheet(point_mass=[spot | {"mass": 0.02}], gravity={})).operators
+    alone = assemble(sheet(gravity={})).operators
+    force = assemble(sheet(load=[spot | {"force": -0.02 * G}])).operators
+    assert mass.load is not None and alone.load is not None and force.load is not None
+    size = np.abs(force.load).max()
+    assert mass.load - alone.load == pytest.approx(force.load, abs=1e-9 * size)
+
+
+def test_places_of_loads_are_those_of_plates_alone() -> None:
+    for table, words in (
+        ({"position": [0.1, 0.0], "force": 1.0}, "load.1.position: expected a number but on a"),
+        ({"position": 0.1, "force": 1.0, "surface": "top"}, "load.1.surface: expected none but"),
+        ({"per_length": 1.0, "surface": "top"}, "load.1.surface: expected only with a force"),
+    ):
+        with pytest.raises(CaseError, match=words):
+            case_of(load=[{"lamina": "strip"} | table])
+    with pytest.raises(CaseError, match=r"load\.1\.position: expected z from"):
+        sheet(load=[{"lamina": "sheet", "position": [0.1, 0.2], "force": 1.0}])
 
 
 def test_a_run_that_begins_at_rest_stays_there() -> None:

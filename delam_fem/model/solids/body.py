@@ -274,6 +274,11 @@ def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:
     return sp.vstack([deflection, slope], format="csr")[order]
 
 
+def height_of(side: int) -> float:
+    """Return the share of the thickness below a place: on the top (1), the bottom (-1), halfway."""
+    return 0.5 + side * (0.5 - _INSIDE)
+
+
 def place_rows(solid: Solid, places: Sequence[Place]) -> sp.csr_matrix:
     """Return the deflections at places of a plate, this rank's share, shape (k, n_dofs).
 
@@ -288,7 +293,7 @@ def place_rows(solid: Solid, places: Sequence[Place]) -> sp.csr_matrix:
     for part, side in np.unique(table[:, [0, 3]].astype(np.int64), axis=0).tolist():
         chosen = (table[:, 0] == part) & (table[:, 3] == side)
         x, z = table[chosen, 1:3].T
-        points[chosen] = middle_line(mesh, part, x, z, 0.5 + side * (0.5 - _INSIDE))
+        points[chosen] = middle_line(mesh, part, x, z, height_of(side))
     cells = locate(mesh, points, table[:, 0].astype(np.int64))
     return evaluate(solid, points, cells).displacement(UP)
 

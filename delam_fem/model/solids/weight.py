@@ -21,9 +21,10 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.model.factors import factored
-from delam_fem.model.layout import Layout, place_of
+from delam_fem.model.layout import Layout, Place, place_of
 from delam_fem.model.loads import require_unbuckled, tensions
-from delam_fem.model.solids.body import middle_line
+from delam_fem.model.places import spot
+from delam_fem.model.solids.body import height_of, middle_line
 from delam_fem.model.solids.forms import Elasticity, evaluate
 from delam_fem.model.solids.mesh import locate
 from delam_fem.model.solids.unknowns import Restricted, Unknowns, X, Y
@@ -105,7 +106,8 @@ def _of_direction(
         number = layout.names.index(mass.lamina)
         part = layout.parts[number]
         x = part.positions(np.array([place_of(part, case.position_of(mass))]))
-        points = middle_line(solid.mesh, number, x)
+        place = spot(layout.names, mass) or Place(number, float(x[0]), 0.0, 0)
+        points = middle_line(solid.mesh, number, x, place.z, height_of(place.side))
         cells = locate(solid.mesh, points, number)
         row = evaluate(solid, points, cells).displacement(direction)
         load = load + mass.mass * (row @ unknowns.free).toarray()[0]
