@@ -63,7 +63,7 @@ def _named(case: Case) -> Iterator[Place]:
     """Yield the places that tables name."""
     names = [lamina.name for lamina in case.lamina]
     entries: list[Any] = [*parts_of(case.excitation), *case.masses, *case.sensor]
-    forces = [load for given in case.load if given.force is not None for load, _ in given.sides]
+    forces = [side for load in case.load if load.force is not None for side, _ in load.sides]
     for entry in (*entries, *case.stop, *case.impactor, *forces):
         place = spot(names, entry)
         if place is not None:
