@@ -6,7 +6,8 @@
 Each measurement is a process (or two, by mpirun) of its own, so that its memory is known. Seconds
 are those of the processor of each rank, because machines are shared; ranks that wait for each other
 inside a solution count as busy. Beside them stands the time of the clock. With -o the script writes
-ranks_cost.json after each measurement and goes on where that file ends.
+ranks_cost.json after each measurement and goes on where that file ends. --two-ranks measures the
+smallest meshes and ends after `LIMIT` seconds with what it has.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ MESHES: dict[str, tuple[tuple[int, int, int], ...]] = {
 """Cells along x, across the width, and through each lamina."""
 JOBS = ("modes", "reduce", "steps")
 N_MODES = 10
+LIMIT = 350.0
+"""Time after which --two-ranks ends [s]."""
 STEPS = 20
 SHORT = 8
 """Cells along x with --short, for the tests."""
@@ -140,17 +143,54 @@ def stepped(case: Any, comm: Any) -> dict[str, float]:
     }
 
 
-def of_processes(body: str, mesh: tuple[int, int, int], job: str, ranks: int) -> dict[str, Any]:
-    """Return what a new process, or several, measure."""
+def bytes_per_dof(case: Any) -> dict[str, float]:
+    """Return the memory of a body for each dof: of matrices, and of what every rank has whole."""
+    from delam_fem.api import assemble
+
+    structure = assemble(case)
+    o, body = structure.operators, structure.body
+    assert body is not None
+
+    def size(*arrays: Any) -> float:
+        return round(sum(array.nbytes for array in arrays) / o.n_dofs, 1)
+
+    mesh = [value for value in vars(body.mesh).values() if hasattr(value, "nbytes")]
+    return {
+        "dofs": o.n_dofs,
+        **{
+            name: size(A.data, A.indices, A.indptr)
+            for name, A in (("M", o.mass), ("C", o.damping), ("K", o.stiffness))
+        },
+        "mesh": size(*mesh),
+        "numbers of nodes": 2.0 * size(body.solid.place),  # places and references
+        "motion of the base": size(body.base),
+        "rows of free dofs": size(body.free.indptr),
+    }
+
+
+def of_processes(
+    body: str, mesh: tuple[int, int, int], job: str, ranks: int, seconds: float | None = None
+) -> dict[str, Any]:
+    """Return what a new process, or several, measure.
+
+    Raises:
+        subprocess.TimeoutExpired: they take longer than some seconds.
+    """
     command = [sys.executable, __file__, "--one", body, job, *map(str, mesh)]
     if ranks > 1:
         mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
         command = [*mpirun, *command]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    lines = [line for line in done.stdout.splitlines() if '"peak_mb"' in line]
-    if done.returncode or not lines:
-        raise RuntimeError(f"{' '.join(command)}: {done.stderr}")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment, **pipes) as process:
+        try:
+            output, errors = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            process.terminate()  # mpirun ends its processes
+            raise
+    lines = [line for line in output.splitlines() if '"peak_mb"' in line]
+    if process.returncode or not lines:
+        raise RuntimeError(f"{' '.join(command)}: {errors}")
     row: dict[str, Any] = json.loads(lines[0][lines[0].index("{") :])
     print(line_of(row), flush=True)
     return row
@@ -181,6 +221,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--one", nargs=5, metavar=("BODY", "JOB", "CELLS", "STRIPS", "LAYERS"))
     parser.add_argument("--two-ranks", action="store_true", help="smallest meshes, 1 and 2 ranks")
+    parser.add_argument("--bytes", action="store_true", help="memory for each dof of the plate")
     parser.add_argument("--short", action="store_true", help="tiny meshes")
     parser.add_argument("--only", nargs="*", default=[], metavar="BODY/NUMBER/JOB/RANKS")
     parser.add_argument("-o", dest="folder", type=Path)
@@ -194,6 +235,10 @@ def main() -> None:
         if MPI.COMM_WORLD.rank == 0:
             print(json.dumps(row), flush=True)
         return
+    if arguments.bytes:
+        mesh = (SHORT, 2, 1) if arguments.short else MESHES["plate"][0]
+        print(json.dumps(bytes_per_dof(case_of("plate", mesh)), indent=1))
+        return
     plan = [
         (body, number, job, ranks)
         for number in range(1 if arguments.two_ranks or arguments.short else 3)
@@ -205,12 +250,18 @@ def main() -> None:
     rows = json.loads(path.read_text()) if path is not None and path.exists() else []
     there = {(row["body"], tuple(row["mesh"]), row["job"], row["ranks"]) for row in rows}
     print(HEADING, flush=True)
+    end = time.perf_counter() + LIMIT if arguments.two_ranks else None
     for body, number, job, ranks in plan:
         mesh = (SHORT, 2, 1) if arguments.short else MESHES[body][number]
         is_asked = not arguments.only or f"{body}/{number}/{job}/{ranks}" in arguments.only
         if not is_asked or (body, mesh, job, ranks) in there:
             continue
-        rows.append(of_processes(body, mesh, job, ranks))
+        left = None if end is None else max(end - time.perf_counter(), 0.0)
+        try:
+            rows.append(of_processes(body, mesh, job, ranks, left))
+        except subprocess.TimeoutExpired:
+            print(f"{body} {job} on {ranks}: not measured within {LIMIT:g} s", flush=True)
+            break
         if path is not None:
             path.write_text(json.dumps(rows, indent=1) + "\n")
 
