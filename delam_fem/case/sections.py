@@ -1706,7 +1706,7 @@ class SurfaceScan(Section):
         spacing: distance of the points [m], or [along x, along z]; the grid is in the middle of
             the plate.
         file: table with the columns x and z of each point [m], in place of a grid.
-        points: [x, z] of each point [m], in place of a grid or a file.
+        points: places of the points [m], each as [x, z], in place of a grid or a file.
     """
 
     lamina: Label | None = None
