@@ -95,7 +95,7 @@ def test_factor_of_thicknesses(folder: Path) -> None:
     ("largest", "shown"), [(7.5e6, (7.5, "MPa")), (6940.0, (6.94, "kPa")), (20.0, (20.0, "Pa"))]
 )
 def test_units_of_stress(largest: float, shown: tuple[float, str]) -> None:
-    assert animation._scaled(largest)[:2] == shown
+    assert animation._scaled(largest, "von_mises")[:2] == shown
 
 
 @pytest.mark.slow

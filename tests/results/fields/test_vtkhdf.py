@@ -27,7 +27,7 @@ def point_data(frame: int) -> dict[str, np.ndarray]:
     n = len(POINTS)
     scalar = frame + np.arange(n) / 10.0
     return {
-        **{name: scalar for name in vtkhdf.NEEDED},
+        **{name: scalar for name in vtkhdf.OF_SOLIDS},
         "von_mises": scalar.astype(np.float32),
         "displacement": np.outer(scalar, [1.0, -2, 3]),
         "velocity": np.outer(scalar, [-4.0, 5, 6]),
@@ -62,7 +62,7 @@ def contents(path: Path) -> dict[str, np.ndarray]:
 def test_series_are_read_back(tmp_path: Path) -> None:
     series = Series.read(write(GRID, TIMES, point_data, tmp_path / "s.vtkhdf"))
     assert series.cell == "quadrilateral" and series.lamina.tolist() == [1, 2]
-    assert set(series.names) == {*vtkhdf.NEEDED, "von_mises", "displacement", "velocity"}
+    assert set(series.names) == {*vtkhdf.NEEDED, *vtkhdf.OF_SOLIDS}
     np.testing.assert_array_equal(series.times, TIMES)
     np.testing.assert_array_equal(series.points, POINTS)
     np.testing.assert_array_equal(series.cells, GRID.cells)
