@@ -139,8 +139,7 @@ class Component:
         scale = np.sqrt(np.maximum(C.diagonal(), 0.0))
         if (abs(beside.data) <= NOT_RAYLEIGH * scale[beside.row] * scale[beside.col]).all():
             return np.diag(alpha + beta * squares)
-        projected = shapes.T @ (C @ shapes)
-        return np.asarray(0.5 * (projected + projected.T))
+        return _gram(shapes, C @ shapes)
 
     def _fitted(self, slowest: FloatArray) -> tuple[float, float]:
         """Return α and β for which α M + β K is near C: by its entries, and by the slowest mode.

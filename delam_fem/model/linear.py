@@ -6,6 +6,7 @@ This is the only module that builds the dynamic stiffness K + iωC - ω²M.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -162,14 +163,24 @@ def first_mode(structure: Structure, number: int) -> FloatArray:
     return mode
 
 
-def first_shapes(case: Case, structure: Structure) -> FloatArray:
+def first_shapes(
+    case: Case, structure: Structure, factors: Sequence[float] | None = None
+) -> FloatArray:
     """Return a displacement of all dofs in which every lamina vibrates in its first mode.
 
-    Shape (n_dofs,).
+    Args:
+        case: the case.
+        structure: its structure.
+        factors: of the modes of laminae that are apart, shape (n_laminae,); None: 1.
+
+    Returns:
+        Shape (n_dofs,). A bonded stack moves in its own first mode, 1 at the largest probe.
     """
     if case.is_apart and not case.n_rigid:
-        numbers = range(len(structure.layout.parts))
-        return np.asarray(np.sum([first_mode(structure, i) for i in numbers], axis=0))
+        sizes = np.ones(len(structure.layout.parts)) if factors is None else factors
+        return np.asarray(
+            np.sum([size * first_mode(structure, i) for i, size in enumerate(sizes)], axis=0)
+        )
     o = structure.operators
     shape = elastic(o.stiffness, o.mass, 1, case.n_rigid)[1][:, 0]
     return np.asarray(shape / np.abs(o.probes @ shape).max())
@@ -181,11 +192,8 @@ def openings(case: Case, structure: Structure) -> FloatArray:
     Laminae that are apart move against one another, each in its first mode φ₁ with 1 at the tip;
     the opening is the mean of both. A bonded stack moves as in `first_shapes`.
     """
-    if case.is_apart and not case.n_rigid:
-        n = len(structure.layout.parts)
-        shape = np.sum([0.5 * (-1.0) ** i * first_mode(structure, i) for i in range(n)], axis=0)
-    else:
-        shape = first_shapes(case, structure)
+    against = [0.5 * (-1.0) ** i for i in range(len(structure.layout.parts))]
+    shape = first_shapes(case, structure, against)
     return np.asarray(np.abs(structure.operators.gap_matrix @ shape))
 
 
