@@ -648,7 +648,7 @@ NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
 }
 """Sections and keys of a case that do not affect the assembly, in the notation of pydantic."""
 
-_OF_THE_POINT = ("lamina", "position")
+_OF_THE_POINT = ("lamina", "position", "surface")
 """Keys of the excitation that do affect the assembly: the point at which a force acts."""
 
 _log = logging.getLogger(__name__)
@@ -806,7 +806,8 @@ class PointRunner:
     def _shares_model(self) -> bool:
         """Whether no axis changes what is assembled, so that all points have one model."""
         base = self.sweep.base
-        if base.model.is_continuum or base.stop or base.impactor or base.has_stiffnesses:
+        has_own = base.stop or base.impactor or base.has_stiffnesses
+        if base.model.is_continuum or has_own or base.is_loaded:
             return False
         return not any(map(_may_assemble, self.sweep.overrides(0)))
 
@@ -869,9 +870,10 @@ def assembly_key(case: Case) -> str:
         for one, *_ in places_of(case.excitation)
     ]
     dofs = case.contact.impulse if case.model.is_continuum else ""  # see model/solids/unknowns.py
-    has_weights = case.stop or case.impactor or case.has_stiffnesses
+    has_weights = case.stop or case.impactor or case.has_stiffnesses or case.is_loaded
     weights = case.spring if has_weights else ""  # of pairs, see model/contacts.py
-    return f"{case.model_dump_json(exclude=NOT_ASSEMBLED)} {drive} {dofs} {weights}"
+    at_rest = (case.contact.law, case.time.scheme) if case.is_loaded else ""  # see model/loads.py
+    return f"{case.model_dump_json(exclude=NOT_ASSEMBLED)} {drive} {dofs} {weights} {at_rest}"
 
 
 def compute(packed: bytes, chunk: Chunk) -> ChunkResult:

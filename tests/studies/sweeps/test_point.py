@@ -1,10 +1,13 @@
 """Cases share a model exactly if nothing differs that enters the assembly."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+import delam_fem as df
 from delam_fem.api import Case, CaseError, Section, preset
-from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.studies.sweeps.point import PointRunner, _may_assemble, assembly_key, quantities
 
 SMALL = {"mesh.elements": 3}
@@ -160,3 +163,29 @@ def test_cases_of_points_are_those_that_overrides_make(base: str) -> None:
         assert case.to_toml() == other.to_toml()
     with pytest.raises(CaseError, match=r"contact\.restitution"):
         sweep.case_of({"contact.restitution": -1.0}, "point")
+
+
+def test_each_point_under_a_load_begins_at_its_own_state_of_rest() -> None:
+    """Springs of the law bear it: what they are is part of the state of rest."""
+    strip = {"length": 0.3, "width": 0.03, "material": "steel", "damping_ratio": 0.02}
+    base = Case(
+        name="level",
+        lamina=[{"name": name, "thickness": h} | strip for name, h in (("a", 2e-3), ("b", 1e-3))],
+        gap={"tip": 1e-3}, gravity={}, mesh={"elements": 4},
+        excitation={"kind": "harmonic", "frequency": 10.0, "amplitude": 1e-12},
+        contact={"law": "penalty", "penalty_stiffness": 2000.0},
+        time={"periods": 1, "steps_per_period": 200}, output={"window_periods": 1},
+    )  # fmt: skip
+    axes: dict[str, list[Any]] = {
+        "contact.penalty_stiffness": [2000.0, 200.0],
+        "contact.law": ["penalty", "newton-penalty", "none"],
+    }
+    for key, values in axes.items():
+        runner = PointRunner(Sweep(base, {key: values}))
+        wanted = quantities(runner.sweep.file.record, runner.structure(base).layout)
+        start = sum(q.size for q in wanted[: [q.name for q in wanted].index("tip_min")])
+        for index, value in enumerate(values):
+            point, _ = runner.point(index, None)
+            tips = df.rest(base.with_overrides({key: value})).displacement.values[:, -1]
+            assert point.row is not None
+            assert point.row[start : start + 2] == pytest.approx(tips, rel=1e-6), (key, value)
