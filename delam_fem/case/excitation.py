@@ -402,7 +402,17 @@ else:  # `in` is a word of Python, so that a class body cannot have it
 
 
 class _Prescribed(_OfMotion):
-    """What drives of the base or of a force have in common whose motion is given in a unit."""
+    """What drives of the base or of a force have in common whose motion is given in a unit.
+
+    Attributes:
+        in: what is prescribed of the base: "displacement" [m], "velocity" or "acceleration", which
+            is meant without it; a force is in N.
+        acts_on: "base" or "force".
+        lamina: name of the lamina on which a force acts.
+        position: x of the point at which a force acts [m], or [x, z] on a plate.
+        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given.
+    """
 
     acts_on: Target = "base"
     lamina: Label | None = None
@@ -441,7 +451,14 @@ class _Prescribed(_OfMotion):
 
 
 class _OfBand(_Prescribed):
-    """What drives with many lines in a band have in common."""
+    """What drives with many lines in a band have in common.
+
+    Attributes:
+        low: lowest frequency [Hz].
+        high: highest frequency [Hz].
+        rms: root mean square, in the unit of what is prescribed.
+        seed: decides random phases and lines.
+    """
 
     sized: ClassVar[tuple[str, ...]] = ("rms",)
     low: Annotated[Positive, Unit("Hz")]
@@ -500,22 +517,11 @@ class MultisineExcitation(_OfBand):
 
     Attributes:
         kind: "multisine".
-        low: lowest frequency [Hz].
-        high: highest frequency [Hz].
         spacing: distance of the lines [Hz]; lines are at its multiples.
         lines: which multiples are driven: "all", "odd", or "odd-random": of three odd lines in a
             row one is left out at random.
         phases: "random", or "schroeder", which has low peaks.
-        rms: root mean square, in the unit of what is prescribed.
         amplitude: amplitude of each line, in the same unit; instead of rms.
-        in: what is prescribed of the base: "displacement" [m], "velocity" or "acceleration", which
-            is meant without it; a force is in N.
-        acts_on: "base" or "force".
-        lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m], or [x, z] on a plate.
-        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
-            not given.
-        seed: decides random phases and lines.
         realisations: number of realisations, with other phases.
         periods: periods of each realisation, where there are several.
     """
@@ -612,7 +618,15 @@ class MultisineExcitation(_OfBand):
 
 
 class _Random(_OfBand):
-    """What random drives have in common."""
+    """What random drives have in common.
+
+    Attributes:
+        rms: root mean square, in the unit of what is prescribed; the density is then flat.
+        psd: table of the one-sided power spectral density, instead of rms: frequency [Hz], density
+            in the unit squared per Hz; straight lines on logarithmic axes in between.
+        duration: length of the run [s].
+        seed: decides the motion.
+    """
 
     duration: Annotated[Positive, Unit("s")]
     psd: FileName | None = None
@@ -684,20 +698,6 @@ class RandomExcitation(_Random):
 
     Attributes:
         kind: "random".
-        low: lowest frequency [Hz].
-        high: highest frequency [Hz].
-        rms: root mean square, in the unit of what is prescribed; the density is then flat.
-        psd: table of the one-sided power spectral density, instead of rms: frequency [Hz], density
-            in the unit squared per Hz; straight lines on logarithmic axes in between.
-        duration: length of the run [s].
-        in: what is prescribed of the base: "displacement" [m], "velocity" or "acceleration", which
-            is meant without it; a force is in N.
-        acts_on: "base" or "force".
-        lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m], or [x, z] on a plate.
-        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
-            not given.
-        seed: decides the motion.
     """
 
     kind: Literal["random"] = "random"
@@ -721,20 +721,7 @@ class BurstExcitation(_Random):
     Attributes:
         kind: "burst".
         share: part of the duration after which the drive is 0 [-].
-        low: lowest frequency [Hz].
-        high: highest frequency [Hz].
         rms: root mean square while it lasts, in the unit of what is prescribed.
-        psd: table of the one-sided power spectral density, instead of rms: frequency [Hz], density
-            in the unit squared per Hz; straight lines on logarithmic axes in between.
-        duration: length of the run [s].
-        in: what is prescribed of the base: "displacement" [m], "velocity" or "acceleration", which
-            is meant without it; a force is in N.
-        acts_on: "base" or "force".
-        lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m], or [x, z] on a plate.
-        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
-            not given.
-        seed: decides the motion.
     """
 
     kind: Literal["burst"] = "burst"
@@ -764,11 +751,6 @@ class RecordExcitation(_Prescribed):
         high_pass: frequency below which the record is filtered away, without a shift of phase [Hz].
         in: what the channel is, where its unit does not say it: "displacement", "velocity" or
             "acceleration" of the base.
-        acts_on: "base" or "force".
-        lamina: name of the lamina on which a force acts.
-        position: x of the point at which a force acts [m], or [x, z] on a plate.
-        surface: of a plate, on which a force acts: "middle", "top" or "bottom"; "middle" if it is
-            not given.
     """
 
     kind: Literal["record"] = "record"

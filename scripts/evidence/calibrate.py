@@ -64,6 +64,8 @@ WHY_NOT = {
     "converge": f"{COMPUTED}; stiffness and damping are drawn",
     "detect": "mesh: the motion is exact, and nothing touches",
     "identify": f"{RIGID}; damping is sought itself, from half to twice",
+    "fit": "damping is sought itself; noise: of lines, 1 or 5 %; shaker: a response has lines that "
+    "are driven; mesh: all truths have twice the elements",
     "free": "EI, clamps: they change the frequency, which is drawn; there is no shaker and no mesh",
     "lyapunov": "an oscillator has one stop, no mesh, no noise and no shaker",
     "modulate": "nothing is measured: the command has no `--measured`",
@@ -88,8 +90,6 @@ UNCOUNTED = {
     "is given",
     "`measure response --poles`: errors of poles": "two standard errors, counted in "
     "tests/studies/signals/test_poles.py; measured.md has the shares",
-    "`identify keys` from frequency responses": "counted in short; "
-    "[identification](../identification.md#limits) has the shares",
     "`converge`: solids": "a truth costs many minutes",
 }
 """What is printed and has no count, and why."""
