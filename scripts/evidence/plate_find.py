@@ -132,8 +132,8 @@ def drawn(n: int) -> list[Specimen]:
 
 def responses_of(case: Case, folder: Path) -> dict[float, dict[float, FloatArray]]:
     """Return the linear responses of the intact plate of the case, kept in the folder."""
-    kept = folder / "responses.npz"
-    if not kept.is_file():
+    store = folder / "responses.npz"
+    if not store.is_file():
         model = in_modes(case, MODES, folder)
         places = scanned_places(model)
         arrays = {
@@ -142,8 +142,8 @@ def responses_of(case: Case, folder: Path) -> dict[float, dict[float, FloatArray
             )[2.0]
             for f in FREQUENCIES
         }
-        np.savez(kept, **arrays)
-    with np.load(kept) as archive:
+        np.savez(store, **arrays)
+    with np.load(store) as archive:
         return {f: {2.0: archive[f"{f:g}"]} for f in FREQUENCIES}
 
 
@@ -160,7 +160,7 @@ def computed(
     begin = time.process_time()
     case = specimen.case
     truth = patches_of(case)
-    found: dict[str, object] = {}
+    of_frequencies: dict[str, object] = {}
     together: dict[str, list[Mark]] = {name: [] for name in INDICES}
     with tempfile.TemporaryDirectory() as folder:
         model = in_modes(case, MODES, Path(folder))
@@ -169,13 +169,13 @@ def computed(
             noisy = field.noisy(field.noise_of(SCAN), 1000 * number + int(f))
             shapes = shapes_of(noisy.field, noisy.times, f, noisy.x, z=noisy.z)
             marks = judged(shapes, responses[f])
-            found[f"{f:g}"] = {
+            of_frequencies[f"{f:g}"] = {
                 name: described(one.region, float((one.values / one.limits).max()), truth)
                 for name, one in marks.items()
             }
             for name, one in marks.items():
                 together[name].append(one)
-    found[ALL] = {
+    of_frequencies[ALL] = {
         name: described(
             marked_region(
                 marks[0].x, marks[0].z, np.max([one.values / one.levels for one in marks], axis=0)
@@ -188,7 +188,7 @@ def computed(
     return {
         "start": specimen.start, "low": specimen.low, "size": specimen.size,
         "depth": specimen.depth, "damping": specimen.damping, "stiffness": specimen.stiffness,
-        "found": found, "seconds": time.process_time() - begin,
+        "found": of_frequencies, "seconds": time.process_time() - begin,
     }  # fmt: skip
 
 
@@ -270,8 +270,8 @@ def write_page(data: dict[str, object]) -> None:
     """Write the table between its marks on the page, and the figure."""
     begin, end = "<!-- find -->", "<!-- /find -->"
     text = PAGE.read_text("utf-8")
-    before, rest = text.split(begin)
-    _, after = rest.split(end)
+    before, remainder = text.split(begin)
+    _, after = remainder.split(end)
     count = f"{len(data['plates'])} plates, seed {SEED}:"
     PAGE.write_text(f"{before}{begin}\n{count}\n\n{table(data)}\n{end}{after}", "utf-8")
     figure, panels = style.side_by_side(2, 3.4, above=0.4)
@@ -306,19 +306,19 @@ def main() -> None:
     options = parser.parse_args()
     begin = time.perf_counter()
     options.folder.mkdir(parents=True, exist_ok=True)
-    kept = options.folder / "plates.json"
-    data = json.loads(kept.read_text()) if kept.is_file() else {"plates": [], "healthy": {}}
+    store = options.folder / "plates.json"
+    data = json.loads(store.read_text()) if store.is_file() else {"plates": [], "healthy": {}}
     responses = responses_of(intact(plate()), options.folder)
     for number, specimen in enumerate(drawn(options.plates)):
         if number < len(data["plates"]):
             continue
         data["plates"].append(computed(specimen, number, responses))
-        kept.write_text(json.dumps(data))
+        store.write_text(json.dumps(data))
         if time.perf_counter() - begin > options.seconds:
             return
     if not data["healthy"]:
         data["healthy"] = healthy(responses)
-        kept.write_text(json.dumps(data))
+        store.write_text(json.dumps(data))
     if options.page:
         write_page(data)
 

@@ -64,15 +64,15 @@ def main() -> None:
             model = in_modes(patch, 40, Path(folder))
             for words, frequency in FREQUENCIES.items():
                 for force in FORCES:
-                    found = levels(model, frequency, force)
+                    decibels = levels(model, frequency, force)
                     lines.append(
-                        f"| {name} | {frequency:g} Hz, {words} | {force:g} | {found[2.0]:.0f} | "
-                        f"{found[3.0]:.0f} | {found[0.5]:.0f} |"
+                        f"| {name} | {frequency:g} Hz, {words} | {force:g} | {decibels[2.0]:.0f} | "
+                        f"{decibels[3.0]:.0f} | {decibels[0.5]:.0f} |"
                     )
     begin, end = "<!-- harmonics -->", "<!-- /harmonics -->"
     text = PAGE.read_text("utf-8")
-    before, rest = text.split(begin)
-    _, after = rest.split(end)
+    before, remainder = text.split(begin)
+    _, after = remainder.split(end)
     table = "\n".join(lines)
     PAGE.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
 
