@@ -87,7 +87,9 @@ class Options:
     def inputs(self) -> list[Path]:
         """Files of the user that are read."""
         files: Any = getattr(self, "measured", None) or ()
-        return [files] if isinstance(files, Path) else list(files)
+        positions: Path | None = getattr(self, "positions", None)
+        measured = [files] if isinstance(files, Path) else list(files)
+        return measured if positions is None else [*measured, positions]
 
     def part(self, kind: type[O]) -> O:
         """Return the options that belong to a class which this one extends."""
