@@ -53,7 +53,8 @@ def posterior_figure(
     high = high + margin
     # ticks have few digits: values are in thousands, thousandths and so on of their unit
     size = np.maximum(np.abs(low), np.abs(high))
-    powers = 3 * np.floor(np.log10(np.where(size > 0.0, size, 1.0)) / 3.0).astype(np.int64)
+    decades = np.log10(np.where(size > 0.0, size, 1.0))
+    powers = 3 * np.floor((decades + 1.0) / 3.0).astype(np.int64)  # 0.1 to 100 are shown
     scale = 10.0**powers
     texts = [
         f"{words}\n[{f'1e{power} ' if power else ''}{unit}]".replace(" –]", "]")
@@ -180,16 +181,16 @@ def described(
         for j in range(i)
         if abs(correlation[i, j]) > SEPARATED
     ]
-    sentences = [f"These motions hardly separate {'; '.join(pairs)}."] if pairs else []
+    sentences = [f"The measurement hardly separates {'; '.join(pairs)}."] if pairs else []
     if lost := [unknowns[k].key for k in np.flatnonzero(~is_identified)]:
         sentences.append(
-            f"These motions do not identify {', '.join(lost)}: the 90 % interval is more than "
+            f"The measurement does not identify {', '.join(lost)}: the 90 % interval is more than "
             f"{statistics.IDENTIFIED:g} times as wide as that of the prior."
         )
     labels = labels_of(unknowns, case)
     return Description(
         entries,
         Table(f"identification of {case.name}", HEADING, rows),
-        " ".join(sentences) or "These motions separate the unknowns.",
+        " ".join(sentences) or "The measurement separates the unknowns.",
         partial(posterior_figure, posterior, labels, truth),
     )
