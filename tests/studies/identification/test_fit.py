@@ -169,7 +169,7 @@ def pinned(lines: FloatArray) -> beams.ComplexArray:
     return np.asarray(1.0 + np.sin(0.5 * np.pi * n[:, 0]) @ modes)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly  # two minutes of processor time
 def test_a_tension_comes_from_the_responses_of_an_exact_strip_on_pins(tmp_path: Path) -> None:
     """The first frequency depends on EI and the tension, the third on EI nearly alone."""
     rng = np.random.default_rng(3)
