@@ -139,6 +139,7 @@ class PeriodicOrbit(Finding):
         channels: units of the channels that are shown, by their names.
         seconds: processor time of the search [s].
         evaluations: periods that were computed.
+        phase: where in a period of the drive the orbit begins, 0 to 1.
     """
 
     case: Case
@@ -152,6 +153,7 @@ class PeriodicOrbit(Finding):
     channels: Mapping[str, str]
     seconds: float
     evaluations: int
+    phase: float
 
     @property
     def histories(self) -> dict[str, FloatArray]:
@@ -208,6 +210,7 @@ class PeriodicOrbit(Finding):
             "residual_error": solution.residual_error if self.exact is None else 0.0,
             "period": self.periods * self.case.period,
             "drive_periods": self.periods,
+            "phase": self.phase,
             "multipliers": np.column_stack([values.real, values.imag]).tolist(),
             "multipliers_error": errors.tolist(),
             "stability": self.stability,
@@ -406,6 +409,7 @@ def orbit(
         units,
         time.process_time() - began,
         getattr(map_, "evaluations", 0),
+        getattr(map_, "phase", 0.0),
     )
 
 

@@ -62,6 +62,7 @@ TABLE = {
 }
 """Variables `channel_…` with their meaning."""
 BESIDES = {
+    "channel_across": "where it was measured across a plate",
     "frequency": "frequency",
     "output": "name of a frequency response",
     "response": "frequency response",
@@ -301,7 +302,7 @@ def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
     across = np.array([np.nan if channel.across is None else channel.across for channel in rows])
     data = data.assign_coords(channel=[channel.name for channel in rows])
     if np.isfinite(across).any():
-        about = {"units": "m", "long_name": "where it was measured across a plate"}
+        about = {"units": "m", "long_name": BESIDES["channel_across"]}
         data["channel_across"] = (("channel",), across, about)
     for name, values in columns.items():
         about = {"units": "m" if name == "position" else "1", "long_name": TABLE[name]}
