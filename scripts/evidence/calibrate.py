@@ -33,14 +33,14 @@ PARTS = tuple(
 HEAD = """# How often verdicts and intervals are right
 
 `scripts/evidence/calibrate.py` puts truths before the program that no table and no fit has seen,
-from the rig as modelled and from rigs that differ from it, and counts how often what is printed is
-right. The parts in `scripts/evidence/calibration/` say how truths are drawn; `calibration.json` has
-the counts of each rig. A line of a table has all rigs: the least and the largest share that was
-right.
+and counts how often what is printed is right. The parts in `scripts/evidence/calibration/` say how
+truths are drawn, `calibration.json` has the counts of each rig. A line of a table has all rigs: the
+least and the largest share that was right.
 
 - Rig *as modelled*: it holds if the count lies in the binomial 95 % band of the nominal share.
-- Other rigs: it holds if at most twice as many are wrong as promised. "Mismatch named": more are
-  wrong, but a warning of the program names the mismatch at 90 % of the truths.
+- Other rigs differ from the model: EI (± 5 %), clamps (soft), damping (× 2, × ½), noise (per
+  point), shaker (harmonics), mesh (another). It holds if at most twice as many are wrong as
+  promised. "Mismatch named": more are wrong, but a warning names the mismatch at 90 % of the truths.
 - "Undecided" counts neither as right nor as wrong.
 - "Falls short": do not rely on it there.
 
@@ -48,12 +48,12 @@ Not all truths are blind: rules of `orbit`, `converge`, `resonance`, `identify`,
 and of Lyapunov exponents were changed after a first count on some of the same truths.
 """
 DIFFERENT = {
-    "EI ± 5 %": "EI",
-    "soft clamps": "soft clamps",
-    "damping × 2, × ½": "damping ×",
-    "noise per point": "noise",
-    "shaker's harmonics": "second harmonic",
-    "another mesh": "elements, not",
+    "EI": "EI",
+    "clamps": "soft clamps",
+    "damping": "damping ×",
+    "noise": "noise",
+    "shaker": "second harmonic",
+    "mesh": "elements, not",
 }
 """In what a rig may differ from its model, and the words by which its rows are known."""
 COMPUTED = "nothing is measured: the verdict is on the case as given, another EI is another case"
@@ -79,17 +79,13 @@ WHY_NOT = {
     "tap": "there is no shaker",
 }
 """Why a part lacks a rig."""
-ALONE = """The other parts have no rig: their verdicts are on a case or a map as it stands.
-"""
 UNCOUNTED = {
-    "Multipliers, doublings, folds and Lyapunov exponents of laminae": "no exact truth is known; "
+    "multipliers, doublings, folds and Lyapunov exponents of laminae": "no exact truth is known; "
     "[orbits](orbits.md) has those of two presets",
     "`orbit follow`: grazings": "the points beside it are the interval",
     "`sweep`: kinds of motion; `detect pod`: a90; `detect modulate`: calls of delaminated plates; "
-    "`converge`: contact work, distortion, other harmonics": "no share is promised, no interval "
-    "is given",
-    "`measure response --poles`: errors of poles": "two standard errors, counted in "
-    "tests/studies/signals/test_poles.py; measured.md has the shares",
+    "`converge`: contact work, distortion, other harmonics": "no share is promised",
+    "`measure response --poles`: errors": "`tests/studies/signals/test_poles.py` counts them",
     "`converge`: solids": "a truth costs many minutes",
 }
 """What is printed and has no count, and why."""
@@ -133,30 +129,22 @@ def part(name: str) -> Any:
 
 def page(found: dict[str, Any]) -> str:
     """Return the page of all measured parts."""
-    texts = [HEAD, rigs(found)]
+    texts = [HEAD]
     for name in sorted(found):
         paragraphs = inspect.getdoc(part(name)).split("\n\n")
-        texts.append("\n\n".join([f"## {title_of(name)}", *paragraphs[1:2]]) + "\n")
-        texts.append(table(found[name]["rows"]))
+        rows = found[name]["rows"]
+        texts.append("\n\n".join([f"## {title_of(name)}", *paragraphs[1:2], *rigs(rows)]) + "\n")
+        texts.append(table(rows))
     texts.append("## Without a count\n")
-    texts.append("| what is printed | why there is none |\n|---|---|")
+    texts.append("| printed | why |\n|---|---|")
     texts.extend(f"| {what} | {why} |" for what, why in UNCOUNTED.items())
     return "\n".join(texts) + "\n"
 
 
-def rigs(found: dict[str, Any]) -> str:
-    """Return the table of the parts and of what their rigs have that differs from the model."""
-    lines = [
-        "## Rigs\n",
-        f"| part | {' | '.join(DIFFERENT)} | why not |",
-        "|" + "---|" * (len(DIFFERENT) + 2),
-    ]
-    for name in sorted(found):
-        less = lacking(found[name]["rows"])
-        if len(less) < len(DIFFERENT):
-            cells = ["–" if kind in less else "yes" for kind in DIFFERENT]
-            lines.append(f"| {title_of(name)} | {' | '.join(cells)} | {WHY_NOT.get(name, '')} |")
-    return "\n".join([*lines, f"\n{ALONE}"])
+def rigs(rows: list[dict[str, Any]]) -> list[str]:
+    """Return a line on what the rigs of rows have that differs from the model, or none."""
+    kinds = [kind for kind in DIFFERENT if kind not in lacking(rows)]
+    return [f"Rigs: {', '.join(kinds)}."] * bool(kinds)
 
 
 def lacking(rows: list[dict[str, Any]]) -> list[str]:
@@ -173,7 +161,7 @@ def title_of(name: str) -> str:
 def table(rows: list[dict[str, Any]]) -> str:
     """Return rows as a table of a page: a line for each verdict over all of its rigs."""
     lines = [
-        "| what is printed | promised | rigs | truths | right | does not hold |",
+        "| printed | promised | rigs | truths | right | except |",
         "|" + "---|" * 6,
     ]
     by_verdict: dict[str, list[Row]] = {}

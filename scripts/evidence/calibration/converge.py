@@ -1,6 +1,6 @@
 """`converge`: intervals about the limit, beside finer runs.
 
-Two strips under a harmonic base, of drawn length, stiffness, damping, restitution and frequency.
+Two strips under a harmonic base; length, stiffness, damping, restitution and frequency are drawn.
 The truth is the distance from a run with eight times as many steps, or four times as many elements,
 as the finest of the study.
 

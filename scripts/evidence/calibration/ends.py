@@ -1,7 +1,7 @@
 """`detect`: bounds of the ends of a delamination.
 
-Delaminations of `embedded` from the prior of `infer`, each at a frequency drawn from 60 to 400 Hz,
-scanned every 10 mm with 40 dB. Those that are called count.
+Delaminations of `embedded` from the prior of `infer`, at 60 to 400 Hz, scanned every 10 mm with 40
+dB. Those that are called count.
 
 Delaminations of `embedded` from the prior of `infer`, each at a frequency drawn from 60 to 400 Hz,
 scanned every 10 mm with 40 dB. Those that are called count. Where the noise differs from point to

@@ -1,7 +1,7 @@
 """`detect excite`: calls at the recommended frequency.
 
 Delaminations of `embedded` from the prior of `infer`. The command maps 100, 120 … 300 Hz with 40
-dB, and a scan at the frequency that it recommends is called or not.
+dB; a scan at the frequency that it recommends is called or not.
 
 Delaminations of `embedded` from the prior of `infer`. The command maps 100, 120 … 300 Hz with
 40 dB; a scan at the frequency that it recommends, with noise of its own, is called or not. Where

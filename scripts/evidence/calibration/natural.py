@@ -1,7 +1,7 @@
 """`identify natural`: a key from a natural frequency.
 
-A clamped beam of 0.5 m with a second clamp whose place is sought, its first frequency with an error
-of 0.2 or 1 Hz, and drawn stiffness (± 10 %), damping and clamps.
+A clamped beam of 0.5 m; the place of a second clamp is sought. The first frequency has an error of
+0.2 or 1 Hz; stiffness (± 10 %), damping and clamps are drawn.
 
 A clamped beam of 0.5 m, with a second clamp whose place is sought between 0.05 and 0.25 m from its
 end. Its first frequency is measured with an error of 0.2 or 1 Hz. What is uncertain is drawn, too,

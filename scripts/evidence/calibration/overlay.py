@@ -1,8 +1,7 @@
 """`overlay`: where a record begins on the clock of a run, "agrees" and "differs".
 
 Records of 2 s of both tips of `paper`, near 3.25 and 3.65 Hz, after the end of the run, with noise
-of 0.05 … 0.3 mm. Records that differ have one wrong tip, a wrong clock, or a base of another
-frequency. No share of "differs" is printed; 100 % is the aim.
+of 0.05 … 0.3 mm. No share of "differs" is printed; 100 % is the aim.
 
 The runs are of the preset `paper`, 400 periods, at ten frequencies within 0.01 Hz of 3.25 Hz (most
 of them with cycles that differ) and at ten of 3.65 Hz (doubled). A record is 2 s of the same motion
