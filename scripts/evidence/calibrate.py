@@ -40,7 +40,7 @@ least and the largest share that was right.
 - Rig *as modelled*: it holds if the count lies in the binomial 95 % band of the nominal share.
 - Other rigs differ from the model: EI (± 5 %), clamps (soft), damping (× 2, × ½), noise (per
   point), shaker (harmonics), mesh (another). It holds if at most twice as many are wrong as
-  promised. "Mismatch named": more are wrong, but a warning names the mismatch at 90 % of the truths.
+  promised. "Mismatch named": more are wrong, but a warning names it at 90 % of the truths.
 - "Undecided" counts neither as right nor as wrong.
 - "Falls short": do not rely on it there.
 
