@@ -43,10 +43,9 @@ NOISES = (0.0, 0.01, 0.05)
 """Noise of the tip over its rms."""
 HEAD = """# Responses and poles beside pyFRF and sdypy-EMA
 
-For those who know these programs. `scripts/evidence/laboratory.py` computes this page from a record
-of 256 s at 512 samples/s: a cantilever of 0.3 m, whose base is shaken at random from 5 to 150 Hz,
-and the acceleration of its tip by the exact transmissibility, with noise. All take segments of 8 s
-that overlap by half, with Hann windows.
+`scripts/evidence/laboratory.py` computes this page from a record of 256 s at 512 samples/s: the
+base of a cantilever is shaken at random from 5 to 150 Hz, and its tip follows by the exact
+transmissibility, with noise. All take segments of 8 s that overlap by half, with Hann windows.
 """
 
 
@@ -202,11 +201,11 @@ The exact modes are {modes}. Errors against them,
 and of the first peak of H against the exact one at the same lines:
 
 {table(["noise", "program", "peak", "f1", "D1", "f2", "D2"], lines)}
-`measure response` takes H1 from pyFRF, by its other name sdypy-FRF: they differ by {size("pyfrf")}
-of the largest value, and from `scipy.signal.csd` by {size("scipy")}. The window makes the peak too
-low. `measure response --poles` takes the window out, begins at poles of sdypy-EMA and fits them by
-least squares. Those of sdypy-EMA alone are the stable ones nearest to the exact frequencies, of
-orders up to {ORDER}, in H1 as it is.
+`measure response` takes H1 from pyFRF (sdypy-FRF): they differ by {size("pyfrf")} of the largest
+value, and from `scipy.signal.csd` by {size("scipy")}. The window makes the peak too low. `--poles`
+takes the window out, begins at poles of sdypy-EMA and fits them by least squares. Those of
+sdypy-EMA alone are the stable ones nearest to the exact frequencies, of orders up to {ORDER}, in H1
+as it is.
 """
 
 

@@ -31,10 +31,9 @@ from delam_fem.paper.reproduce import (
 ROOT = Path(__file__).parents[2]
 ABOUT = (
     "The paper's text is available, its figures are not: each figure here shows what the "
-    "computation gives. A verdict is on a number, or on a statement that a number can decide. "
-    "It is undecided where the range that the numbers' own uncertainty allows contains "
+    "computation gives. A verdict is undecided where the uncertainty of the numbers contains "
     "the bound. Bounds on words such as significantly are ours. Unless a row says "
-    "otherwise, all computations are with the preset paper."
+    "otherwise, computations are with the preset paper."
 )
 TABLE = Path("evidence", "tables", "paper.csv")
 """All claims, below docs."""
@@ -73,11 +72,10 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
     claims = claims_of(figures)
     lines = [
         "# The paper, figure by figure", "",
-        "For readers of the paper: each of its statements with a verdict, and each of its figures "
-        "computed anew.", "", f"{PAPER}.", "", ABOUT, "",
+        f"{PAPER}.", "", ABOUT, "",
         "`scripts/evidence/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
-        "", f"{tally(claims)} [All of them]({TABLE}) have what came out and its margin.",
-        "", "These do not hold, or are undecided:",
+        "", f"{tally(claims)} [All of them]({TABLE}) have their margins; these do not hold, or are "
+        "undecided:",
         "", markdown_table(claims),
     ]  # fmt: skip
     paths = [write_table(root / "docs" / TABLE, claims)]
