@@ -35,6 +35,8 @@ ABOUT = (
     "the bound. Bounds on words such as significantly are ours. Unless a row says "
     "otherwise, computations are with the preset paper."
 )
+BAR = "\\|"
+"""A bar within a cell of a table."""
 TABLE = Path("evidence", "tables", "paper.csv")
 """All claims, below docs."""
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
@@ -74,8 +76,8 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         "# The paper, figure by figure", "",
         f"{PAPER}.", "", ABOUT, "",
         "`scripts/evidence/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
-        "", f"{tally(claims)} [All of them]({TABLE}) have their margins; these do not hold, or are "
-        "undecided:",
+        "", f"{tally(claims)} [All of them]({TABLE}) have places and margins; these do not hold, or "
+        "are undecided:",
         "", markdown_table(claims),
     ]  # fmt: skip
     paths = [write_table(root / "docs" / TABLE, claims)]
@@ -114,16 +116,11 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
 
 
 def markdown_table(claims: Iterable[Claim]) -> str:
-    """Return the claims that do not hold as a Markdown table, without their margins."""
+    """Return the claims that do not hold as a Markdown table, without places and margins."""
     rows = [HEADING, *(claim.row for claim in claims if claim.verdict != "holds")]
-    margin = HEADING.index("margin")
-    lines = [
-        "| "
-        + " | ".join(cell.replace("|", "\\|") for cell in row[:margin] + row[margin + 1 :])
-        + " |"
-        for row in rows
-    ]
-    return "\n".join([lines[0], "|" + "---|" * (len(HEADING) - 1), *lines[1:]]) + "\n"
+    shown = [i for i, name in enumerate(HEADING) if name not in ("where", "margin")]
+    lines = [f"| {' | '.join(row[i].replace('|', BAR) for i in shown)} |" for row in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(shown), *lines[1:]]) + "\n"
 
 
 def write_table(path: Path, claims: Iterable[Claim]) -> Path:
