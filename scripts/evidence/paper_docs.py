@@ -76,8 +76,8 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         "# The paper, figure by figure", "",
         f"{PAPER}.", "", ABOUT, "",
         "`scripts/evidence/paper_docs.py` writes this page from the numbers of `delam-fem paper`.",
-        "", f"{tally(claims)} [All of them]({TABLE}) have places and margins; these do not hold, or "
-        "are undecided:",
+        "", f"{tally(claims)} [All of them]({TABLE}) have places and margins; these do not "
+        "hold, or are undecided:",
         "", markdown_table(claims),
     ]  # fmt: skip
     paths = [write_table(root / "docs" / TABLE, claims)]
