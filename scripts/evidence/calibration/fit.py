@@ -1,15 +1,14 @@
 """`identify keys`: a delamination's end, damping and a spring from frequency responses.
 
-A clamped stack of two laminae with a delamination that is open at rest, and a spring at its tip.
-The base is driven from 20 to 1,020 Hz in 400 lines. A laser at the tip and an accelerometer measure
-with noise of 1 and 5 % of each line, by turns. Sought are the end of the delamination, the damping
-ratio of both laminae, and the stiffness of the spring; truths are drawn from the priors. *As
-modelled*, stiffness of the laminae (± 10 %), yielding clamps and gains of the sensors (2 %) are
-drawn, too. Responses are those of twice as many elements. Clamps of the other rigs but soft ones
-are rigid, beyond the prior.
+A clamped stack of two laminae with an open delamination and a spring at its tip. A laser at the tip
+and an accelerometer measure 400 lines from 20 to 1,020 Hz with noise of 1 and 5 % of each, by
+turns. Truths are drawn from the priors, which were tuned on others, and *as modelled* stiffness (±
+10 %), clamps that yield and gains of the sensors (2 %) are drawn, too. Clamps of the other rigs but
+soft ones are rigid, beyond the prior.
 
-The note has the median width of the intervals as a share of the prior. Priors were tuned on other
-truths.
+The base is driven. Sought are the end of the delamination, the damping ratio of both laminae, and
+the stiffness of the spring. Responses are those of the model with twice as many elements.
+The note has the median width of the intervals as a share of the prior.
 """
 
 from __future__ import annotations
