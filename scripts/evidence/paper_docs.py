@@ -118,9 +118,9 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
 def markdown_table(claims: Iterable[Claim]) -> str:
     """Return the claims that do not hold as a Markdown table, without places and margins."""
     rows = [HEADING, *(claim.row for claim in claims if claim.verdict != "holds")]
-    shown = [i for i, name in enumerate(HEADING) if name not in ("where", "margin")]
-    lines = [f"| {' | '.join(row[i].replace('|', BAR) for i in shown)} |" for row in rows]
-    return "\n".join([lines[0], "|" + "---|" * len(shown), *lines[1:]]) + "\n"
+    columns = [i for i, name in enumerate(HEADING) if name not in ("where", "margin")]
+    lines = [f"| {' | '.join(row[i].replace('|', BAR) for i in columns)} |" for row in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(columns), *lines[1:]]) + "\n"
 
 
 def write_table(path: Path, claims: Iterable[Claim]) -> Path:
