@@ -4,10 +4,10 @@ A clamped stack of two laminae with an open delamination and a spring at its tip
 and an accelerometer measure 400 lines from 20 to 1,020 Hz with noise of 1 and 5 % of each, by
 turns. Truths are drawn from the priors, which were tuned on others, and *as modelled* stiffness (±
 10 %), clamps that yield and gains of the sensors (2 %) are drawn, too. Clamps of the other rigs but
-soft ones are rigid, beyond the prior.
+soft ones are rigid, beyond the prior. Responses are those of twice as many elements.
 
 The base is driven. Sought are the end of the delamination, the damping ratio of both laminae, and
-the stiffness of the spring. Responses are those of the model with twice as many elements.
+the stiffness of the spring.
 The note has the median width of the intervals as a share of the prior.
 """
 
