@@ -472,6 +472,14 @@ class Case(Section):
                         f"load.{number}.{key}",
                         "expected a force on bars and points, on which tension has no effect",
                     )
+        gravity = self.gravity
+        is_of_bars = self.is_axial and not self.is_of_points
+        if is_of_bars and gravity is not None and gravity.along == 0.0:
+            raise inconsistent(
+                "gravity.inclination",
+                "expected an angle other than 0 and 180 on bars, as weight across them has no "
+                f"effect, given {gravity.inclination:g}",
+            )
         if self.has_axial_forces and not all(lamina.is_uniform for lamina in self.lamina):
             self._check_forces_along_profiles()
 

@@ -378,6 +378,13 @@ def test_a_load_that_has_no_effect_is_refused() -> None:
             assemble(case_of(load=[load]), needs_dolfinx=False)
 
 
+def test_weight_across_a_bar_is_refused() -> None:
+    bar = {"lamina": [lamina("strip", motion="axial")]}
+    assert case_of(**bar, gravity={"inclination": 30.0}).is_loaded
+    with pytest.raises(df.CaseError, match=r"gravity\.inclination: expected an angle"):
+        case_of(**bar, gravity={})
+
+
 def table_tennis(**tables: Any) -> df.Case:
     """Return a free ball of 2.7 g above a table that moves."""
     data: dict[str, Any] = {
