@@ -153,7 +153,7 @@ class PeriodicOrbit(Finding):
     channels: Mapping[str, str]
     seconds: float
     evaluations: int
-    phase: float
+    phase: float = 0.0
 
     @property
     def histories(self) -> dict[str, FloatArray]:
