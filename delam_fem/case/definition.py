@@ -320,7 +320,7 @@ class Case(Section):
         if isinstance(own, Sensor) and own.quantity == "strain":
             is_surface = False
         if self.is_plate:
-            half = 0.5 * max(lamina.mean("width") for lamina in self.lamina)
+            half = self.half_width
             if isinstance(position, tuple) and abs(position[1]) > half * (1.0 + EDGE_TOLERANCE):
                 raise inconsistent(
                     f"{key}.position",
@@ -766,7 +766,7 @@ class Case(Section):
                     f"lamina.{lamina.name}.width",
                     f"expected one number for all laminae of a plate, given {lamina.width!r}",
                 )
-        half = 0.5 * max(lamina.mean("width") for lamina in self.lamina)
+        half = self.half_width
         for number, patch in enumerate(self.delamination, start=1):
             if patch.across is not None and max(np.abs(patch.across)) > half * (
                 1.0 + EDGE_TOLERANCE
@@ -843,6 +843,11 @@ class Case(Section):
     def length(self) -> float:
         """Length of the structure: that of its longest lamina [m]."""
         return max(lamina.length for lamina in self.lamina)
+
+    @property
+    def half_width(self) -> float:
+        """Half of the width of a plate: that of its widest lamina [m]."""
+        return 0.5 * max(lamina.mean("width") for lamina in self.lamina)
 
     @property
     def has_one_length(self) -> bool:
@@ -1019,7 +1024,7 @@ class Case(Section):
 
         A motion is a + b x r of the middle plane. A group of facets counts as a closed outline.
         """
-        half = 0.5 * max(lamina.mean("width") for lamina in self.lamina)
+        half = self.half_width
         L = self.length
         corners = np.array([[0.0, -half], [0.0, half], [L, -half], [L, half]])
         ends = {"start": corners[:2], "end": corners[2:], "left": corners[::2]}

@@ -31,7 +31,7 @@ def scan_points(case: Case) -> FloatArray:
     """
     scan = case.scan
     assert scan is not None
-    half = 0.5 * max(lamina.mean("width") for lamina in case.lamina)
+    half = case.half_width
     if scan.file is not None:
         label = f"scan file {scan.file}"
         return _within(read_points(scan.file, label), label, case.length, half)

@@ -8,7 +8,7 @@ from plates import bending, plate
 
 from delam_fem.api import Structure, assemble
 from delam_fem.studies.modes.frequencies import StructureModes, structure_modes
-from delam_fem.studies.modes.plates import LOCAL, outline
+from delam_fem.studies.modes.plates import LOCAL
 
 BASE, SKIN = 0.004, 0.0005  # m
 RADIUS = 0.04  # m
@@ -78,4 +78,6 @@ def test_the_map_of_a_mode_is_the_deflection_of_the_surface(
 
 def test_outlines() -> None:
     case = plate(CLAMPED, 8, 8, thicknesses=(BASE, SKIN), delamination=[PATCH])
-    np.testing.assert_allclose(np.hypot(*(outline(case, 0) - [0.1, 0.0]).T), RADIUS)
+    np.testing.assert_allclose(
+        np.hypot(*(case.delamination[0].outline(case.half_width) - [0.1, 0.0]).T), RADIUS
+    )

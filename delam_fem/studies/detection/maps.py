@@ -15,25 +15,10 @@ from delam_fem.studies.detection.region import Region, area_of
 if TYPE_CHECKING:
     from delam_fem.studies.detection.detect import Detection
 
-CORNERS = 64
-"""Corners of the polygon that stands for an ellipse; its area is 0.2 % too small."""
-
 
 def patches_of(case: Case) -> Region:
     """Return the delaminations of a plate in its plan."""
-    half = 0.5 * max(lamina.mean("width") for lamina in case.lamina)
-    outlines = []
-    for patch in case.delamination:
-        low, high = (-half, half) if patch.across is None else patch.across
-        if patch.is_ellipse:
-            angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
-            corners = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        else:
-            corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-        first = np.array([patch.start, low])
-        last = np.array([patch.end, high])
-        outlines.append(0.5 * (first + last) + 0.5 * (last - first) * corners)
-    return Region(tuple(outlines))
+    return Region(tuple(patch.outline(case.half_width) for patch in case.delamination))
 
 
 def middle_of(region: Region) -> tuple[float, float]:

@@ -30,8 +30,6 @@ LOCAL = 0.5
 """Share of the energy in a sublaminate from which a mode is local to its patch."""
 HEIGHT = 3.0
 """Height of a map [in]."""
-_OUTLINE = 60
-"""Points along the outline of an ellipse."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class PlateModes:
                 vmax=1.0,
             )  # fmt: skip
             for outline in self.outlines:
-                axes.plot(*outline.T, color="black", linewidth=1.0)
+                axes.fill(*outline.T, facecolor="none", edgecolor="black", linewidth=1.0)
             axes.set_aspect("equal")
             axes.set_title(title, loc="left", fontsize=9)
             axes.set_ylabel("z [m]")
@@ -124,7 +122,7 @@ def plate_modes(body: Body, case: Case, vectors: FloatArray) -> PlateModes:
         np.array(shares).reshape(-1, n).T,
         points[top][:, [0, 2]],
         deflection / scale[:, None],
-        tuple(outline(case, number) for number in range(len(case.delamination))),
+        tuple(patch.outline(case.half_width) for patch in case.delamination),
     )
 
 
@@ -144,22 +142,3 @@ def _mean_squares(body: Body, nodes: IntArray, motion: FloatArray) -> FloatArray
         values = np.einsum("mcbi,b->mci", motion[:, nodes], basis)
         result += 0.125 * weights[i] * weights[j] * weights[k] * (values**2).sum(axis=2)
     return result
-
-
-def outline(case: Case, number: int) -> FloatArray:
-    """Return the outline of a delamination, closed, shape (k, 2) [m].
-
-    Args:
-        case: the case of a plate.
-        number: of the delamination, from 0.
-    """
-    patch = case.delamination[number]
-    half = 0.5 * case.lamina[0].mean("width")
-    low, high = patch.across or (-half, half)
-    x = np.array([patch.start, patch.end, patch.end, patch.start, patch.start])
-    z = np.array([low, low, high, high, low])
-    if patch.is_ellipse:
-        angle = np.linspace(0.0, 2.0 * np.pi, _OUTLINE + 1)
-        x = patch.middle[0] + 0.5 * (patch.end - patch.start) * np.cos(angle)
-        z = patch.middle[1] + 0.5 * (high - low) * np.sin(angle)
-    return np.column_stack([x, z])
