@@ -497,9 +497,9 @@ def folds() -> Iterator[Row]:
 
 HEAD = f"""# Beside what others computed
 
-`scripts/evidence/against_others.py` runs the cases down to "Bars", files of `{CASES}`, and
-writes [all numbers](tables/{TABLE.name}). Differences are relative and, unless a reason is given,
-less than {BAR:g}; a test repeats them.
+`scripts/evidence/against_others.py` runs the cases of this table, files of `{CASES}`, and writes
+[all numbers](tables/{TABLE.name}). Differences are relative, and less than {BAR:g} where no remark
+says why not.
 """
 COLUMNS = ("case", "what", "theirs", "ours", "difference")
 
@@ -512,15 +512,15 @@ def page(found: Mapping[str, list[Row]], notes: Mapping[str, tuple[str, str]], k
         notes: what stands above and below each table.
         kept: what is written by hand.
     """
-    lines = [HEAD]
+    lines = [HEAD, "| case | run | how | numbers | largest difference | remark |", f"|{'---|' * 6}"]
     for title, rows in found.items():
         note, reason = notes[title]
         first, *others = dict.fromkeys(row.command for row in rows)
         more = f" and {len(others)} more" if others else ""
         worst = max((row.difference for row in rows), key=abs)
-        numbers = f"{len(rows)} number{'s' * (len(rows) > 1)}"
-        text = f"`{first}`{more} ({note}): {numbers}, largest difference {worst:+.1e}. {reason}"
-        lines += [f"## {title}", "", text.rstrip(), ""]
+        cells = (title, f"`{first}`{more}", note, str(len(rows)), f"{worst:+.1e}", reason)
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", ""]
     return "\n".join(lines) + KEPT + kept
 
 
