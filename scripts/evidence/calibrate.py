@@ -33,15 +33,14 @@ PARTS = tuple(
 HEAD = """# How often verdicts and intervals are right
 
 `scripts/evidence/calibrate.py` puts truths before the program that no table and no fit has seen,
-and counts how often what is printed is right. The parts in `scripts/evidence/calibration/` say how
-truths are drawn, `calibration.json` has the counts of each rig. A line of a table has all rigs: the
-least and the largest share that was right.
+and counts how often what is printed is right. `scripts/evidence/calibration/` says how truths are
+drawn, `calibration.json` has the counts of each rig, a table the least and the largest share of all
+rigs that was right. "Undecided" does not count.
 
-- Rig *as modelled*: it holds if the count lies in the binomial 95 % band of the nominal share.
+- Rig *as modelled*: a promise holds if the count lies in the binomial 95 % band of its share.
 - Other rigs differ from the model: EI (± 5 %), clamps (soft), damping (× 2, × ½), noise (per
-  point), shaker (harmonics), mesh (another). It holds if at most twice as many are wrong as
-  promised. "Mismatch named": more are wrong, but a warning names it at 90 % of the truths.
-- "Undecided" counts neither as right nor as wrong.
+  point), shaker (harmonics), mesh. A promise holds if at most twice as many are wrong.
+- "Mismatch named": more are wrong, but a warning names it at 90 % of the truths.
 - "Falls short": do not rely on it there.
 
 Not all truths are blind: rules of `orbit`, `converge`, `resonance`, `identify`, of free vibrations

@@ -1,8 +1,7 @@
 """`sweep` and `show diagram basins`: which starts reach the same attractor.
 
 25 starts of the thin lamina of `paper` and `default`, 200 periods, 3.49 to 3.56 Hz, where two
-motions live. The truth is what the same starts do after 1000 periods. No share is printed; 95 % is
-the aim.
+motions live; the truth is that of 1000 periods. No share is printed; 95 % is the aim.
 
 Maps of 25 starts of the thin lamina (tip to ± 50 mm and ± 1 m/s, as in docs/examples/basins.toml)
 of the presets `paper` and `default`, with 200 periods, at frequencies drawn from 3.49 to 3.56

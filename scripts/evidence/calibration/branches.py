@@ -1,7 +1,6 @@
 """`orbit follow`: intervals of doublings, folds and Neimark–Sacker points.
 
-Maps whose events are known in closed form: oscillators with one stop, followed without steps;
-Hénon's maps and delayed logistic maps with jumps of 1e-4 … 1e-3 of the state.
+Maps whose events are known in closed form; jumps are 1e-4 … 1e-3 of the state.
 
 Branches of maps whose events are known in closed form. Oscillators with one stop, x'' + x = cos ωt,
 x ≤ s, restitution e, over ω: s and e are drawn for each truth, and their exact motions are

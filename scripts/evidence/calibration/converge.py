@@ -1,8 +1,7 @@
 """`converge`: intervals about the limit, beside finer runs.
 
-Two strips under a harmonic base; length, stiffness, damping, restitution and frequency are drawn.
-The truth is the distance from a run with eight times as many steps, or four times as many elements,
-as the finest of the study.
+Two strips, drawn, under a harmonic base. The truth is the distance from a run with eight times as
+many steps, or four times as many elements, as the finest of the study.
 
 Two strips under a harmonic base, of a length, stiffness, damping, restitution and frequency
 that are drawn for each truth. A study of 250 … 2000 steps per period (10 elements) or of 4 … 16

@@ -1,12 +1,12 @@
 """`identify keys`: a delamination's end, damping and a spring from frequency responses.
 
-A clamped stack of two laminae with an open delamination and a spring at its tip. A laser at the tip
-and an accelerometer measure 400 lines from 20 to 1,020 Hz with noise of 1 and 5 % of each, by
-turns. Truths are drawn from the priors, which were tuned on others, and *as modelled* stiffness (±
-10 %), clamps that yield and gains of the sensors (2 %) are drawn, too. Clamps of the other rigs but
-soft ones are rigid, beyond the prior. Responses are those of twice as many elements.
+A clamped stack of two laminae with an open delamination and a spring at its tip; a laser at the tip
+and an accelerometer measure 400 lines from 20 to 1,020 Hz with noise of 1 or 5 % of each. *As
+modelled* stiffness (± 10 %), clamps that yield and gains of the sensors (2 %) are drawn, too.
+Responses are those of twice as many elements.
 
-The base is driven. Sought are the end of the delamination, the damping ratio of both laminae, and
+Truths are drawn from the priors, which were tuned on others. Clamps of the other rigs but soft ones
+are rigid, beyond the prior. The base is driven. Sought are the end of the delamination, the damping ratio of both laminae, and
 the stiffness of the spring.
 The note has the median width of the intervals as a share of the prior.
 """

@@ -1,8 +1,7 @@
 """`measure response --free`: frequency and damping of a free vibration.
 
-Decays of a mode of 2 … 20 Hz, damping ratios from 0.002 to 0.03, noise of 0.1 … 3 % of the first
-amplitude. The first segment of ten cycles is judged. Where the frequency rises, the truth is the
-one in its middle.
+The first ten cycles of decays of a mode of 2 … 20 Hz, damping ratios from 0.002 to 0.03, noise of
+0.1 … 3 % of the first amplitude.
 
 Decays of a mode of 2 … 20 Hz with damping ratios from 0.002 to 0.03, 20 … 40 samples per cycle and
 white noise of 0.1 … 3 % of the first amplitude, or with a rig that differs. The first segment of

@@ -1,8 +1,7 @@
 """Sweeps: the largest Lyapunov exponent ± two of its errors, and its sign.
 
-Oscillators with one stop, periodic and chaotic, 200 periods of 1000 steps. The truth is the growth
-of a difference over 4000 periods of exact flights. The sign is said if the exponent is more than
-two errors from 0.
+Oscillators with one stop, periodic and chaotic, 200 periods of 1000 steps; the truth is that of
+4000 periods of exact flights. The sign is said if the exponent is more than two errors from 0.
 
 Oscillators with one stop, x'' + x = cos ωt, x ≤ s, restitution e, drawn for each truth: periodic
 motions and chaos. The program steps them with 1000 steps per period, and follows neighbouring

@@ -1,7 +1,7 @@
 """`orbit find`: intervals of multipliers.
 
-Oscillators with one stop and Hénon's maps whose multipliers are known in closed form, up to 1.05.
-Other rigs are oscillators as the program steps them.
+Oscillators with one stop and Hénon's maps whose multipliers are known in closed form. Other rigs
+are oscillators as the program steps them.
 
 Orbits whose multipliers are known in closed form, up to 1.05. As modelled: oscillators with one
 stop, x'' + x = cos ωt, x ≤ s, restitution e, whose exact motions are followed without steps, and

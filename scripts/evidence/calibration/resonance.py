@@ -1,7 +1,6 @@
 """`resonance`: frequency and damping from swept sines.
 
-Records of one mode of a cantilever under a swept base, solved exactly. Frequency (1.2 … 3.5 Hz),
-damping ratio (0.004 … 0.02), sweep and noise are drawn.
+Records of one mode under a swept base, solved exactly: 1.2 … 3.5 Hz, damping ratio 0.004 … 0.02.
 
 Records of one mode of a cantilever (with the quasi-static part of two higher ones) under a swept
 base. Each step of each mode is solved exactly by the matrix exponential. Frequency (1.2 … 3.5 Hz),

@@ -1,7 +1,7 @@
 """`run`: settled, with its period, and the means of irregular motions.
 
 `default` with 10 elements, 400 steps per period and a soft contact, at 2.6 to 3.9 Hz. The verdict
-is that after 300 periods; the truth is what the same run does from period 1500 to 3000.
+after 300 periods is beside what the same run does from period 1500 to 3000.
 
 The preset `default` with 10 elements, 400 steps per period and a soft contact (k = 100 N/m), which
 clap in tori, periods 1 to 10 and without any period, at frequencies from 2.6 to 3.9 Hz. The verdict

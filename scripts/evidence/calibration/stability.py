@@ -1,8 +1,8 @@
 """`orbit`: stable or not.
 
 Orbits of `default`, `paper` and two aluminium strips of 400 mm on both sides of doublings, folds
-and grazings. The truth is what becomes of a motion that begins 0.1 % of the state beside the orbit,
-with steps ten times finer. Of the 60 orbits 9 are undecided, of 34 right beside doublings 13.
+and grazings, beside a motion that begins 0.1 % of the state away, with steps ten times finer. Of
+the 60 orbits 9 are undecided, of 34 right beside doublings 13.
 
 Orbits of three structures on both sides of doublings, folds and grazings: the presets `default` and
 `paper`, and two aluminium strips of 400 mm with e = 0.5. The truth is what becomes of a motion that
