@@ -6,8 +6,8 @@ modelled* stiffness (± 10 %), clamps that yield and gains of the sensors (2 %) 
 Responses are those of twice as many elements.
 
 Truths are drawn from the priors, which were tuned on others. Clamps of the other rigs but soft ones
-are rigid, beyond the prior. The base is driven. Sought are the end of the delamination, the damping ratio of both laminae, and
-the stiffness of the spring.
+are rigid, beyond the prior. The base is driven. Sought are the end of the delamination, the damping
+ratio of both laminae, and the stiffness of the spring.
 The note has the median width of the intervals as a share of the prior.
 """
 
