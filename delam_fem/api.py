@@ -22,7 +22,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from delam_fem.case.definition import Case as Case
+    from delam_fem.case.definition import WITHOUT_FRAMES as WITHOUT_FRAMES, Case as Case
     from delam_fem.case.excitation import (
         Excitation as Excitation,
         ForceExcitation as ForceExcitation,
@@ -292,7 +292,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     # Cases
-    "case.definition": "Case",
+    "case.definition": "WITHOUT_FRAMES Case",
     "case.excitation": (
         "Excitation ForceExcitation HarmonicExcitation MultisineExcitation SweepExcitation "
         "SweptMotion base_motion "

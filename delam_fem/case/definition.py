@@ -96,6 +96,10 @@ _OF_PERIODS = (
     ("output", "fields_per_period"),
 )  # fmt: skip
 """Keys with another default, or without meaning, where the excitation does not repeat."""
+WITHOUT_FRAMES: Mapping[str, object] = MappingProxyType(
+    {"output.fields_per_period": 0, "scan": None}
+)
+"""Overrides for cases of which signals alone are read: no frames, and no scan at them."""
 
 
 def _tables(value: object) -> object:

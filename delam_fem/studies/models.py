@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from delam_fem.api import (
     CHANNEL_MEASURES,
+    WITHOUT_FRAMES,
     Case,
     CaseError,
     CaseSource,
@@ -245,7 +246,7 @@ def _motion(model: Variant, frequency: float, periods: int, channels: Sequence[s
     from delam_fem.api import run  # dolfinx comes with it
 
     span: dict[str, object] = {"time.periods": periods, "output.window_periods": periods}
-    keys: dict[str, object] = {"excitation.frequency": frequency, "output.fields_per_period": 0}
+    keys: dict[str, object] = {"excitation.frequency": frequency, **WITHOUT_FRAMES}
     case = model.case.with_overrides(span | keys)
     result = run(case, model.engine, structure=model.structure)
     record = result.record

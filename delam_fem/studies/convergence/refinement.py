@@ -23,6 +23,7 @@ from delam_fem.api import (
     CHANNEL_MEASURES,
     COMBINATIONS,
     LAWS,
+    WITHOUT_FRAMES,
     Case,
     CaseError,
     EngineName,
@@ -375,7 +376,7 @@ class RefinementStudy:
             "time.steps_per_period": 1000,
             "time.refine": 1,
             "time.periods": 1,
-            "output.fields_per_period": 0,
+            **WITHOUT_FRAMES,
             "output.window_periods": 1,
             "contact.law": "none@newmark",
         }
@@ -400,7 +401,7 @@ class RefinementStudy:
             {
                 "mesh.file" if is_file else "mesh.elements": str(plain) if is_file else plain,
                 **points,
-                "output.fields_per_period": 0,
+                **WITHOUT_FRAMES,
                 "output.window_periods": periods if of else 1,
                 "time.steps_per_period": steps,
                 "time.periods": min(self.periods, SETTLING) + periods,

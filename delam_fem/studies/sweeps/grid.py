@@ -694,14 +694,14 @@ def require_valid(sweep: Sweep) -> None:
         )
     if (scan := record.scan) is None:
         return
+    if not case.is_harmonic:
+        raise CaseError(f"{label}: record.scan: expected a harmonic excitation")
     if frames < 5 or N % frames or case.n_window_periods < LEAST_PERIODS:
         raise CaseError(
             f"{label}: record.scan: expected output.window_periods of at least {LEAST_PERIODS},"
             " and output.fields_per_period of at least 5 that divides time.steps_per_period = "
             f"{N}, given {case.n_window_periods} and {frames}"
         )
-    if not case.is_harmonic:
-        raise CaseError(f"{label}: record.scan: expected a harmonic excitation")
     _check_points(case, scan, label)
     if any(d.key.endswith(".length") or d.key.startswith("scan.") for d in sweep.dimensions):
         raise CaseError(f"{label}: record.scan: expected one length and one scan for all points")

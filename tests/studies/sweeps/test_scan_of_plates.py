@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem.api import WITHOUT_FRAMES
 from delam_fem.model.reduction import reduced_case
+from delam_fem.studies.convergence.refinement import RefinementStudy, method
 from delam_fem.studies.signals.scan import shapes_of
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
@@ -34,13 +36,13 @@ CASE = {
 }
 
 
-def swept(folder: Path, case: df.Case, **scan: object) -> Sweep:
+def swept(folder: Path, case: df.Case, key: str = "excitation.frequency", **scan: object) -> Sweep:
     df.save_case(case, folder)
     return sweep_of({
         "name": "plates",
         "base": str(folder / "case.toml"),
         "record": {"summary": False, "strobes": 0, "scan": scan},
-        "axis": [{"key": "excitation.frequency", "values": [2500.0, 3000.0]}],
+        "axis": [{"key": key, "values": [2500.0, 3000.0]}],
     })  # fmt: skip
 
 
@@ -50,6 +52,31 @@ def test_the_points_of_a_plate_are_said_once(tmp_path: Path) -> None:
     bare = df.Case(**{key: value for key, value in CASE.items() if key != "scan"})
     with pytest.raises(CaseError, match=r"record\.scan: expected a plate with \[scan\]"):
         swept(tmp_path, bare)
+
+
+def test_a_drive_that_does_not_repeat_is_refused(tmp_path: Path) -> None:
+    tap = {
+        "excitation": {
+            "kind": "hammer",
+            "lamina": "lower",
+            "position": 0.03,
+            "amplitude": 1.0,
+            "duration": 1e-4,
+        },
+        "time": {"step": 1e-5, "duration": 1e-3},
+        "output": {},
+    }
+    with pytest.raises(CaseError, match=r"record\.scan: expected a harmonic excitation"):
+        swept(tmp_path, df.Case(**{**CASE, **tap}), "excitation.amplitude")
+
+
+def test_studies_that_read_signals_alone_need_no_frames_for_the_scan() -> None:
+    case = df.Case(**CASE).with_overrides(WITHOUT_FRAMES)
+    assert case.scan is None
+    law = method("newton-penalty@newmark")
+    study = RefinementStudy(df.Case(**CASE), (law,), (6,), (100, 200), 2, 0)
+    levels = study.along_steps(law, 6)
+    assert [level.case.scan for level in levels] == [None, None]
 
 
 @pytest.mark.slow
