@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Tests the project on other Debian releases. For each release, debootstrap makes a fresh tree; there the
 # script installs the project as its README says, runs all tests and a short demo, and removes the tree.
-# Usage: scripts/test_versions.sh [bookworm|trixie|sid]…    (default: trixie sid, side by side)
+# Usage: scripts/test_versions.sh [--short] [bookworm|trixie|sid]…    (default: trixie sid, side by side)
+# --short: tests of the folders that stand on dolfinx, PETSc, Numba and xarray, slow ones left out.
 # Exit status: 0 if all passed; 1 if one failed; 77 if none failed, but one could not be tested.
 # The script needs root (or sudo), about 5 GB in $TMPDIR for each release, and 30 minutes. If a release
 # does not pass, its log stays in runs/versions.
@@ -15,6 +16,9 @@ DEBOOTSTRAP_SECONDS=900             # it takes half a minute; a dead connection 
 SETUP_SECONDS=1200                  # a few minutes
 TESTS_MINUTES=15                    # about twenty side by side; on a slower machine the tests that are left are skipped
 TESTS_SECONDS=3000
+SHORT_MINUTES=5
+SHORT_TESTS=(tests/test_versions.py tests/test_start.py tests/test_doctests.py
+    tests/model tests/engines tests/simulation tests/verification tests/results)
 NOT_TESTED=77
 LEFT_OUT="left out are the tests marked 'once', which are the same on every release, and 'stored', whose texts are of one"
 
@@ -87,9 +91,17 @@ short_demo() {
             ls case.toml result.nc report.html figures/*.png fields/fields.pvd'
 }
 
-# Tests release $1 in folder $2; the result goes to $2/result, the progress to file descriptor 3.
+# Tests release $1 in folder $2 (shortly, if $3 is --short); the result goes to $2/result, the progress to
+# file descriptor 3.
 test_tree() {
-    local release=$1 tree=$2/tree archive command found status=0
+    local release=$1 tree=$2/tree archive command found status=0 minutes=$TESTS_MINUTES tests=()
+    local marked="not once and not stored and not nightly" left_out=$LEFT_OUT
+    if [[ ${3-} == --short ]]; then
+        minutes=$SHORT_MINUTES
+        tests=("${SHORT_TESTS[@]}")
+        marked="$marked and not slow"
+        left_out="$LEFT_OUT; short: tests are those of ${SHORT_TESTS[*]}, without slow ones"
+    fi
     RESULT=$2/result
     archive=$(mirror /etc/apt)
     say "$release: making a tree" >&3
@@ -112,13 +124,12 @@ test_tree() {
     within "$tree" timeout "$SETUP_SECONDS" "$command" test || verdict failed "$command test" </dev/null
     # COLUMNS: a line of the result says why a test has failed
     within "$tree" timeout "$TESTS_SECONDS" env COLUMNS=300 .venv/bin/python -m pytest -q --numprocesses=auto --dist=worksteal \
-        -p no:cacheprovider --minutes="$TESTS_MINUTES" -m "not once and not stored and not nightly" | tee "$2/pytest" ||
-        status=$?
+        -p no:cacheprovider --minutes="$minutes" -m "$marked" "${tests[@]}" | tee "$2/pytest" || status=$?
     found="$(versions "$tree"); tests: $(tests_summary "$2/pytest" || printf 'no summary, exit status %s' "$status")"
     ((status)) && status=failed || status=passed
     verdict "$status" "$found" < <(
         grep -E '^(SKIPPED|FAILED|ERROR) ' "$2/pytest" || true
-        printf '%s\n' "$LEFT_OUT"
+        printf '%s\n' "$left_out"
     )
 }
 
@@ -173,7 +184,7 @@ start() {
     local release=$1
     mkdir "$WORK/$release"
     unshare --mount --propagation private --pid --fork --kill-child -- \
-        "${BASH_SOURCE[0]}" --within-namespaces "$release" "$WORK/$release" 3>&1 >"$WORK/$release/log" 2>&1 &
+        "${BASH_SOURCE[0]}" --within-namespaces "$release" "$WORK/$release" "$SHORT" 3>&1 >"$WORK/$release/log" 2>&1 &
 }
 
 # Prints the result of each release; fails as the header says.
@@ -203,7 +214,13 @@ report() {
 }
 
 main() {
-    local releases=("$@") release why
+    local releases release why
+    SHORT=''
+    if [[ ${1-} == --short ]]; then
+        SHORT=$1
+        shift
+    fi
+    releases=("$@")
     ((${#releases[@]})) || releases=("${DEFAULT_RELEASES[@]}")
     for release in "${releases[@]}"; do
         if [[ ! -r $ROOT/scripts/constraints-$release.txt ]]; then
@@ -212,7 +229,7 @@ main() {
         fi
     done
     if [[ $(id -u) != 0 ]] && sudo -n true 2>/dev/null; then
-        exec sudo -n --preserve-env=TMPDIR,http_proxy,https_proxy,no_proxy "$0" "${releases[@]}"
+        exec sudo -n --preserve-env=TMPDIR,http_proxy,https_proxy,no_proxy "$0" ${SHORT:+"$SHORT"} "${releases[@]}"
     fi
     why=$(obstacle)
     if [[ -n $why ]]; then
@@ -235,7 +252,7 @@ main() {
 
 if [[ ${BASH_SOURCE[0]} == "$0" ]]; then
     if [[ ${1:-} == --within-namespaces ]]; then
-        test_tree "$2" "$3"
+        test_tree "${@:2}"
     else
         main "$@"
     fi

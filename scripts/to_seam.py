@@ -3,7 +3,8 @@
     .venv/bin/python scripts/to_seam.py delam_fem/studies delam_fem/paper scripts tests
     .venv/bin/ruff check --select I,F401 --fix . && .venv/bin/ruff format .
 
-A name of the seam is imported from there. Names of a module that the seam has as a whole
+A name of the seam is imported from there. Outside the package, what `delam_fem` itself offers is
+imported from `delam_fem`. Names of a module that the seam has as a whole
 (`style`, `html`, `settling`, …) are written as its attributes, unless the file uses the name of
 the module for something else. Calls through a module of what a name of the seam stands for
 (`STANDS_FOR`) become calls of that. Whatever is not in the seam stays as it is.
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import delam_fem
 from delam_fem import api
 
 PACKAGE = "delam_fem"
@@ -47,14 +49,20 @@ def homes() -> tuple[dict[str, str], dict[str, str]]:
     return names, modules
 
 
-def rewritten(source: str, *, uses_modules: bool) -> str:
+def rewritten(source: str, *, uses_modules: bool, is_outside: bool) -> str:
     """Return a source with its imports from the seam.
 
     Args:
         source: text of a module.
         uses_modules: whether names of whole modules become attributes.
+        is_outside: whether the module is none of the package, and may import from `delam_fem`.
     """
     names, modules = homes()
+    public = {
+        f"{PACKAGE}.{home}.{name}": name
+        for name, home in delam_fem._HOMES.items()
+        if is_outside and f"{PACKAGE}.{home}.{name}" not in names
+    }
     tree = ast.parse(source)
     place = places(source)
     bound = set(bound_names(tree))
@@ -67,6 +75,7 @@ def rewritten(source: str, *, uses_modules: bool) -> str:
             continue
         stays: list[str] = []
         moves: set[str] = set()
+        of_package: set[str] = set()
         module = modules.get(node.module) if uses_modules else None
         for alias in node.names:
             full = f"{node.module}.{alias.name}"
@@ -74,15 +83,21 @@ def rewritten(source: str, *, uses_modules: bool) -> str:
             text = alias.name + (f" as {alias.asname}" if alias.asname else "")
             if full in names or full in modules:
                 moves.add(text)
+            elif full in public:
+                of_package.add(text)
             elif module and module not in bound and local not in bound:
                 moves.add(module)
                 prefixed[local] = f"{module}.{alias.name}"
             else:
                 stays.append(text)
-        if not moves:
+        if not moves and not of_package:
             continue
         indent = " " * node.col_offset
-        lines = [f"from {SEAM} import {', '.join(sorted(moves))}"]
+        lines = []
+        if of_package:
+            lines.append(f"from {PACKAGE} import {', '.join(sorted(of_package))}")
+        if moves:
+            lines.append(f"from {SEAM} import {', '.join(sorted(moves))}")
         if stays:
             lines.append(f"from {node.module} import {', '.join(stays)}")
         edits.append(Edit(*place(node), f"\n{indent}".join(lines)))
@@ -178,7 +193,11 @@ def main(folders: list[str]) -> None:
         for path in sorted(Path(folder).rglob("*.py")):
             before = path.read_text(encoding="utf-8")
             after = with_calls_of_the_seam(before)
-            after = rewritten(after, uses_modules=not folder.startswith("tests"))
+            after = rewritten(
+                after,
+                uses_modules=not folder.startswith("tests"),
+                is_outside=not folder.startswith(PACKAGE),
+            )
             if after != before:
                 path.write_text(after, encoding="utf-8")
                 sys.stdout.write(f"{path}\n")

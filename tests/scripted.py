@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from delam_fem import Decision
 from delam_fem.api import BaseCoupling, PeriodRecord, Recorder, Span, State
-from delam_fem.contact.decisions import NO_PAIRS, Decision
+from delam_fem.contact.decisions import NO_PAIRS
 from delam_fem.simulation.loop import StepByStep
 from delam_fem.simulation.recorder import Energies
 

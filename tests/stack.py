@@ -15,10 +15,9 @@ import xarray as xr
 from pydantic import Field
 from synthetic import FRAMES, LEDGER, NODES, STEPS, WINDOW, small_case
 
-from delam_fem import Case
+from delam_fem import Case, Decision
 from delam_fem.api import N_BASE, Lamina, PeriodRecord, Structure, assemble
 from delam_fem.case.sections import Stop
-from delam_fem.contact.decisions import Decision
 from delam_fem.model.layout import Probe
 from delam_fem.results import dataset
 from delam_fem.results.schema import add

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from project import ROOT
 
-from delam_fem.studies.sweeps.grid import load_sweep
+from delam_fem import load_sweep
 
 FOLDER = ROOT / "docs" / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))

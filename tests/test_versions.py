@@ -133,10 +133,17 @@ def test_a_readme_without_set_up_is_noticed(tmp_path: Path) -> None:
     assert shell(f"readme_setup '{tmp_path}/README.md'").returncode != 0
 
 
+def test_short_tests_exist() -> None:
+    names = shell('printf "%s\\n" "${SHORT_TESTS[@]}"').stdout.split()
+    assert names
+    assert [name for name in names if not (ROOT / name).exists()] == []
+
+
 def test_unknown_release_is_refused() -> None:
-    done = subprocess.run([SCRIPT, "slink"], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "constraints-RELEASE.txt, given slink" in done.stderr
+    for options in ([], ["--short"]):
+        done = subprocess.run([SCRIPT, *options, "slink"], capture_output=True, text=True)
+        assert done.returncode == 2
+        assert "constraints-RELEASE.txt, given slink" in done.stderr
 
 
 def test_what_cannot_be_tested_is_not_passed() -> None:

@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -272,10 +273,14 @@ def against(revision: str) -> list[str]:
         git = ["git", "-C", str(ROOT), "worktree"]
         subprocess.run([*git, "add", "--detach", str(tree), revision], check=True)
         try:
-            for root, folder in ((tree, before), (ROOT, after)):
+
+            def record_with(root: Path, folder: Path) -> None:
                 command = [sys.executable, str(Path(__file__).resolve()), "record", str(folder)]
                 environment = {**os.environ, "PYTHONPATH": str(root)}
                 subprocess.run(command, check=True, env=environment, cwd=temporary)
+
+            with ThreadPoolExecutor() as side_by_side:
+                list(side_by_side.map(record_with, (tree, ROOT), (before, after)))
             return compare(before, after)
         finally:
             subprocess.run([*git, "remove", "--force", str(tree)], check=True)

@@ -137,25 +137,39 @@ _Channel: TypeAlias = tuple[str, FloatArray, dict[str, Any]]
 """Dimension, values and attributes of a channel."""
 
 
-def _channel(values: xr.DataArray, **about: Any) -> _Channel:
-    """Return a channel over time, with its unit and `about` as attributes."""
+def _channel(values: xr.DataArray, row: int | None = None, **about: Any) -> _Channel:
+    """Return a channel over time, with its unit and `about` as attributes.
+
+    Args:
+        values: values over time, or rows of them.
+        row: number of its row; None: there are no rows.
+        about: further attributes, among them `quantity` and `place`.
+    """
     words = f"{about['quantity']} at {about['place']}"
     units = values.attrs.get("units") or VARIABLES[str(values.name)].units
-    return "time", values.to_numpy(), {"units": units, **about, "long_name": words}
+    array = values.to_numpy()
+    array = array if row is None else array[row]
+    return "time", array, {"units": units, **about, "long_name": words}
 
 
 def _references(history: xr.Dataset) -> Iterator[tuple[str, _Channel]]:
     """Yield names and channels: displacement and velocity of each reference probe."""
-    about: dict[str, Any] = {}
+    at: dict[str, Any] = {}
+    where = ""
     if "tip_node" in history:
-        about["x"] = float(history["x"][int(history["tip_node"])])
+        at["x"] = float(history["x"][int(history["tip_node"])])
+        where = f"{probe_place(history)} of "
     names = history["lamina"].to_numpy().tolist()
+    motions = {
+        quantity: history[variable]
+        for quantity in QUANTITIES
+        if (variable := f"tip_{quantity}") in history
+    }
     for row, lamina in enumerate(names):
-        place = f"{probe_place(history)} of {lamina}" if "tip_node" in history else lamina
         for name, quantity in zip(reference_channels(lamina), QUANTITIES, strict=True):
-            if (variable := f"tip_{quantity}") in history:
-                about |= {"quantity": quantity, "place": place, "lamina": lamina}
-                yield name, _channel(history[variable][row], **about)
+            if quantity in motions:
+                about = {"quantity": quantity, "place": f"{where}{lamina}", "lamina": lamina}
+                yield name, _channel(motions[quantity], row, **at, **about)
 
 
 def _contacts(history: xr.Dataset, case: Any) -> Iterator[tuple[str, FloatArray, str]]:

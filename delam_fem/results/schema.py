@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
     from delam_fem.simulation.signals import Signal
 
-_BLAS = re.compile(r"/(lib(?:open)?blas|libmkl_rt|libblis|libatlas|libflexiblas|libscipy_openblas)")
-"""Start of the name of a library with BLAS."""
+_BLAS = re.compile(r"/.*/lib(?:(?:open)?blas|mkl_rt|blis|atlas|flexiblas|scipy_openblas).*")
+"""Path of a library with BLAS."""
 _MAPS = Path("/proc/self/maps")
 _CPU = Path("/proc/cpuinfo")
 UNKNOWN = "unknown"
@@ -95,10 +95,10 @@ def occasion() -> dict[str, str]:
 def blas() -> str:
     """Return the files of the BLAS libraries that this process has loaded."""
     try:
-        lines = _MAPS.read_text("utf-8", "replace").splitlines()
+        maps = _MAPS.read_text("utf-8", "replace")
     except OSError:
         return UNKNOWN
-    paths = {Path(line.split(maxsplit=5)[5]) for line in lines if _BLAS.search(line)}
+    paths = {Path(path) for path in _BLAS.findall(maps)}
     return ", ".join(sorted({f"{path.parent.name}/{path.name}" for path in paths})) or UNKNOWN
 
 

@@ -21,7 +21,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import version
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Literal
@@ -56,6 +57,7 @@ LENGTH = ("time.periods", "time.most_periods")
 """Keys of the length of a run, which an extension changes."""
 
 _Handler = Callable[[int, FrameType | None], None]
+_version = cache(metadata.version)
 _log = logging.getLogger(__name__)
 
 
@@ -266,7 +268,7 @@ def identity_of(case: Case, name: str, engine: Engine, **question: object) -> st
         **question: what else the run depends on; see `identity`.
     """
     return identity(
-        case, version=version("delam_fem"), engine=name, ranks=engine.n_shares, **question
+        case, version=_version("delam_fem"), engine=name, ranks=engine.n_shares, **question
     )
 
 

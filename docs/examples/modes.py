@@ -10,7 +10,7 @@ so that the finite elements can be judged without any experiment.
 import numpy as np
 
 import delam_fem as df
-from delam_fem.studies.modes.frequencies import modes
+from delam_fem import modes
 
 # The preset has the two laminae of the paper, 20 elements each.
 case = df.preset("paper")

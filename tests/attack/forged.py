@@ -28,6 +28,7 @@ from attack.hostile import Endless, damaged
 from project import peak_memory
 
 import delam_fem as df
+from delam_fem import read_measured
 from delam_fem.api import CaseError, load_numbers, read_arrays, write_arrays, write_dataset
 from delam_fem.results.diagnostics import summary as summary_of
 from delam_fem.results.export import export
@@ -36,7 +37,6 @@ from delam_fem.results.figures.run import save_figures
 from delam_fem.results.netcdf import read_dataset
 from delam_fem.results.pages.report import of_result
 from delam_fem.results.reading import OF_SUMMARY
-from delam_fem.studies.signals.reading import read_measured
 
 SEED = 20261127
 SECONDS = 5.0

@@ -158,7 +158,7 @@ harmonics = 3
 
 def a_sweep(rng: random.Random, folder: Path) -> None:
     """Read a damaged sweep file."""
-    from delam_fem.studies.sweeps.grid import load_sweep
+    from delam_fem import load_sweep
     from delam_fem.studies.sweeps.run import require_computable
 
     path = folder / "s.toml"
@@ -285,9 +285,10 @@ def a_refinement(rng: random.Random, folder: Path) -> None:
 
 def a_sweep_result(rng: random.Random, folder: Path) -> None:
     """Draw the diagram of a damaged result of a sweep, up to the picture."""
+    from delam_fem import run_sweep
     from delam_fem.studies.sweeps.dataset import open_result
     from delam_fem.studies.sweeps.grid import sweep_of
-    from delam_fem.studies.sweeps.run import is_complete, run_sweep
+    from delam_fem.studies.sweeps.run import is_complete
 
     small = {"mesh.elements": 2, "time.steps_per_period": 20, "time.periods": 4}
     small["output.fields_per_period"] = 0

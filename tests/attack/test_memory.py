@@ -21,9 +21,9 @@ from project import peak_memory
 from scipy.io import savemat
 from support import invoke
 
+from delam_fem import read_measured
 from delam_fem.api import CaseError, read_arrays, read_toml
 from delam_fem.model.mesh import read_file
-from delam_fem.studies.signals.reading import read_measured
 from delam_fem.system.footprint import VARIABLE, bounded, require_room
 
 MOST_BYTES = 1_000_000_000

@@ -16,11 +16,11 @@ from pathlib import Path
 import pytest
 from project import ROOT
 
+from delam_fem import read_measured
 from delam_fem.api import CaseError, read_toml
 from delam_fem.case.gap import read_gap_table
 from delam_fem.case.toml import parse_override, parsed
 from delam_fem.studies.signals.channels import assignment, length_of, part_of
-from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.sweeps.schedule import parse_shard
 
 LENGTHS = (300, 2_000, 100_000)

@@ -12,11 +12,12 @@ import pytest
 from rich.console import Console
 from support import SMALL, SWEEP, invoke
 
+from delam_fem import Sweep
 from delam_fem.api import CaseError, load_case, preset
 from delam_fem.cli import console as messages
 from delam_fem.cli.console import progress
 from delam_fem.studies.diagrams import require_drawable
-from delam_fem.studies.sweeps.grid import Sweep, sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 AXIS: dict[str, object] = {"key": "excitation.frequency", "values": [3.0, 3.5]}

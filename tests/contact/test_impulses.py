@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from fakes import seen, setting
 
+from delam_fem import Decision
 from delam_fem.api import SCHEMES, FloatArray, Impulse, Law
-from delam_fem.contact.decisions import Decision
 
 
 def impact(

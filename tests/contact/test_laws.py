@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from fakes import seen, setting
 
+from delam_fem import Decision
 from delam_fem.api import COMBINATIONS, LAWS, SCHEMES, CaseError, Contact, Law, Scheme
-from delam_fem.contact.decisions import Decision, LawNumbers
+from delam_fem.contact.decisions import LawNumbers
 from delam_fem.contact.laws import Combination, LawName, SchemeName, combination
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 from fakes import Seen, seen, setting
 
+from delam_fem import Decision
 from delam_fem.api import SCHEMES, Law
-from delam_fem.contact.decisions import Decision
 from delam_fem.contact.laws import LawName
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from delam_fem import run_sweep
 from delam_fem.api import (
     FILE_BYTES,
     CaseError,
@@ -22,7 +23,7 @@ from delam_fem.api import (
 )
 from delam_fem.engines.cost import START_SECONDS
 from delam_fem.studies.sweeps.grid import sweep_of
-from delam_fem.studies.sweeps.run import run_sweep, sweep_cost
+from delam_fem.studies.sweeps.run import sweep_cost
 from delam_fem.system import mpi
 
 FINE_SOLID = {"mesh.elements": 40, "model.strips": 2}

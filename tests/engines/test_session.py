@@ -10,8 +10,8 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
+from delam_fem import Decision
 from delam_fem.api import SCHEMES, EngineName, Kinematics, LawContext, Scheme, solve
-from delam_fem.contact.decisions import Decision
 from delam_fem.engines import session as session_module
 from delam_fem.engines.session import ENGINES
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from delam_fem import DistributedOperators
 from delam_fem.api import MPI, assemble, preset
-from delam_fem.model.operators import DistributedOperators, gather, spread
+from delam_fem.model.operators import gather, spread
 
 
 @pytest.fixture

@@ -11,13 +11,12 @@ import pytest
 from covertable import make
 from typer.testing import CliRunner
 
-from delam_fem import CaseError, Result, Sweep, run
+from delam_fem import CaseError, Result, Sweep, modes, run
 from delam_fem.api import Case, Study, assemble
 from delam_fem.cli.app import app
 from delam_fem.engines.session import ENGINES
 from delam_fem.plugins.discovery import studies
 from delam_fem.results.pages.report import film
-from delam_fem.studies.modes.frequencies import modes
 from delam_fem.studies.sweeps.point import assembly_key
 
 M, V, GAP, L = 2.0, 1.5, 1e-3, 0.5

@@ -13,9 +13,8 @@ from support import require_equal_engines
 
 import delam_fem as df
 from delam_fem import CaseError
-from delam_fem.api import Case, assemble, lowest, nodal
+from delam_fem.api import Case, assemble, lowest, nodal, reduced_case
 from delam_fem.model.layout import bending_moment
-from delam_fem.model.reduction import reduced_case
 from delam_fem.reference import matrices
 from delam_fem.studies.identification.unknowns import value_of
 from delam_fem.studies.sweeps.grid import unit_of

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem import compare
 from delam_fem.api import CaseError, Operators, assemble, preset
 from delam_fem.reference import matrices
-from delam_fem.reference.compare import Comparison, Motions, compare, operator_differences
+from delam_fem.reference.compare import Comparison, Motions, operator_differences
 
 CHANGE = 1e-6
 SAME_MATRICES, SAME_MOTION = 1e-13, 1e-11

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import delam_fem as df
-from delam_fem.reference.compare import compare
+from delam_fem import compare
 
 ROUND_OFF = 1e-9
 """Of matrices and of motions up to the first impacts."""

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem import compare
 from delam_fem.api import Case, CaseError, assemble, preset
 from delam_fem.reference import matrices
-from delam_fem.reference.compare import compare, operator_differences
+from delam_fem.reference.compare import operator_differences
 
 ROUND_OFF = 1e-9
 """Relative to the diagonal; the saddle point problem loses digits."""

@@ -14,8 +14,9 @@ from scipy.io import loadmat
 from stack import STOPS, three_laminae, with_stops
 
 import delam_fem as df
+from delam_fem import operators
 from delam_fem.api import CaseError
-from delam_fem.results.export import export, operators
+from delam_fem.results.export import export
 
 SOME = [
     "tip_displacement", "tip_velocity", "probe_displacement", "strobe_displacement", "envelope_min",

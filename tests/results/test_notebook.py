@@ -9,12 +9,10 @@ from project import ROOT
 from synthetic import small_case, synthetic_history
 
 import delam_fem as df
+from delam_fem import compare, diagram, modes
 from delam_fem.api import diagnostics
-from delam_fem.reference.compare import compare
 from delam_fem.results.figures.run import FIGURES
 from delam_fem.studies.convergence import run as refinements
-from delam_fem.studies.diagrams import diagram
-from delam_fem.studies.modes.frequencies import modes
 
 
 @pytest.fixture

@@ -14,8 +14,9 @@ from scipy import sparse
 from support import refusal
 
 import delam_fem as df
+from delam_fem import load_result
 from delam_fem.api import assemble, histories_of, offered, session_of
-from delam_fem.results.folder import load_numbers, load_result
+from delam_fem.results.folder import load_numbers
 
 M, K, D, F, OMEGA = 0.5, 800.0, 0.05, 2.0, 2.0 * math.pi * 7.0
 """Mass [kg], spring [N/m] (6.37 Hz), damping ratio, force [N] and its angular frequency [rad/s]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.contact.decisions import Decision
+from delam_fem import Decision
 from delam_fem.simulation.recorder import Columns, Jumps
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fakes import setting
 
+from delam_fem import Decision
 from delam_fem.api import (
     SCHEMES,
     BaseCoupling,
@@ -23,7 +24,6 @@ from delam_fem.api import (
     one_period,
     set_initial,
 )
-from delam_fem.contact.decisions import Decision
 from delam_fem.simulation.loop import StepByStep, simulate
 from delam_fem.simulation.recorder import Energies
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from delam_fem import HarmonicMotion
 from delam_fem.api import Span, SweptMotion, by_period, preset, span_of
-from delam_fem.case.excitation import HarmonicMotion
 from delam_fem.engines.session import at_rest
 
 SPAN = Span(time_step=0.01, steps_per_period=50, periods=7)

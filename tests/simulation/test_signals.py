@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem import Decision
 from delam_fem.api import N_BASE, PeriodRecord, Sensor, frames_of
-from delam_fem.contact.decisions import Decision
 from delam_fem.model.layout import SensorRows
 from delam_fem.simulation import signals
 from delam_fem.simulation.signals import low_passed, resting_pairs, spring_forces, steps_of

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem import modes
 from delam_fem.api import Case, CaseError, Structure, assemble, preset
 from delam_fem.model import linear
 from delam_fem.numerics.beams import cantilever_mode
-from delam_fem.studies.modes.frequencies import NaturalModes, modes, modes_of
+from delam_fem.studies.modes.frequencies import NaturalModes, modes_of
 
 FIRST = 1e-5  # relative, of f1 at 20 elements; the elements' own error is 5e-8
 SHAPE = 1e-4  # of the tip; nodal values of cubic elements converge at order 4, B h = 0.55 here

@@ -15,10 +15,10 @@ import pytest
 from project import ROOT
 from typer.testing import CliRunner
 
+from delam_fem import load_sweep
 from delam_fem.api import CaseError
 from delam_fem.cli.app import app
 from delam_fem.studies.sweeps.dataset import open_result
-from delam_fem.studies.sweeps.grid import load_sweep
 from delam_fem.studies.sweeps.run import PointCost, array_script, measured_cost
 
 SWEEP = """

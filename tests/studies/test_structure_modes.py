@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from delam_fem import modes
 from delam_fem.api import Case, CaseError, assemble, preset
 from delam_fem.cli.app import app
 from delam_fem.model.beams.network import never_opens
-from delam_fem.studies.modes.frequencies import NaturalModes, StructureModes, modes, structure_modes
+from delam_fem.studies.modes.frequencies import NaturalModes, StructureModes, structure_modes
 
 MID_PLANE = {"lamina.lower.thickness": 0.001, "lamina.upper.thickness": 0.001}
 

@@ -12,10 +12,10 @@ from calibration.oscillator import forcing, multipliers, oscillator
 from problems import Law
 from scipy.optimize import brentq
 
+from delam_fem import run_sweep
 from delam_fem.api import Span, session
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import BLOCKS, STUDENT, Exponent, largest_exponent, mean_growth
-from delam_fem.studies.sweeps.run import run_sweep
 
 LINEAR = 2e-3
 """Relative: the distance pulses within a cycle of the mode, which is no multiple of the period;

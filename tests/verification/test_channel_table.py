@@ -21,8 +21,9 @@ from scipy.io import loadmat
 from support import refusal
 
 import delam_fem as df
+from delam_fem import diagram
 from delam_fem.results.figures.run import Plots
-from delam_fem.studies.diagrams import DiagramName, diagram
+from delam_fem.studies.diagrams import DiagramName
 from delam_fem.studies.identification.identify import Experiment, Unknown
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.studies.orbits.run import PeriodicOrbit

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem import run_sweep
 from delam_fem.api import N_BASE, EngineName, assemble, session_of
 from delam_fem.numerics.harmonics import harmonic_amplitudes
 from delam_fem.studies.modes.frequencies import structure_modes
 from delam_fem.studies.sweeps.grid import sweep_of
-from delam_fem.studies.sweeps.run import run_sweep
 
 COARSE: dict[str, object] = {
     "mesh.elements": 20,

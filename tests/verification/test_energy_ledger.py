@@ -12,6 +12,7 @@ from problems import Law, Motions, simulate
 from scipy.sparse.linalg import spsolve
 from support import covering
 
+from delam_fem import HarmonicMotion
 from delam_fem.api import (
     LEDGER,
     SCHEMES,
@@ -27,7 +28,6 @@ from delam_fem.api import (
     run,
     solve,
 )
-from delam_fem.case.excitation import HarmonicMotion
 from delam_fem.contact import laws as contact
 
 Engine = Literal["petsc", "compiled"]

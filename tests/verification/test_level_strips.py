@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.reference.compare import compare
+from delam_fem import compare
 
 G, L, B = 9.80665, 0.3, 0.03
 ALUMINIUM = {"name": "lower", "thickness": 2e-3, "material": "aluminium"}

@@ -2,8 +2,8 @@
 
 import pytest
 
+from delam_fem import compare
 from delam_fem.api import preset
-from delam_fem.reference.compare import compare
 
 MATRICES = 1e-12  # relative: quadrature is exact, so round-off of a few hundred terms
 FREQUENCIES = 1e-9  # relative: round-off of the matrices times their condition number

@@ -35,7 +35,7 @@ slope and plane sections, exactly and without penalties.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -78,10 +78,12 @@ class Hermite:
     Attributes:
         mesh: dolfinx mesh of intervals.
         space: the space P1 × P1, or P1 × P1 × P1 with an axial field.
+        of_coefficients: spaces of coefficients by their degree, made when they are needed.
     """
 
     mesh: Any
     space: Any
+    of_coefficients: dict[int, Any] = field(default_factory=dict)
 
     @classmethod
     def on_line(
@@ -139,7 +141,11 @@ class Hermite:
             values: a function (input cells of shape (k,), x of shape (k,)) -> values, shape (k,).
             degree: of the polynomials.
         """
-        space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", degree)
+        if degree not in self.of_coefficients:
+            self.of_coefficients[degree] = _dolfinx.space(
+                self.mesh, "Discontinuous Lagrange", degree
+            )
+        space = self.of_coefficients[degree]
         points = space.tabulate_dof_coordinates()[:, 0]
         topology = self.mesh.topology
         cells = np.empty(len(points), dtype=np.int64)

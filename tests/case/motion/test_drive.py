@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem import HarmonicMotion
 from delam_fem.api import Case, CaseError, SweptMotion, base_motion, drive, preset, save_case
-from delam_fem.case.excitation import HalfSine, HarmonicMotion, Tabulated, read_series
+from delam_fem.case.excitation import HalfSine, Tabulated, read_series
 from delam_fem.case.plausible import warnings
 
 FORCE = {"kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 2.0, "frequency": 5.0}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from delam_fem import HarmonicMotion
 from delam_fem.api import SweptMotion, base_motion, preset
-from delam_fem.case.excitation import HarmonicMotion
 
 A = 0.0025
 T = 10.0

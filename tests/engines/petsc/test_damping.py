@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from delam_fem import Decision
 from delam_fem.api import Operators, assemble, preset
-from delam_fem.contact.decisions import Decision
 from delam_fem.engines.petsc.theta import MoreauJean
 
 DT = 2e-4

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from delam_fem import Decision
 from delam_fem.api import Operators, assemble, preset
-from delam_fem.contact.decisions import NO_PAIRS, Decision
+from delam_fem.contact.decisions import NO_PAIRS
 from delam_fem.engines.petsc import newmark, theta
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean

@@ -9,10 +9,10 @@ from matplotlib.colors import to_rgb
 from PIL import Image, ImageSequence
 from synthetic import FRAMES, WINDOW, small_case, synthetic_history
 
-from delam_fem import run
+from delam_fem import animate, run
 from delam_fem.api import Case, CaseError, save_case
 from delam_fem.results.fields import animation
-from delam_fem.results.fields.animation import LIGHTS, SIZE, animate, write_film
+from delam_fem.results.fields.animation import LIGHTS, SIZE, write_film
 from delam_fem.results.figures.style import lamina_colours
 from delam_fem.simulation.recorder import HIT, RESTING
 

@@ -16,9 +16,10 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
+from delam_fem import follow
 from delam_fem.api import CaseError
 from delam_fem.studies.orbits import follow as following
-from delam_fem.studies.orbits.follow import FOLDER, RESULT, follow
+from delam_fem.studies.orbits.follow import FOLDER, RESULT
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.studies.orbits.study import Follow
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from delam_fem import Decision
 from delam_fem.api import LEDGER, N_BASE
-from delam_fem.contact.decisions import Decision
 from delam_fem.simulation.recorder import Jumps
 from delam_fem.studies.convergence.level import PeriodRow, row_of, statistics
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem.api import CaseError
 from delam_fem.studies.detection.detect import in_modes, intact, simulated, with_scan
 from delam_fem.studies.detection.maps import patches_of
 from delam_fem.studies.detection.study import Scan
 from delam_fem.studies.signals.scan import shapes_of
-from delam_fem.system.errors import CaseError
 
 LAMINA = {
     "length": 0.12, "width": 0.1, "density": 2700.0, "young_modulus": 70e9, "damping_ratio": 0.02,

@@ -16,16 +16,11 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+from delam_fem import diagram
 from delam_fem.api import CaseError, preset, settling as at
 from delam_fem.cli.app import app
 from delam_fem.results.figures.style import edges, styled
-from delam_fem.studies.diagrams import (
-    POINT_STYLE,
-    UNSETTLED_COLOUR,
-    DiagramName,
-    diagram,
-    save_diagram,
-)
+from delam_fem.studies.diagrams import POINT_STYLE, UNSETTLED_COLOUR, DiagramName, save_diagram
 
 N_STROBES = 64
 FREQUENCIES = np.array([3.0, 3.2, 3.4, 3.6, 3.8])

@@ -10,10 +10,9 @@ import pytest
 from measurements import write_csv
 
 import delam_fem as df
-from delam_fem import CaseError
+from delam_fem import CaseError, read_measured
 from delam_fem.api import Case
 from delam_fem.studies.identification.unknowns import drawn, of_rig
-from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.writing import write_measured
 
 EI, L, RHO_A, PLACES, ERROR = 10.0, 0.5, 0.1, (0.12, 0.2), 0.2

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from delam_fem import compare_models
 from delam_fem.api import CaseError, preset
-from delam_fem.studies.models import ModelComparison, Motion, compare_models, difference_until
+from delam_fem.studies.models import ModelComparison, Motion, difference_until
 
 CASE = preset("default", {"mesh.elements": 8, "time.steps_per_period": 500, "time.refine": 4})
 

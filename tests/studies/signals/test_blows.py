@@ -10,9 +10,9 @@ import xarray as xr
 from scipy.signal import chirp, max_len_seq
 from typer.testing import CliRunner
 
+from delam_fem import read_measured
 from delam_fem.api import CaseError
 from delam_fem.cli.app import app
-from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.responses import poles, pulses, with_responses
 
 RATE, BLOW = 4000.0, 0.004

@@ -11,9 +11,9 @@ import xarray as xr
 from measurements import write_csv
 from typer.testing import CliRunner
 
+from delam_fem import read_measured
 from delam_fem.api import write_dataset
 from delam_fem.cli.app import app
-from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.responses import with_free_vibrations
 
 RATE, MODES = 250.0, ((21.0, 0.006), (27.5, 0.008))

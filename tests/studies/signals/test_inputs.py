@@ -18,8 +18,9 @@ import pyuff
 import xarray as xr
 from scipy.io import savemat
 
+from delam_fem import read_measured
 from delam_fem.api import CaseError
-from delam_fem.studies.signals.reading import lines, read_measured
+from delam_fem.studies.signals.reading import lines
 
 N, RATE = 40, 200.0
 TIME = np.arange(N) / RATE

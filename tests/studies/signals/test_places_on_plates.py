@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from delam_fem import write_record
 from delam_fem.api import CaseError
-from delam_fem.results.record import SCHEMA, write_record
+from delam_fem.results.record import SCHEMA
 from delam_fem.studies.signals import reading
 from delam_fem.studies.signals.channels import assignment
 

@@ -9,8 +9,9 @@ import pytest
 import xarray as xr
 from scipy.signal import cont2discrete, lfilter
 
+from delam_fem import read_measured
 from delam_fem.api import CaseError
-from delam_fem.studies.signals.reading import SCHEMA, read_measured
+from delam_fem.studies.signals.reading import SCHEMA
 from delam_fem.studies.signals.responses import poles, with_responses
 from delam_fem.studies.signals.writing import write_measured
 

@@ -16,6 +16,7 @@ from support import refusal
 from synthetic import small_case, synthetic_history
 
 import delam_fem as df
+from delam_fem import read_measured
 from delam_fem.api import CaseError
 from delam_fem.case.gap import read_gap_table
 from delam_fem.studies.signals.channels import Channel
@@ -24,7 +25,6 @@ from delam_fem.studies.signals.reading import (
     assigned,
     dataset,
     lines,
-    read_measured,
     rows,
     scan,
     variable_of,

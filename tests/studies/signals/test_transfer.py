@@ -13,9 +13,9 @@ from measurements import write_csv
 from scipy.signal import cont2discrete, lfilter
 from typer.testing import CliRunner
 
+from delam_fem import read_measured
 from delam_fem.api import CaseError
 from delam_fem.cli.app import app
-from delam_fem.studies.signals.reading import read_measured
 from delam_fem.studies.signals.responses import poles, with_responses
 from delam_fem.studies.signals.writing import save_pictures
 

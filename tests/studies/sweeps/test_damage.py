@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from delam_fem import run_sweep
 from delam_fem.api import CaseError, State
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Chunk, ChunkResult, Point
-from delam_fem.studies.sweeps.run import run_sweep
 
 ROW = np.arange(3.0)
 STATE = State(np.ones((3, 2)), np.array([True]))

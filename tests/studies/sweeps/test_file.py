@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem import Sweep, load_sweep
 from delam_fem.api import CaseError, preset
 from delam_fem.studies.sweeps import grid
-from delam_fem.studies.sweeps.grid import Sweep, load_sweep, sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 
 FREQUENCY = {"key": "excitation.frequency", "start": 3.0, "stop": 4.0, "count": 5}
 RESTITUTION = {"key": "contact.restitution", "values": [0.0, 0.1, 0.3]}

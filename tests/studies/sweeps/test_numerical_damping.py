@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem import load_sweep
 from delam_fem.api import Case
-from delam_fem.studies.sweeps.grid import load_sweep
 
 PERIODS, STEPS = 3, 40
 OMEGA, FREQUENCY = 100.0, 10.0

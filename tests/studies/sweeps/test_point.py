@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem import Sweep
 from delam_fem.api import Case, CaseError, Section, preset
-from delam_fem.studies.sweeps.grid import Sweep, sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import PointRunner, _may_assemble, assembly_key, quantities
 
 SMALL = {"mesh.elements": 3}

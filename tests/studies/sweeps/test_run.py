@@ -19,13 +19,13 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
+from delam_fem import Sweep, run_sweep
 from delam_fem.api import CaseError, assemble
 from delam_fem.studies.executors import Serial
 from delam_fem.studies.sweeps import schedule
 from delam_fem.studies.sweeps.dataset import open_result
-from delam_fem.studies.sweeps.grid import Sweep, sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.journal import MARK, Journal, framed, payloads, unpacked
-from delam_fem.studies.sweeps.run import run_sweep
 
 FRAME = len(framed(b""))
 """Bytes of a record before its content."""

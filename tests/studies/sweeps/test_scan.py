@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem import Sweep, run_sweep
 from delam_fem.api import CaseError, preset
 from delam_fem.studies.detection.detect import simulated
 from delam_fem.studies.detection.study import Scan
 from delam_fem.studies.signals.scan import ORDERS, shapes_of
-from delam_fem.studies.sweeps.grid import Sweep, sweep_of
-from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.studies.sweeps.grid import sweep_of
 
 SMALL = {"mesh.elements": 20, "time.steps_per_period": 100, "output.window_periods": 16}
 

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.api import WITHOUT_FRAMES
-from delam_fem.model.reduction import reduced_case
+from delam_fem import CaseError, Sweep, run_sweep
+from delam_fem.api import WITHOUT_FRAMES, reduced_case
 from delam_fem.studies.convergence.refinement import RefinementStudy, method
 from delam_fem.studies.signals.scan import shapes_of
-from delam_fem.studies.sweeps.grid import Sweep, sweep_of
-from delam_fem.studies.sweeps.run import run_sweep
-from delam_fem.system.errors import CaseError
+from delam_fem.studies.sweeps.grid import sweep_of
 
 LAMINA = {
     "length": 0.12, "width": 0.1, "density": 2700.0, "young_modulus": 70e9, "damping_ratio": 0.02,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.studies.sweeps.grid import load_sweep
+from delam_fem import load_sweep
 from delam_fem.studies.sweeps.point import PointRunner, assembly_key, quantities
 
 TEXT = """

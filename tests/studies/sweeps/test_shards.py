@@ -15,13 +15,14 @@ import pytest
 from project import ROOT
 from typer.testing import CliRunner
 
+from delam_fem import Sweep, load_sweep, run_sweep
 from delam_fem.api import CaseError
 from delam_fem.cli.app import app
 from delam_fem.studies.sweeps.dataset import merge_sweep
-from delam_fem.studies.sweeps.grid import Sweep, load_sweep, sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Chunk, ChunkResult, Point
-from delam_fem.studies.sweeps.run import run_shard, run_sweep, share_size
+from delam_fem.studies.sweeps.run import run_shard, share_size
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, owners, parse_shard
 
 TINY = """
