@@ -1,16 +1,24 @@
-"""What all tests share: no display, one thread, the same random inputs, labelled axes, time."""
+"""What all tests share: no display, one thread, the same random inputs, labelled axes, time.
+
+Nothing that loads NumPy is imported at the top: its BLAS reads the number of threads once.
+"""
+
+from __future__ import annotations
 
 import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from mpi_pool import Crew
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 for name, value in {
     "MPLBACKEND": "Agg",
@@ -62,6 +70,8 @@ def crew() -> Iterator[Crew]:
 @pytest.fixture(autouse=True)
 def every_saved_figure_has_labels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Let a test fail that saves a figure with an axis that has no label."""
+    from matplotlib.figure import Figure
+
     save, bare = Figure.savefig, []
 
     def checked(figure: Figure, *given: object, **options: object) -> None:
@@ -95,6 +105,7 @@ def stored(request: pytest.FixtureRequest) -> Callable[[str], None]:
 def pictures(monkeypatch: pytest.MonkeyPatch, stored: Callable[[str], None]) -> Iterator[None]:
     """Compare the words of the figures that a test saves; of films those of the first frame."""
     import golden
+    from matplotlib.figure import Figure
 
     save, descriptions, films = Figure.savefig, list[str](), set[int]()
 

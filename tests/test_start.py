@@ -63,3 +63,18 @@ delam_fem.system.imports.keep_garbage()
         [sys.executable, "-c", program], check=False, capture_output=True, text=True
     )
     assert (done.returncode, done.stdout) == (0, "frozen\n"), done.stderr
+
+
+def test_tests_set_the_threads_of_blas_before_it_is_loaded() -> None:
+    program = (
+        "import sys, conftest; print('numpy' in sys.modules, conftest.os.environ[sys.argv[1]])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "OMP_NUM_THREADS"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT / "tests",
+        env={"PATH": "/usr/bin:/bin"},
+    )
+    assert (done.returncode, done.stdout) == (0, "False 1\n"), done.stderr
