@@ -19,6 +19,7 @@ from petsc4py import PETSc
 from delam_fem.contact.rules import OF_PLACE, OF_SPEED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.linear_algebra import new_vector
+from delam_fem.engines.petsc.rayleigh import RayleighProducts
 from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, Energies
@@ -79,6 +80,7 @@ class Dynamics:
         self._drive = linear_algebra.vector_in(memory[3 * n :])
         self._residual, self._load, self._response, self._point = (new_vector(n) for _ in range(4))
         self._rayleigh = o.rayleigh and [new_vector(n, values) for values in o.rayleigh]
+        self._products: RayleighProducts | None = None
         self._base_columns = matrix(base, MPI.COMM_SELF)
         self._stacks: list[PETSc.Mat] = []
         self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
@@ -137,6 +139,8 @@ class Dynamics:
         self._base_states = self._base_rows
         self._step = 0
         self.damped = np.zeros_like(self.damped)  # a record keeps that of its period
+        if self._products is not None:
+            self._products.forget()
         self._see()  # as a run does that continues from a file
         return self._base_rows
 
@@ -155,10 +159,16 @@ class Dynamics:
         drive[0], drive[1], drive[2] = base_state
         self._base_columns.multAdd(self._drive, residual, residual)
 
+    @property
+    def _is_narrow(self) -> bool:
+        """Whether the matrices are serial and those of beams, or of small solids."""
+        K = self._blocks[2]
+        return K.comm.size == 1 and not linear_algebra.is_wide(K)
+
     def _stack(self, ahead: float, inertia: float) -> PETSc.Mat | None:
         """Return the matrix of a residual; None for solids, whose memory it would double."""
         M, C, K = self._blocks
-        if K.comm.size > 1 or linear_algebra.is_wide(K):
+        if not self._is_narrow:
             return None
         stack = linear_algebra.stacked(M, C, K, self._base_columns, ahead, inertia)
         self._stacks.append(stack)
@@ -175,11 +185,11 @@ class Dynamics:
 
         Args:
             base_state: (q, q', q'') of the base, from which f comes.
-            stack: `_stack` of the same numbers; None: the products are made one by one.
+            stack: `_stack` of the same numbers; None: the products are made one by one, or known.
             ahead: factor of v [s].
             inertia: factor of M a.
         """
-        v, residual, point, load = self.v, self._residual, self._point, self._load
+        residual = self._residual
         if stack is not None:
             drive = self._drive_memory
             if self._n_forces:
@@ -187,6 +197,12 @@ class Dynamics:
             drive[0], drive[1], drive[2] = base_state
             stack.mult(self._all, residual)
             return
+        if self._products is not None:
+            self._products.refresh(self.u, self.v, self.a)
+            self._products.pull(ahead, inertia, residual)
+            self._add_base(base_state)
+            return
+        v, point, load = self.v, self._point, self._load
         point.waxpy(ahead, v, self.u)
         if self._rayleigh is None:
             self._C.mult(v, load)
@@ -362,6 +378,8 @@ class Dynamics:
         """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
         for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
             vector.array[:] = row
+        if self._products is not None:
+            self._products.forget()
         self._see()
 
     @property
@@ -384,6 +402,8 @@ class Dynamics:
         for product in (self._M, self._C, self._K):
             if isinstance(product, linear_algebra.SpreadProduct):
                 product.destroy()
+        if self._products is not None:
+            self._products.destroy()
         matrices = (o.mass, o.damping, o.stiffness) if self._is_owner else ()
         for thing in (
             *(self._rate, self._impulse, self._force, self._gap_vector, self._rate_vector),

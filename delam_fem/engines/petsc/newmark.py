@@ -35,6 +35,7 @@ from delam_fem.contact.decisions import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance, new_vector
+from delam_fem.engines.petsc.rayleigh import RayleighProducts, Weights
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.mpi import MPI
@@ -57,6 +58,7 @@ class _NewmarkSize:
         A: factor of the matrix A of N1.
         stack: `Dynamics._stack` of the residual of N1, or N1' with average acceleration.
         S: S of N2.
+        weights: factors of `RayleighProducts`.
         resistance: inverse matrix of N2 for the springs of `pairs`; None: iterate.
         pairs: the pairs that `resistance` belongs to.
     """
@@ -70,6 +72,7 @@ class _NewmarkSize:
     A: linear_algebra.PetscFactor
     stack: PETSc.Mat | None
     S: LazyCompliance
+    weights: Weights = ()
     resistance: FloatArray | None = None
     pairs: IntArray | None = None
 
@@ -106,6 +109,8 @@ class Newmark(Dynamics):
         self._dampings = spring[1]
         self._has_dampers = bool(np.any(self._dampings))
         self._is_average = (beta, gamma) == (0.25, 0.5)
+        if o.rayleigh is not None and self._is_average and not self._is_narrow:
+            self._products = RayleighProducts(self._M, self._K, o.rayleigh)
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._last_size = len(time_steps) - 1
         self._now = self._sizes[-1]
@@ -133,9 +138,12 @@ class Newmark(Dynamics):
         keep_u = (0.5 - beta) * dt**2
         keep_v = (1.0 - gamma) * dt
         stack = self._stack(*(dt, -1.0) if self._is_average else (0.0, 0.0))
-        return _NewmarkSize(
+        result = _NewmarkSize(
             dt, to_u, to_v, keep_u, keep_v, softness, factor, stack, self._compliance(factor)
         )
+        if self._products is not None:
+            result.weights = self._products.weights(to_v, to_u, factor.scale)
+        return result
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its level; the last one if there are fewer."""
@@ -155,6 +163,8 @@ class Newmark(Dynamics):
         """Return to the state of the last `keep`; resting pairs are those of the present."""
         self._kept_motion.copy(self._motion)
         self._kept_a.copy(self.a)
+        if self._products is not None:
+            self._products.undo()
         self._see()
         self._dissipated, self.contact_damped = self._kept_losses
         if self._has_dampers:
@@ -165,6 +175,7 @@ class Newmark(Dynamics):
     def advance(self) -> float:
         """Compute the candidate state of the next step; return its smallest gap [m]."""
         u, v, a, both, now = self.u, self.v, self.a, self._velocities, self._now
+        products = self._products
         self._step += 1
         base_state = self._base_states[self._step]
         v.copy(both)
@@ -175,6 +186,12 @@ class Newmark(Dynamics):
             v.axpy(now.to_v, self._response)
             both.axpy(1.0, v)  # twice the mean velocity of the step
             u.axpy(0.5 * now.time_step, both)
+            if products is not None:
+                products.begin_step(now.time_step)
+                products.add(
+                    self._response, self._residual, now.weights, to_u=now.to_u, to_v=now.to_v
+                )
+                products.Ma.aypx(-1.0, products.Mx)
         else:
             u.axpy(now.time_step, v)
             u.axpy(now.keep_u, a)
@@ -188,7 +205,10 @@ class Newmark(Dynamics):
         if self._pairs.size:
             self._push_springs()
             both.axpy(now.to_v, self._response)
-        self._C.mult(both, self._load)
+        if products is None:
+            self._C.mult(both, self._load)
+        else:
+            products.resist(1.0, self._load)
         self._dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._has_dampers and self._pairs.size:
             self._H.mult(both, self._rate.own)
@@ -213,6 +233,11 @@ class Newmark(Dynamics):
             forces = self._iterate_springs(drive)
         self._push(forces)
         now.A.solve(self._load, self._response)
+        if self._products is not None:
+            self._products.add(
+                self._response, self._load, now.weights, to_u=now.to_u, to_v=now.to_v
+            )
+            self._products.Ma.axpy(1.0, self._products.Mx)
         self.a.axpy(1.0, self._response)
         self.u.axpy(now.to_u, self._response)
         self.v.axpy(now.to_v, self._response)
@@ -352,6 +377,8 @@ class Newmark(Dynamics):
         mean.waxpy(0.5, change, self.v)  # of the velocities before and after the impact
         self._M.mult(change, load)
         self.v.axpy(1.0, change)
+        if self._products is not None:
+            self._products.strike(self.v, load)
         self._see()
         return linear_algebra.added([float(load.dot(mean))], self.comm)[0]
 
@@ -362,6 +389,8 @@ class Newmark(Dynamics):
             self._push(self._spring_loads())
             self._residual.axpy(1.0, self._load)
         self._M_factor.solve(self._residual, self.a)
+        if self._products is not None:  # M a is minus the residual
+            self._products.Ma.axpby(-1.0, 0.0, self._residual)
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
