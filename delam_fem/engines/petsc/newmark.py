@@ -35,7 +35,12 @@ from delam_fem.contact.decisions import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance, new_vector
-from delam_fem.engines.petsc.rayleigh import RayleighProducts, Weights
+from delam_fem.engines.petsc.rayleigh import (
+    AFTER_LUMPED_IMPULSES,
+    RENEWED,
+    RayleighProducts,
+    Weights,
+)
 from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.mpi import MPI
@@ -110,7 +115,8 @@ class Newmark(Dynamics):
         self._has_dampers = bool(np.any(self._dampings))
         self._is_average = (beta, gamma) == (0.25, 0.5)
         if o.rayleigh is not None and self._is_average and not self._is_narrow:
-            self._products = RayleighProducts(self._M, self._K, o.rayleigh)
+            renewed = RENEWED if coupled_impulses else AFTER_LUMPED_IMPULSES
+            self._products = RayleighProducts(self._M, self._K, o.rayleigh, renewed)
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._last_size = len(time_steps) - 1
         self._now = self._sizes[-1]

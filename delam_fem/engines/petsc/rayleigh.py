@@ -17,7 +17,7 @@ so that a step makes one product, with M. M couples equal components only: in 3D
 the entries of K. M a comes from the same solutions. In the sums the round-off of stiff modes adds
 up from step to step, to 1e-6 of the motion within a period of 1000 steps for laminae 1 mm thick.
 They are computed anew at the start of each period, so that a run that continues from a file has
-the same bits, and every `RENEWED` steps.
+the same bits, and every few steps.
 """
 
 from __future__ import annotations
@@ -36,6 +36,9 @@ Weights: TypeAlias = tuple[PETSc.Vec, ...]
 RENEWED = 64
 """Steps after which the products are computed anew: round-off is then that of products in each
 step, and the renewal costs 1/32 of them."""
+AFTER_LUMPED_IMPULSES = 8
+"""The same with lumped impulses, which set the stiffest motions going: the round-off of their huge
+forces would be 1e-8 of the energy with 64 steps."""
 
 
 class RayleighProducts:
@@ -46,17 +49,25 @@ class RayleighProducts:
         Mx: M x of the solution x that was added last.
     """
 
-    def __init__(self, M: Product, K: Product, rayleigh: tuple[FloatArray, FloatArray]) -> None:
+    def __init__(
+        self,
+        M: Product,
+        K: Product,
+        rayleigh: tuple[FloatArray, FloatArray],
+        renewed: int = RENEWED,
+    ) -> None:
         """Store the matrices and create vectors; the products are not known yet.
 
         Args:
             M: mass.
             K: stiffness.
             rayleigh: α and β at the own dofs, each of shape (n_own,) [1/s, s].
+            renewed: steps after which the products are computed anew.
         """
         self._M = M
         self._K = K
         self._rayleigh = rayleigh
+        self._renewed = renewed
         n = rayleigh[0].size
         self._alpha, self._beta = (new_vector(n, values) for values in rayleigh)
         self._present, self._start = new_vector(4 * n), new_vector(4 * n)
@@ -92,7 +103,7 @@ class RayleighProducts:
         """Compute the products with a state anew if they are too old (collective)."""
         if self._steps_left:
             return
-        self._steps_left = RENEWED
+        self._steps_left = self._renewed
         self._K.mult(u, self._Ku)
         self._K.mult(v, self._Kv)
         self._M.mult(v, self._Mv)
