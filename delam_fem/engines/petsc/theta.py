@@ -221,7 +221,8 @@ class MoreauJean(Dynamics):
             self._reach = math.nan
         else:
             self._solve_impulses(hit, impulses)
-            to_u, to_v = -self._theta, self._now.A.scale
+            to_u = -self._theta
+            to_v = self._now.A.scale
             if self._products is not None:
                 self._products.add(
                     self._response, self._load, self._now.weights, to_u=to_u, to_v=to_v

@@ -132,8 +132,8 @@ def test_a_plate_claps_as_one_with_a_damper_that_does_nothing(
 @pytest.mark.parametrize("law", ["newton@moreau-jean", "newton-penalty@newmark"])
 def test_a_plate_that_goes_on_from_a_file_has_the_same_bits(law: str, tmp_path: Path) -> None:
     case = clapping(law, "consistent", 4)
-    whole = df.run(case, engine="petsc")
-    assert whole.history.sizes["event"] > 0
+    unbroken = df.run(case, engine="petsc")
+    assert unbroken.history.sizes["event"] > 0
 
     def interrupt(done: int, _: int) -> None:
         if done == 1:
@@ -142,5 +142,5 @@ def test_a_plate_that_goes_on_from_a_file_has_the_same_bits(law: str, tmp_path: 
     cut = df.run(case, engine="petsc", directory=tmp_path, progress=interrupt)
     assert cut.summary["outcome"] == "interrupted"
     again = df.run(case, engine="petsc", directory=tmp_path, resume=True)
-    assert again.history.equals(whole.history)
-    assert np.array_equal(again.state.motion, whole.state.motion)
+    assert again.history.equals(unbroken.history)
+    assert np.array_equal(again.state.motion, unbroken.state.motion)
