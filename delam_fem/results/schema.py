@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
     from delam_fem.simulation.signals import Signal
 
-_BLAS = re.compile(r"/.*/lib(?:(?:open)?blas|mkl_rt|blis|atlas|flexiblas|scipy_openblas).*")
-"""Path of a library with BLAS."""
+_BLAS = re.compile(r"/(lib(?:open)?blas|libmkl_rt|libblis|libatlas|libflexiblas|libscipy_openblas)")
+"""Start of the name of a library with BLAS."""
 _MAPS = Path("/proc/self/maps")
 _CPU = Path("/proc/cpuinfo")
 UNKNOWN = "unknown"
@@ -94,11 +94,17 @@ def occasion() -> dict[str, str]:
 
 def blas() -> str:
     """Return the files of the BLAS libraries that this process has loaded."""
+    return _blas_in(_MAPS, len(sys.modules))
+
+
+@cache
+def _blas_in(maps_file: Path, n_modules: int) -> str:
+    """Return what `blas` does; no library is loaded without another module."""
     try:
-        maps = _MAPS.read_text("utf-8", "replace")
+        lines = maps_file.read_text("utf-8", "replace").splitlines()
     except OSError:
         return UNKNOWN
-    paths = {Path(path) for path in _BLAS.findall(maps)}
+    paths = {Path(line.split(maxsplit=5)[5]) for line in lines if _BLAS.search(line)}
     return ", ".join(sorted({f"{path.parent.name}/{path.name}" for path in paths})) or UNKNOWN
 
 
