@@ -88,11 +88,14 @@ def base_flows(seen, start, end, base_states, corner, time_step, is_divided, sum
     Returns:
         Work of the base [J]; part of the damping loss that involves the base velocity [J].
     """
-    total = sums.copy()
+    by_mass, cross_damping, by_stiffness, square = sums[0], sums[1], sums[2], sums[3]
     for j in range(1, seen.shape[0]):
         if not is_divided[j]:
-            add_flows(total, seen[j - 1], seen[j], base_states[j - 1], base_states[j], 1.0)
-    by_mass, cross_damping, by_stiffness, square = total[0], total[1], total[2], total[3]
+            terms = _flows(seen[j - 1], seen[j], base_states[j - 1], base_states[j], 1.0)
+            by_mass += terms[0]
+            cross_damping += terms[1]
+            by_stiffness += terms[2]
+            square += terms[3]
     corner_damping = corner[1] * time_step * square
     before, after = base_states[0], base_states[seen.shape[0] - 1]
     work = (
@@ -170,10 +173,17 @@ def add_rows(sums, rows):  # type: ignore[no-untyped-def]
 
 @njit
 def add_flows(sums, seen_before, seen, before, after, share):  # type: ignore[no-untyped-def]
-    """Add a step to four sums: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')².
+    """Add a step to the four sums of `_flows`, shape (4,)."""
+    terms = _flows(seen_before, seen, before, after, share)
+    for k in range(4):
+        sums[k] += terms[k]
+
+
+@njit
+def _flows(seen_before, seen, before, after, share):  # type: ignore[no-untyped-def]
+    """Return Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')² of a step.
 
     Args:
-        sums: the four sums, shape (4,); changed.
         seen_before: (m_b·u, c_b·u, k_b·u) at the start of the step.
         seen: the same at its end.
         before: (q, q', q'') of the base at its start.
@@ -181,10 +191,12 @@ def add_flows(sums, seen_before, seen, before, after, share):  # type: ignore[no
         share: size of the step over Δt.
     """
     mean_dq = 0.5 * (after[1] + before[1])
-    sums[0] += (seen[0] - seen_before[0]) * 0.5 * (after[2] + before[2])
-    sums[1] += (seen[1] - seen_before[1]) * mean_dq
-    sums[2] += 0.5 * (seen[2] + seen_before[2]) * (after[0] - before[0])
-    sums[3] += mean_dq * mean_dq * share
+    return (
+        (seen[0] - seen_before[0]) * 0.5 * (after[2] + before[2]),
+        (seen[1] - seen_before[1]) * mean_dq,
+        0.5 * (seen[2] + seen_before[2]) * (after[0] - before[0]),
+        mean_dq * mean_dq * share,
+    )
 
 
 class Columns(NamedTuple):
@@ -708,12 +720,14 @@ def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no
         strobe[0, k] = u[last, N_BASE + k]
         strobe[1, k] = v[last, k]
         low = high = u[0, N_BASE + k]
+        is_known = True
         for row in range(1, last + 1):
             value = u[row, N_BASE + k]
-            if value < low or value != value:
-                low = value
-            if value > high or value != value:
-                high = value
+            low = value if value < low else low
+            high = value if value > high else high
+            is_known &= value == value
+        if not is_known:
+            low = high = math.nan
         envelope[0, k] = low
         envelope[1, k] = high
         for value in (abs(low), abs(high)):

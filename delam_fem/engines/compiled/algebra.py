@@ -1,9 +1,9 @@
 """Linear algebra in compiled code, in lane order or in band order.
 
-Band order is for systems that do not fit the lane order (lanes.py), for example a mass on a spring,
-a bar, or laminae whose damping is not Rayleigh's: sparse rows and a banded factorisation, scalar
-code without assumptions on the operators. The dofs are in reverse Cuthill–McKee order, which keeps
-the band narrow.
+Band order is for systems that do not fit the lane order (simd_chains.py), for example a mass on a
+spring, a bar, or laminae whose damping is not Rayleigh's: sparse rows and a banded factorisation,
+scalar code without assumptions on the operators. The dofs are in reverse Cuthill–McKee order, which
+keeps the band narrow.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 It implements `simulation.loop.Engine`. Laws, schemes, energy ledger and records are the same as in
 the PETSc engine, and so are the results, to round-off. This file translates between the Python
 objects of the time loop and the arrays of compiled code. The method is in steps.py and contact.py,
-the kernels are in lanes.py, modes.py and algebra.py.
+the kernels are in simd_chains.py, inner_points.py and algebra.py.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Prepare a problem for compiled code: order the dofs, and compute scheme numbers and factors.
 
-Two laminae with Rayleigh damping are stored in lane order (lanes.py) if the scheme is the
+Two laminae with Rayleigh damping are stored in lane order (simd_chains.py) if the scheme is the
 θ-scheme or the average acceleration. Everything else is stored by sparse rows and bands
 (algebra.py), where a step of either scheme is
 
@@ -16,9 +16,9 @@ The damping loss of a step is weight · zᵀ C z with z = v⁺ + ρ v.
 
 Lanes, lanes with points, modes and bands each earn their code. A step of the preset `embedded` with
 20, 40 and 80 elements takes 6.9, 5.0 and 3.8 times as long in bands as in modes. With two and eight
-points per element, a step of `paper` takes 4 and 19 times as long without the cells of modes.py.
-With consistent impulses it takes 16 times as long in bands as in lanes (20 elements, periods with
-contact).
+points per element, a step of `paper` takes 4 and 19 times as long without the cells of
+inner_points.py. With consistent impulses it takes 16 times as long in bands as in lanes (20
+elements, periods with contact).
 """
 
 from __future__ import annotations
@@ -113,11 +113,12 @@ class System(NamedTuple):
         n_pairs: number of contact pairs.
         n_probes: number of probes, those of sensors included.
         is_chained: True: two laminae in lane order; False: sparse rows and bands.
-        is_within: whether, in lane order, some pairs are inside the elements (modes.py).
+        is_within: whether, in lane order, some pairs are inside the elements (inner_points.py).
         is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
         scheme: the time integration.
         coefficients: coefficients of L1 and L2, shape (16,).
-        load_tape, solution, mass_solution, form, rest: tapes of lanes.py.
+        forth, back: coefficients of a step (`simd_chains.step_tapes`).
+        solution, mass_solution, form, rest: tapes of simd_chains.py.
         band, mass_band: factors of A and M if not chained.
         mass, damping, stiffness: M, C, K by rows.
         base: base columns of M, C, K, shape (3, size).
@@ -131,8 +132,9 @@ class System(NamedTuple):
         selected: places of these dofs; empty if the probes do not pick single dofs.
         probe_rows: the probes by rows; empty if they pick single dofs.
         probe_shift: what a unit of q adds to the probes, shape (n_probes,).
+        is_shifted: whether that is not 0 for one of them.
         coarseness: 0, 1, 2: fine, middle or coarse steps; W is kept for each.
-        is_modal: whether the unknowns are the amplitudes of modes (modes.py).
+        is_modal: whether the unknowns are the amplitudes of modes (inner_points.py).
         modal: diagonals of A⁻¹, C and K in modes, shape (3 size,); empty otherwise.
         is_touching: whether some pairs are closed at rest, so that contact lasts.
         points: the pairs by cells; empty unless `is_within`.
@@ -150,7 +152,8 @@ class System(NamedTuple):
     is_diagonal_load: bool
     scheme: StepNumbers
     coefficients: FloatArray
-    load_tape: FloatArray
+    forth: FloatArray
+    back: FloatArray
     solution: FloatArray
     mass_solution: FloatArray
     form: FloatArray
@@ -171,6 +174,7 @@ class System(NamedTuple):
     selected: IntArray
     probe_rows: Rows
     probe_shift: FloatArray
+    is_shifted: bool
     is_modal: bool
     modal: FloatArray
     is_touching: bool
@@ -271,7 +275,7 @@ def build_of_size(o: Operators, scheme: StepNumbers, coarseness: int) -> tuple[S
 def _system(
     o: Operators, scheme: StepNumbers, places: Coordinates, *, is_chained: bool = False
 ) -> System:
-    """Return the system without its tapes (lanes.py)."""
+    """Return the system without its tapes (simd_chains.py)."""
     is_modal = isinstance(places, InnerModes)
     size = places.size
     order = np.arange(size) if isinstance(places, InnerModes) else places.order
@@ -296,7 +300,8 @@ def _system(
         is_diagonal_load=False,
         scheme=scheme,
         coefficients=_NOTHING,
-        load_tape=_NOTHING,
+        forth=_NOTHING,
+        back=_NOTHING,
         solution=_NOTHING,
         mass_solution=_NOTHING,
         form=_NOTHING,
@@ -316,6 +321,7 @@ def _system(
         is_selecting=is_selecting,
         selected=order[probes.indices] if is_selecting else _NO_PLACES,
         probe_shift=o.probe_shift,
+        is_shifted=bool(o.probe_shift.any()),
         probe_rows=to_rows((probes @ to.T)[: 0 if is_selecting else None]),
         is_modal=is_modal,
         modal=_diagonals(mass, damping, stiffness, scheme) if is_modal else _NOTHING,
@@ -389,17 +395,20 @@ def _with_scheme(chained: _Chained, scheme: StepNumbers) -> System:
     table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (scheme.theta * c_M)
     table[lk.TO_U] = scheme.p
     table[lk.MINUS_RHO] = -scheme.rho
-    load = (
+    loads = (
         simd_chains.flat(np.einsum("rlii->ril", M.scaled(dt * c_M / c_K).middle))
         if is_diagonal
         else simd_chains.product_tape(K.scaled(np.full(simd_chains.LANES, -dt)))
     )
+    solution = simd_chains.solution_tape(M.scaled(c_M) + K.scaled(c_K))
+    forth, back = simd_chains.step_tapes(loads, solution, chained.system.form, chained.system.rest)
     return chained.system._replace(
         is_diagonal_load=is_diagonal,
         scheme=scheme,
         coefficients=coefficients,
-        load_tape=load,
-        solution=simd_chains.solution_tape(M.scaled(c_M) + K.scaled(c_K)),
+        forth=forth,
+        back=back,
+        solution=solution,
     )
 
 

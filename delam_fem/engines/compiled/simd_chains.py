@@ -216,23 +216,29 @@ def total(a):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
-def _forth(solution, t, right, before):  # type: ignore[no-untyped-def]
-    """Return y_j = r_j - L_j y_{j-1}, the forward substitution of one row."""
+def _forth(tape, t, right, before):  # type: ignore[no-untyped-def]
+    """Return y_j = r_j - L_j y_{j-1}, the forward substitution of one row.
+
+    The 16 numbers of -L_j begin at a place of a tape.
+    """
     (r0, r1), (y0, y1) = right, before
-    r0 = fma(load(solution, t), y0, r0)
-    r1 = fma(load(solution, t + 8), y0, r1)
-    return fma(load(solution, t + 4), y1, r0), fma(load(solution, t + 12), y1, r1)
+    r0 = fma(load(tape, t), y0, r0)
+    r1 = fma(load(tape, t + 8), y0, r1)
+    return fma(load(tape, t + 4), y1, r0), fma(load(tape, t + 12), y1, r1)
 
 
 @njit(forceinline=True)
-def _back(solution, t, own, after):  # type: ignore[no-untyped-def]
-    """Return x_j = D_j⁻¹ y_j - U_j x_{j+1}, the backward substitution of one row."""
+def _back(tape, t, own, after):  # type: ignore[no-untyped-def]
+    """Return x_j = D_j⁻¹ y_j - U_j x_{j+1}, the backward substitution of one row.
+
+    D_j⁻¹ and -U_j, 16 numbers each, begin at a place of a tape.
+    """
     (y0, y1), (x0_next, x1_next) = own, after
-    x0 = fma(load(solution, t + 20), y1, load(solution, t + 16) * y0)
-    x1 = fma(load(solution, t + 28), y1, load(solution, t + 24) * y0)
-    x0 = fma(load(solution, t + 32), x0_next, x0)
-    x1 = fma(load(solution, t + 40), x0_next, x1)
-    return fma(load(solution, t + 36), x1_next, x0), fma(load(solution, t + 44), x1_next, x1)
+    x0 = fma(load(tape, t + 4), y1, load(tape, t) * y0)
+    x1 = fma(load(tape, t + 12), y1, load(tape, t + 8) * y0)
+    x0 = fma(load(tape, t + 16), x0_next, x0)
+    x1 = fma(load(tape, t + 24), x0_next, x1)
+    return fma(load(tape, t + 20), x1_next, x0), fma(load(tape, t + 28), x1_next, x1)
 
 
 @njit(forceinline=True)
@@ -247,11 +253,11 @@ def _flow(form, q, own, after):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
-def eliminate_diagonal(X, size, c, load_tape, solution, first, constant):  # type: ignore[no-untyped-def]
+def eliminate_diagonal(X, size, c, forth, first, constant):  # type: ignore[no-untyped-def]
     """Substitute from the ends to the middle with r = Δt f + B w for a diagonal B.
 
-    Each row gets y_j = r_j - L_j y_{j-1}. `constant` is (whether there are constant loads, Δt,
-    these loads); `first` is the load of the base on the first row.
+    Each row gets y_j = r_j - L_j y_{j-1}. `forth` is a tape (`step_tapes`); `constant` is (whether
+    there are constant loads, Δt, these loads); `first` is the load of the base on the first row.
     """
     # Row i/8 of a field holds u in numbers i … i+3, one per lane, and φ in i+4 … i+7; row 0 alone
     # carries the load of the base, as only the nodes beside the clamps are coupled to it.
@@ -265,27 +271,27 @@ def eliminate_diagonal(X, size, c, load_tape, solution, first, constant):  # typ
     if has_load:
         force0 = fma(dt, load(loads, 0), force0)
         force1 = fma(dt, load(loads, 4), force1)
-    y0 = fma(load(load_tape, 0), w0, force0)
-    y1 = fma(load(load_tape, 4), w1, force1)
+    y0 = fma(load(forth, 0), w0, force0)
+    y1 = fma(load(forth, 4), w1, force1)
     store(X, y, y0)
     store(X, y + 4, y1)
     for i in range(8, size, 8):
-        # a row of `solution` has 48 numbers, six times the 8 of a field: -L, D⁻¹, -U, 16 each
-        t = 6 * i
+        # a row of the tape has 24 numbers, three times the 8 of a field: B and -L
+        t = 3 * i
         w0 = fma(s, load(X, v + i), load(X, i))
         w1 = fma(s, load(X, v + i + 4), load(X, i + 4))
-        r0 = load(load_tape, i) * w0
-        r1 = load(load_tape, i + 4) * w1
+        r0 = load(forth, t) * w0
+        r1 = load(forth, t + 4) * w1
         if has_load:
             r0 = fma(dt, load(loads, i), r0)
             r1 = fma(dt, load(loads, i + 4), r1)
-        y0, y1 = _forth(solution, t, (r0, r1), (y0, y1))
+        y0, y1 = _forth(forth, t + 8, (r0, r1), (y0, y1))
         store(X, y + i, y0)
         store(X, y + i + 4, y1)
 
 
 @njit(forceinline=True)
-def eliminate_chained(X, size, c, load_tape, solution, first, constant):  # type: ignore[no-untyped-def]
+def eliminate_chained(X, size, c, forth, first, constant):  # type: ignore[no-untyped-def]
     """Substitute from the ends to the middle with r = Δt f + B w for a block tridiagonal B.
 
     Each row gets y_j = r_j - L_j y_{j-1}; see `eliminate_diagonal` for the arguments.
@@ -300,7 +306,7 @@ def eliminate_chained(X, size, c, load_tape, solution, first, constant):  # type
     w0 = fma(s, load(X, v), load(X, 0))
     w1 = fma(s, load(X, v + 4), load(X, 4))
     for i in range(0, size, 8):
-        t = 6 * i
+        t = 8 * i  # a row of the tape has 64 numbers: B and -L
         j = i + 8
         # B w needs the rows before, here and after; behind the last row comes itself with its lanes
         # swapped, because chains 0 and 1, and 2 and 3, meet there
@@ -313,19 +319,19 @@ def eliminate_chained(X, size, c, load_tape, solution, first, constant):  # type
         if has_load:
             r0 = fma(dt, load(loads, i), r0)
             r1 = fma(dt, load(loads, i + 4), r1)
-        r0 = fma(load(load_tape, t), before0, r0)
-        r1 = fma(load(load_tape, t + 8), before0, r1)
-        r0 = fma(load(load_tape, t + 4), before1, r0)
-        r1 = fma(load(load_tape, t + 12), before1, r1)
-        r0 = fma(load(load_tape, t + 16), w0, r0)
-        r1 = fma(load(load_tape, t + 24), w0, r1)
-        r0 = fma(load(load_tape, t + 20), w1, r0)
-        r1 = fma(load(load_tape, t + 28), w1, r1)
-        r0 = fma(load(load_tape, t + 32), next0, r0)
-        r1 = fma(load(load_tape, t + 40), next0, r1)
-        r0 = fma(load(load_tape, t + 36), next1, r0)
-        r1 = fma(load(load_tape, t + 44), next1, r1)
-        y0, y1 = _forth(solution, t, (r0, r1), (y0, y1))
+        r0 = fma(load(forth, t), before0, r0)
+        r1 = fma(load(forth, t + 8), before0, r1)
+        r0 = fma(load(forth, t + 4), before1, r0)
+        r1 = fma(load(forth, t + 12), before1, r1)
+        r0 = fma(load(forth, t + 16), w0, r0)
+        r1 = fma(load(forth, t + 24), w0, r1)
+        r0 = fma(load(forth, t + 20), w1, r0)
+        r1 = fma(load(forth, t + 28), w1, r1)
+        r0 = fma(load(forth, t + 32), next0, r0)
+        r1 = fma(load(forth, t + 40), next0, r1)
+        r0 = fma(load(forth, t + 36), next1, r0)
+        r1 = fma(load(forth, t + 44), next1, r1)
+        y0, y1 = _forth(forth, t + 48, (r0, r1), (y0, y1))
         store(X, y + i, y0)
         store(X, y + i + 4, y1)
         before0 = w0
@@ -337,7 +343,7 @@ def eliminate_chained(X, size, c, load_tape, solution, first, constant):  # type
 
 
 @njit(forceinline=True)
-def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-untyped-def]
+def finish(X, size, c, back, held, keeps):  # type: ignore[no-untyped-def]
     """Substitute back from the middle to the ends, complete the step (L1, L2), and measure it.
 
     `held` is the number of the field h of L1. If `keeps` is true, z is kept in the field P. The
@@ -357,13 +363,11 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
     next1 = swap_neighbours(load(X, y + last + 4))
     z0_next = z1_next = loss0 = loss1 = splat(0.0)
     gap = splat(np.inf)
+    t = 0
     for i in range(last, -1, -8):
-        # 48 numbers of `solution` and 28 of `form` belong to the 8 of a row of a field
-        t = 6 * i
-        q = i // 2 * 7
         y0 = load(X, y + i)
         y1 = load(X, y + i + 4)
-        next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
+        next0, next1 = _back(back, t, (y0, y1), (next0, next1))
         z0 = fma(kappa, load(X, h + i), next0)
         z1 = fma(kappa, load(X, h + i + 4), next1)
         u0 = fma(to_u, z0, load(X, i))
@@ -380,14 +384,15 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
         if i == last:
             z0_next = swap_neighbours(z0)
             z1_next = swap_neighbours(z1)
-        flow0, flow1 = _flow(form, q, (z0, z1), (z0_next, z1_next))
+        flow0, flow1 = _flow(back, t + 32, (z0, z1), (z0_next, z1_next))
         loss0 = fma(z0, flow0, loss0)
         loss1 = fma(z1, flow1, loss1)
         z0_next = z0
         z1_next = z1
         # lanes 0 and 1 have the upper minus the lower lamina, plus the gap at rest; lanes 2 and 3
         # have the negative of that, but infinite gaps at rest
-        gap = smaller(swap_halves(u0) - u0 + load(rest, i // 2), gap)
+        gap = smaller(swap_halves(u0) - u0 + load(back, t + 60), gap)
+        t += 64  # a row of the tape has D⁻¹, -U, the form of C and the gaps at rest
     return total(loss0 + loss1), least_lane(gap)
 
 
@@ -418,11 +423,11 @@ def step(system, X, base_state, loads, keeps):  # type: ignore[no-untyped-def]
     constant = system.has_load, splat(dt), loads
     if system.is_diagonal_load:
         h_field = U
-        eliminate_diagonal(X, size, c, system.load_tape, system.solution, first, constant)
+        eliminate_diagonal(X, size, c, system.forth, first, constant)
     else:
         h_field = V
-        eliminate_chained(X, size, c, system.load_tape, system.solution, first, constant)
-    return finish(X, size, c, system.solution, system.form, system.rest, h_field, keeps)
+        eliminate_chained(X, size, c, system.forth, first, constant)
+    return finish(X, size, c, system.back, h_field, keeps)
 
 
 @njit(forceinline=True)
@@ -535,7 +540,7 @@ def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
         t = 6 * i
         y0 = load(X, x + i)
         y1 = load(X, x + i + 4)
-        next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
+        next0, next1 = _back(solution, t + 16, (y0, y1), (next0, next1))
         store(X, x + i, next0)
         store(X, x + i + 4, next1)
 
@@ -697,6 +702,28 @@ def solution_tape(matrix: Chains) -> FloatArray:
         inverse[-1, near], upper[-1, near] = meeting[:2, :2], meeting[:2, 2:]
         upper[-1, far], inverse[-1, far] = meeting[2:, :2], meeting[2:, 2:]
     return _tape(lower, inverse, upper)
+
+
+def step_tapes(
+    loads: FloatArray, solution: FloatArray, form: FloatArray, rest: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients of a step in the order in which its two passes read them.
+
+    Args:
+        loads: B of L1, its diagonal of shape (8 m,) or its product tape of shape (48 m,).
+        solution: tape of A, shape (48 m,).
+        form: tape of the form of C, shape (28 m,).
+        rest: gaps at rest, shape (4 m,).
+
+    Returns:
+        B and -L of each row, from the ends to the middle, shape (24 m,) or (64 m,); D⁻¹, -U, the
+        form and the gaps of each row, from the middle to the ends, shape (64 m,).
+    """
+    by_row = solution.reshape(-1, 48)
+    m = len(by_row)
+    forth = np.hstack([loads.reshape(m, -1), by_row[:, :16]])
+    back = np.hstack([by_row[:, 16:], form.reshape(m, -1), rest.reshape(m, -1)])
+    return flat(forth), flat(back[::-1])
 
 
 def _tape(*blocks: FloatArray) -> FloatArray:

@@ -172,7 +172,7 @@ class Memory(NamedTuple):
     """The state and the work space of compiled code.
 
     Attributes:
-        X: the fields of lanes.py one after the other, shape (N_FIELDS size,).
+        X: the fields of simd_chains.py one after the other, shape (N_FIELDS size,).
         base: current q, q', q'' of the base, shape (3,).
         kept: u, v, a before a step that may be undone, shape (3 size,).
         near: whether a gap is small according to a coarse step, shape (n_pairs,).

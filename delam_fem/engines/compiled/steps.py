@@ -240,11 +240,12 @@ def observe(system, memory, log, step):  # type: ignore[no-untyped-def]
         for k in range(n):
             u[first_u + 3 + k] = row_product(system.probe_rows, k, X, 0)
             v[first_v + k] = row_product(system.probe_rows, k, X, system.size)
-    for k in range(n):
-        shift = system.probe_shift[k]
-        if shift != 0.0:
-            u[first_u + 3 + k] += shift * base[0]
-            v[first_v + k] += shift * base[1]
+    if system.is_shifted:
+        for k in range(n):
+            shift = system.probe_shift[k]
+            if shift != 0.0:
+                u[first_u + 3 + k] += shift * base[0]
+                v[first_v + k] += shift * base[1]
 
 
 @njit

@@ -28,7 +28,7 @@ static inline v8 of(const double *tape, int64_t i) { return all(tape[i]); }
 #endif
 
 typedef struct {
-    const double *solution, *load_tape, *form, *coefficients, *rest, *base;
+    const double *solution, *forth, *form, *coefficients, *rest, *base;
     int64_t size, is_diagonal;
 } Tapes;
 
@@ -37,7 +37,7 @@ typedef struct {
 static inline __attribute__((always_inline)) void eliminate(
     const Tapes *s, const double *restrict u, const double *restrict v, double *restrict y, const v8 *force0, const v8 *force1, int c
 ) {
-    const double *restrict t = s->solution, *restrict b = s->load_tape;
+    const double *restrict b = s->forth;
     v8 now[2][2], before[2][2], next[2][2], r[2][2], sum[2][2];
 #pragma GCC unroll 2
     for (int k = 0; k < 2; k++) {
@@ -61,12 +61,12 @@ static inline __attribute__((always_inline)) void eliminate(
             }
 #pragma GCC unroll 2
         for (int k = 0; k < 2; k++) {
-            const int64_t at = 6 * row + c + k;
+            const int64_t at = (s->is_diagonal ? 3 : 8) * row + c + k, lower = at + (s->is_diagonal ? 8 : 48);
 #pragma GCC unroll 2
             for (int i = 0; i < 2; i++) {
                 v8 x = r[k][i];
                 if (s->is_diagonal) {
-                    x = fuse(of(b, row + 4 * i + c + k), now[k][i], x);
+                    x = fuse(of(b, at + 4 * i), now[k][i], x);
                 } else {
                     x = fuse(of(b, at + 8 * i), before[k][0], x);
                     x = fuse(of(b, at + 8 * i + 4), before[k][1], x);
@@ -75,8 +75,8 @@ static inline __attribute__((always_inline)) void eliminate(
                     x = fuse(of(b, at + 8 * i + 32), next[k][0], x);
                     x = fuse(of(b, at + 8 * i + 36), next[k][1], x);
                 }
-                x = fuse(of(t, at + 8 * i), sum[k][0], x);
-                r[k][i] = fuse(of(t, at + 8 * i + 4), sum[k][1], x);
+                x = fuse(of(b, lower + 8 * i), sum[k][0], x);
+                r[k][i] = fuse(of(b, lower + 8 * i + 4), sum[k][1], x);
             }
 #pragma GCC unroll 2
             for (int i = 0; i < 2; i++) {
@@ -178,7 +178,7 @@ static const double *tape_of(Problem **p, size_t member, int64_t n, double **wor
 
 /* Compute a block of whole periods of eight runs, with all that `run_block` writes.
  *
- * work: room for 40 numbers of each place, and 150 more with OWN, from the start of a cache line.
+ * work: room for 40 numbers of each place, and 180 more with OWN, from the start of a cache line.
  * n_alone: steps that runs have made alone.
  */
 int64_t run_ensemble(int64_t *problems, int64_t *logs, int64_t first_period, int64_t n_periods, double *work, int64_t *n_alone) {
@@ -192,11 +192,11 @@ int64_t run_ensemble(int64_t *problems, int64_t *logs, int64_t first_period, int
     const int64_t size = s->size, N = log[0]->n_steps, n_v = s->n_probes, n_u = 3 + n_v;
     double *state[2][2] = {{work, work + RUNS * size}, {work + 2 * RUNS * size, work + 3 * RUNS * size}};
     double *y = work + 4 * RUNS * size;
-    Tapes t = {s->solution, s->load_tape, s->form, s->coefficients, s->rest, s->base, size, s->is_diagonal_load};
+    Tapes t = {s->solution, s->forth, s->form, s->coefficients, s->rest, s->base, size, s->is_diagonal_load};
 #ifdef OWN
     double *room = work + 5 * RUNS * size;
     t.solution = tape_of(p, offsetof(System, solution), 6 * size, &room);
-    t.load_tape = tape_of(p, offsetof(System, load_tape), (t.is_diagonal ? 1 : 6) * size, &room);
+    t.forth = tape_of(p, offsetof(System, forth), (t.is_diagonal ? 3 : 8) * size, &room);
     t.form = tape_of(p, offsetof(System, form), size / 2 * 7, &room);
     t.coefficients = tape_of(p, offsetof(System, coefficients), 16, &room);
     t.rest = tape_of(p, offsetof(System, rest), size / 2, &room);

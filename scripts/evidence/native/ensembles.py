@@ -98,7 +98,7 @@ def side_by_side(
             engine._table[compiled._OF_BLOCK] = [block.n_slots, *places, *block.addresses]
             engine.memory.counts[[N_EVENTS, N_HITS]] = 0
             blocks.append(block)
-        raw = np.zeros(200 * opened[0].engine.system.size + 1024)
+        raw = np.zeros(220 * opened[0].engine.system.size + 1024)
         work = raw[(-raw.ctypes.data % 64) // 8 :]
         problems = np.array([one.engine.address for one in opened])
         logs = np.array([one.engine._address for one in opened])

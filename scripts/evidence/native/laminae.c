@@ -71,12 +71,12 @@ static inline void forth(const double *t, v4 *r0, v4 *r1, v4 y0, v4 y1) {
 
 /* x_j = D_j^-1 y_j - U_j x_{j+1} */
 static inline void back(const double *t, v4 y0, v4 y1, v4 *x0, v4 *x1) {
-    v4 own0 = load(t + 16) * y0 + load(t + 20) * y1;
-    v4 own1 = load(t + 24) * y0 + load(t + 28) * y1;
-    own0 = fused(load(t + 32), *x0, own0);
-    own1 = fused(load(t + 40), *x0, own1);
-    *x0 = fused(load(t + 36), *x1, own0);
-    *x1 = fused(load(t + 44), *x1, own1);
+    v4 own0 = load(t) * y0 + load(t + 4) * y1;
+    v4 own1 = load(t + 8) * y0 + load(t + 12) * y1;
+    own0 = fused(load(t + 16), *x0, own0);
+    own1 = fused(load(t + 24), *x0, own1);
+    *x0 = fused(load(t + 20), *x1, own0);
+    *x1 = fused(load(t + 28), *x1, own1);
 }
 
 /* The part of a row in z^T C z. */
@@ -89,7 +89,7 @@ static inline v4 flow(const double *q, v4 z0, v4 z1, v4 z0_next, v4 z1_next) {
 /* Forward substitution with r = dt f + B w for a diagonal B. */
 static inline void eliminate_diagonal(const System *s, double *restrict X, v4 f0, v4 f1) {
     const int64_t size = s->size;
-    const double *restrict tape = s->load_tape, *restrict t = s->solution;
+    const double *restrict tape = s->forth;
     const double *restrict u = X, *restrict v = X + V * size;
     double *restrict y = X + Y * size;
     const v4 c = load(s->coefficients + 4 * S);
@@ -98,9 +98,10 @@ static inline void eliminate_diagonal(const System *s, double *restrict X, v4 f0
     store(y, y0);
     store(y + 4, y1);
     for (int64_t i = 8; i < size; i += 8) {
-        v4 r0 = load(tape + i) * (load(u + i) + c * load(v + i));
-        v4 r1 = load(tape + i + 4) * (load(u + i + 4) + c * load(v + i + 4));
-        forth(t + 6 * i, &r0, &r1, y0, y1);
+        const double *b = tape + 3 * i;
+        v4 r0 = load(b) * (load(u + i) + c * load(v + i));
+        v4 r1 = load(b + 4) * (load(u + i + 4) + c * load(v + i + 4));
+        forth(b + 8, &r0, &r1, y0, y1);
         y0 = r0;
         y1 = r1;
         store(y + i, y0);
@@ -111,7 +112,7 @@ static inline void eliminate_diagonal(const System *s, double *restrict X, v4 f0
 /* The same for a block tridiagonal B; behind the last row comes itself with its lanes swapped. */
 static inline void eliminate_chained(const System *s, double *restrict X, v4 r0, v4 r1) {
     const int64_t size = s->size;
-    const double *restrict tape = s->load_tape, *restrict t = s->solution;
+    const double *restrict tape = s->forth;
     const double *restrict u = X, *restrict v = X + V * size;
     double *restrict y = X + Y * size;
     const v4 c = load(s->coefficients + 4 * S);
@@ -126,7 +127,7 @@ static inline void eliminate_chained(const System *s, double *restrict X, v4 r0,
             next0 = swap_neighbours(w0);
             next1 = swap_neighbours(w1);
         }
-        const double *b = tape + 6 * i;
+        const double *b = tape + 8 * i;
         r0 = load(b) * before0 + r0;
         r1 = load(b + 8) * before0 + r1;
         r0 = load(b + 4) * before1 + r0;
@@ -139,7 +140,7 @@ static inline void eliminate_chained(const System *s, double *restrict X, v4 r0,
         r1 = load(b + 40) * next0 + r1;
         r0 = load(b + 36) * next1 + r0;
         r1 = load(b + 44) * next1 + r1;
-        forth(t + 6 * i, &r0, &r1, y0, y1);
+        forth(b + 48, &r0, &r1, y0, y1);
         y0 = r0;
         y1 = r1;
         store(y + i, y0);
@@ -155,15 +156,15 @@ static inline void eliminate_chained(const System *s, double *restrict X, v4 r0,
 /* Backward substitution, the new state (L1, L2), z^T C z and the smallest gap. */
 static inline double finish(const System *s, double *restrict X, int64_t held, int keeps, double *smallest) {
     const int64_t size = s->size, last = size - 8;
-    const double *restrict t = s->solution, *restrict form = s->form, *restrict rest = s->rest;
+    const double *restrict t = s->back;
     const double *c = s->coefficients;
     const v4 kappa = load(c + 4 * KAPPA), to_u = load(c + 4 * TO_U), minus_rho = load(c + 4 * MINUS_RHO);
     double *restrict u = X, *restrict v = X + V * size;
     const double *restrict y = X + Y * size;
     v4 x0 = swap_neighbours(load(y + last)), x1 = swap_neighbours(load(y + last + 4));
     v4 z0_next = splat(0.0), z1_next = z0_next, loss0 = z0_next, loss1 = z0_next, gap = splat(INFINITY);
-    for (int64_t i = last; i >= 0; i -= 8) {
-        back(t + 6 * i, load(y + i), load(y + i + 4), &x0, &x1);
+    for (int64_t i = last; i >= 0; i -= 8, t += 64) {
+        back(t, load(y + i), load(y + i + 4), &x0, &x1);
         v4 v0 = load(v + i), v1 = load(v + i + 4), u0 = load(u + i), u1 = load(u + i + 4);
         v4 z0 = x0 + kappa * (held == U ? u0 : v0), z1 = x1 + kappa * (held == U ? u1 : v1);
         u0 += to_u * z0;
@@ -180,12 +181,12 @@ static inline double finish(const System *s, double *restrict X, int64_t held, i
             z0_next = swap_neighbours(z0);
             z1_next = swap_neighbours(z1);
         }
-        const double *q = form + i / 2 * 7;
+        const double *q = t + 32;
         loss0 += z0 * (load(q) * z0 + load(q + 4) * z1 + load(q + 12) * z0_next + load(q + 16) * z1_next);
         loss1 += z1 * (load(q + 8) * z1 + load(q + 20) * z0_next + load(q + 24) * z1_next);
         z0_next = z0;
         z1_next = z1;
-        gap = smaller(swap_halves(u0) - u0 + load(rest + i / 2), gap);
+        gap = smaller(swap_halves(u0) - u0 + load(t + 60), gap);
     }
     *smallest = least_lane(gap);
     return total(loss0 + loss1);
@@ -246,7 +247,7 @@ static void substitute(double *X, int64_t size, const double *t) {
     y0 = swap_neighbours(y0);
     y1 = swap_neighbours(y1);
     for (int64_t i = size - 8; i >= 0; i -= 8) {
-        back(t + 6 * i, load(x + i), load(x + i + 4), &y0, &y1);
+        back(t + 6 * i + 16, load(x + i), load(x + i + 4), &y0, &y1);
         store(x + i, y0);
         store(x + i + 4, y1);
     }
