@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from delam_fem.case.identity import (
         belong as belong,
         content_of as content_of,
+        digest as digest,
         identity as identity,
         require_same as require_same,
     )
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
         read_columns as read_columns,
     )
     from delam_fem.case.toml import (
+        LISTS as LISTS,
         Data as Data,
         apply_overrides as apply_overrides,
         message as message,
@@ -300,12 +302,12 @@ _HOMES = {
     ),
     "case.files": "PRESETS CaseSource find_case load_case preset save_case",
     "case.gap": "initial_gap",
-    "case.identity": "belong content_of identity require_same",
+    "case.identity": "belong content_of digest identity require_same",
     "case.keys": "tables",
     "case.surface_scan": "read_points",
     "case.sections": "Contact InitialGap Lamina Sensor",
     "case.tables": "DAY TableColumns heading read_columns",
-    "case.toml": "Data apply_overrides message read_toml shown toml_text",
+    "case.toml": "LISTS Data apply_overrides message read_toml shown toml_text",
     "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
     # Laws
     "contact.decisions": "Kinematics LawContext",

@@ -26,9 +26,11 @@ def plate(
     elements: int = 8,
     across: int = 8,
     *,
+    length: float = LENGTH,
     width: float = LENGTH,
     thicknesses: tuple[float, ...] = (THICKNESS,),
     degree: int = 2,
+    damping: float = 0.01,
     **sections: object,
 ) -> Case:
     """Return the case of a plate.
@@ -37,9 +39,11 @@ def plate(
         supports: kind of the support of each edge, or its table; edges that are not named are free.
         elements: cells along x.
         across: cells along z.
+        length: of the plate [m].
         width: of the plate [m].
         thicknesses: of the laminae from the bottom [m].
         degree: of the cells.
+        damping: damping ratio.
         **sections: further sections, in place of those of the plate.
     """
     names = ("lower", "upper", "cover")[: len(thicknesses)] if len(thicknesses) > 1 else ("sheet",)
@@ -52,8 +56,8 @@ def plate(
         "name": "plate",
         "lamina": [
             {
-                "name": name, "length": LENGTH, "width": width, "thickness": h, "density": RHO,
-                "young_modulus": E, "damping_ratio": 0.01,
+                "name": name, "length": length, "width": width, "thickness": h, "density": RHO,
+                "young_modulus": E, "damping_ratio": damping,
             }
             for name, h in zip(names, thicknesses, strict=True)
         ],
@@ -64,6 +68,36 @@ def plate(
         "contact": {"law": "none"},
     }  # fmt: skip
     return Case.checked(data | sections, "plate")
+
+
+PATCH: dict[str, object] = {
+    "between": ["lower", "upper"], "start": 0.04, "end": 0.09, "across": [-0.03, 0.02],
+}  # fmt: skip
+"""The patch of `patched`, 50 mm along both axes."""
+FORCE: dict[str, object] = {
+    "kind": "force", "lamina": "lower", "position": [0.02, 0.03], "amplitude": 1.0,
+    "frequency": 3000.0,
+}  # fmt: skip
+"""A shaker at a point of `patched`."""
+
+
+def patched(elements: int = 6, **sections: object) -> Case:
+    """Return the case of a plate of 120 x 100 mm with a patch, clamped at its start, on a base.
+
+    Args:
+        elements: cells along both axes.
+        **sections: further sections, in place of those of the plate; "support" has all edges.
+    """
+    data: dict[str, object] = {
+        "delamination": [PATCH],
+        "excitation": {"kind": "harmonic", "frequency": 3000.0, "amplitude": 1e-6},
+        "contact": {"law": "newton-penalty", "impulse": "consistent"},
+        "time": {"steps_per_period": 100, "periods": 1},
+    }
+    return plate(
+        {"start": "clamped"}, elements, elements, length=0.12, width=0.1,
+        thicknesses=(0.0014, 0.0006), damping=0.02, **data | sections,
+    )  # fmt: skip
 
 
 def bending(h: float = THICKNESS) -> tuple[float, float]:

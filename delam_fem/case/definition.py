@@ -722,7 +722,13 @@ class Case(Section):
                     "support.rotational_stiffness",
                     'expected kind = "pinned" beside it with laminae as solids, given "clamped"',
                 )
-        for place in sorted(support.position or 0.0 for support in self.support.inside):
+        for support in self.support.at_points:
+            if support.x > self.length:
+                raise inconsistent(
+                    "support.position",
+                    f"expected x from 0 to the length {self.length!r} m, given {support.x!r}",
+                )
+        for place in sorted(support.x for support in self.support.inside):
             if place >= self.length or min(abs(place - x) for x in taken) <= margin:
                 raise inconsistent(
                     "support.position",
@@ -1017,7 +1023,7 @@ class Case(Section):
                 n_turns += support.kind(end) == "clamped"
         for point in support.points(length):
             if point.lamina is None or point.lamina in names:
-                x += [point.position or 0.0] * point.holds_deflections
+                x += [point.x] * point.holds_deflections
                 n_turns += point.holds_slopes
         if self.is_axial:
             return int(not x)
@@ -1049,12 +1055,15 @@ class Case(Section):
                 is_across = {"start": [1], "end": [1], "left": [0], "right": [0]}
                 rows += [*(slopes if kind == "clamped" else slopes[is_across.get(side, [0, 1])])]
         for support in self.support.inside:
-            x = support.position or 0.0
+            x = support.x
             for z in (-half, half):
                 if support.holds_deflections:
                     rows.append(np.array([0, 1, 0, -z, 0, x]))
             if support.holds_slopes:
                 rows.append(np.eye(6)[5])
+        for support in self.support.at_points:
+            if support.holds_deflections:
+                rows.append(np.array([0, 1, 0, -z_of(support.position or 0.0), 0, support.x]))
         if not rows:
             return 6
         scale = np.array([1.0, 1.0, 1.0, L, L, L])

@@ -11,10 +11,12 @@ Sources:
     Tsai, H. T. Hahn, "Introduction to Composite Materials" (1980), table 1.7.
     cfrp-ud, gfrp-ud: the same two with all their moduli, which that table gives in the plane.
     Across the fibres they are isotropic (E3 = E2, G13 = G12, nu13 = nu12), with nu23 = 0.4 assumed.
-    foam: closed-cell PVC of 100 kg/m3, as Divinycell H100 (Diab, data sheet); nu = 0.4 assumed.
-    honeycomb: aluminium 5052, 72 kg/m3, cells of 1/8 in, as HexWeb CR III 1/8-5052-.001 (Hexcel,
-    data sheet): E3, G13 (ribbon, axis 1) and G23. In its plane a core carries next to nothing;
-    those moduli are small numbers.
+    foam: closed-cell PVC of 100 kg/m3, as Divinycell H100 (Diab, "Divinycell H Technical Manual"):
+    modulus in tension (in compression 135 MPa) and in shear; nu = 0.4 assumed.
+    honeycomb: aluminium 5052, 72 kg/m3 (4.5 lb/ft3), cells of 1/8 in, as HexWeb CR III
+    1/8-5052-.001 (Hexcel, "HexWeb Honeycomb Attributes and Properties"): E3, G13 (ribbon, axis 1)
+    and G23, there 150, 70 and 31 ksi. In its plane a core carries next to nothing; those moduli are
+    small numbers.
 """
 
 from __future__ import annotations

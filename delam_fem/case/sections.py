@@ -994,10 +994,12 @@ class PointSupport(Section):
     Attributes:
         side: of a support at an end: "start" (x = 0) or "end" (x = length); of an edge of a plate
             also "left" (z < 0), "right" (z > 0), or the name of a group of facets in its mesh.
-        position: of a support inside the span: its x [m].
+        position: of a support inside the span: its x [m], or [x, z] of a point of a plate.
+        surface: of a point of a plate: "top" or "bottom" of its lamina; "middle", which of a pin is
+            the whole thickness, if it is not given.
         kind: "clamped", "pinned", "free" (of an end or edge alone) or "spring".
         lamina: name of the lamina that it holds, at an end of a spring alone; all laminae, each by
-            itself, if not given.
+            itself, if not given. A spring at a point of a plate, or a surface, needs it.
         stiffness: stiffness of a spring [N/m], of an edge of a plate as a whole; may be 0.
         rotational_stiffness: moment over slope of a spring, beside a pin, or of a clamped end that
             yields [N m]; of an edge of a plate as a whole.
@@ -1005,7 +1007,8 @@ class PointSupport(Section):
     """
 
     side: Label | None = None
-    position: Annotated[Positive, Unit("m")] | None = None
+    position: Position | None = None
+    surface: SurfaceName | None = None
     kind: Literal["pinned", "clamped", "free", "spring"]
     lamina: Label | None = None
     stiffness: Annotated[NotNegative | None, Unit("N/m")] = None
@@ -1018,6 +1021,19 @@ class PointSupport(Section):
         is_spring = self.kind == "spring"
         if (self.side is None) == (self.position is None):
             raise inconsistent("position", "expected either position, or side of an end")
+        if self.is_at_point:
+            if self.kind not in ("pinned", "spring"):
+                raise inconsistent(
+                    "kind", f'expected "pinned" or "spring" at a point [x, z], given "{self.kind}"'
+                )
+            if self.rotational_stiffness:
+                raise inconsistent("rotational_stiffness", "expected none at a point [x, z]")
+            if self.lamina is None and (is_spring or self.surface in ("top", "bottom")):
+                raise inconsistent(
+                    "lamina", "missing, but required of a spring or a surface at a point [x, z]"
+                )
+        elif self.surface is not None:
+            raise inconsistent("surface", "expected only with a position [x, z]")
         if self.kind == "free" and self.side is None:
             raise inconsistent("kind", 'expected "free" only with side, of an end')
         self.require_just("stiffness", is_spring, "kind")
@@ -1036,6 +1052,16 @@ class PointSupport(Section):
     def is_edge(self) -> bool:
         """Whether it is at an edge that plates alone have."""
         return self.side is not None and self.side not in ENDS
+
+    @property
+    def is_at_point(self) -> bool:
+        """Whether it is at a point [x, z] of a plate."""
+        return isinstance(self.position, tuple)
+
+    @property
+    def x(self) -> float:
+        """Its x [m]; 0 at an edge."""
+        return 0.0 if self.position is None else x_of(self.position)
 
     @property
     def holds_slopes(self) -> bool:
@@ -1072,8 +1098,22 @@ class Support(Section):
 
     @property
     def inside(self) -> tuple[PointSupport, ...]:
-        """The supports inside the span."""
-        return tuple(support for support in self.placed if support.position is not None)
+        """The supports inside the span, over the whole width."""
+        return tuple(
+            support
+            for support in self.placed
+            if support.position is not None and not support.is_at_point
+        )
+
+    @property
+    def at_points(self) -> tuple[PointSupport, ...]:
+        """The supports at points [x, z] of a plate."""
+        return tuple(support for support in self.placed if support.is_at_point)
+
+    @property
+    def pins(self) -> tuple[PointSupport, ...]:
+        """The supports at points [x, z] of a plate at which nodes are held: all but springs."""
+        return tuple(support for support in self.at_points if support.kind == "pinned")
 
     @property
     def held(self) -> tuple[PointSupport, ...]:
@@ -1111,12 +1151,14 @@ class Support(Section):
     @property
     def is_cantilever(self) -> bool:
         """Whether the start is clamped, rigidly, and nothing else holds the laminae."""
-        is_elastic = any(support.kind == "spring" for support in self.placed) or bool(self.inside)
+        is_elastic = any(
+            support.kind == "spring" or support.position is not None for support in self.placed
+        )
         others = any(self.holds(side) for side in self.sides if side != "start")
         return not (self.turns("start") or others or is_elastic)
 
     def points(self, length: float) -> tuple[PointSupport, ...]:
-        """Return the supports at ends or with a position, all with their places.
+        """Return the supports at ends or over the whole width, all with their places.
 
         Args:
             length: of the structure [m].
@@ -1127,7 +1169,7 @@ class Support(Section):
             if support.side is None
             else support.model_copy(update={"position": ends[support.side]})
             for support in self.placed
-            if support.side is None or support.side in ends
+            if support.side in ends or (support.side is None and not support.is_at_point)
         )
 
     @model_validator(mode="before")
@@ -1676,7 +1718,9 @@ class Initial(Section):
         lamina: name of the lamina; all laminae if it is not given.
         shape: "uniform", "mode" (a mode without contact), or "force": static under a force.
         mode: number of the mode; the first is 1.
-        position: x of the force [m].
+        position: x of the force [m], or [x, z] on a plate.
+        surface: of a plate, on which the force acts: "middle", "top" or "bottom"; "middle" if it is
+            not given.
         displacement: largest displacement of the nodes, with its sign [m].
         velocity: largest velocity of the nodes, with its sign [m/s].
     """
@@ -1684,7 +1728,8 @@ class Initial(Section):
     lamina: Label | None = None
     shape: Literal["uniform", "mode", "force"] = "uniform"
     mode: Count = 1
-    position: Annotated[NotNegative, Unit("m")] | None = None
+    position: Position | None = None
+    surface: SurfaceName | None = None
     displacement: Annotated[Finite, Unit("m")] = 0.0
     velocity: Annotated[Finite, Unit("m/s")] = 0.0
 
@@ -1692,6 +1737,8 @@ class Initial(Section):
     def _fitting_keys(self) -> Self:
         """Check that the keys are those of the shape."""
         self.require_just("position", self.shape == "force", "shape")
+        if self.surface is not None and self.shape != "force":
+            raise inconsistent("surface", f'expected none with shape = "{self.shape}"')
         if self.shape == "force" and self.lamina is None:
             raise inconsistent("lamina", 'missing, but required with shape = "force"')
         if self.mode != 1 and self.shape != "mode":

@@ -320,6 +320,11 @@ def parse_override(text: str) -> tuple[str, object]:
     return key, value if is_word else table["value"]
 
 
+LISTS = ("x", "value", "across", "position")
+"""Keys whose values may be lists of numbers, each of which has a key: of a table over x, the edges
+of a patch across a plate, and places [x, z]."""
+
+
 def set_key(data: Data, key: str, value: object) -> None:
     """Set one key in nested dictionaries, in place.
 
@@ -349,8 +354,8 @@ def set_key(data: Data, key: str, value: object) -> None:
         ends = [entry for entry in table if not {"position", "side"} & set(entry)] or [{}]
         table[:] = [*table, *(end for end in ends if end not in table)]
         table = ends[0]
-    if isinstance(table, list) and parents[-1] in ("x", "value") and last.isdigit():
-        _set_number(table, int(last), value, key)  # of a table over x
+    if isinstance(table, list) and parents[-1] in LISTS and last.isdigit():
+        _set_number(table, int(last), value, key)
         return
     if not isinstance(table, dict) or not last:
         names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))

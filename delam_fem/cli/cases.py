@@ -358,7 +358,7 @@ def _loads(case: Case) -> Iterator[tuple[str, str]]:
 
 def _point_support(case: Case, support: PointSupport) -> str:
     """Return in words what a support with a side or a position is."""
-    from delam_fem.case.sections import ENDS
+    from delam_fem.case.sections import ENDS, place_words
 
     numbers = [
         f"{value:g} {unit}"
@@ -374,7 +374,7 @@ def _point_support(case: Case, support: PointSupport) -> str:
     ends: dict[str | None, float] = dict(zip(ENDS, (0.0, case.length), strict=True))
     position = support.position if support.side is None else ends[support.side]
     lamina = support.lamina or _all_laminae(case)
-    return ", ".join([f"{support.kind}, {lamina} at {position:g} m", *numbers])
+    return ", ".join([f"{support.kind}, {lamina} at {place_words(position)}", *numbers])
 
 
 def _all_laminae(case: Case) -> str:

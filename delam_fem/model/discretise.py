@@ -55,7 +55,11 @@ def require_plain(case: Case, study: str) -> None:
         CaseError: the case has some.
     """
     require_bending(case, study)
-    inside = {"stop": case.stop, "impactor": case.impactor, "support": case.support.inside}
+    inside = {
+        "stop": case.stop,
+        "impactor": case.impactor,
+        "support": (*case.support.inside, *case.support.at_points),
+    }
     for key, entries in inside.items():
         require(not entries, f"{key}: {study}", "none inside the span", len(entries))
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import MESH_UNITS
+from delam_fem.case.sections import MESH_UNITS, z_of
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError, reason_of, require
 from delam_fem.system.footprint import bounded
@@ -74,7 +74,7 @@ def edges(case: Case) -> FloatArray:
     no springs, the places of tables of its laminae, and the ends of shorter laminae.
     """
     length = case.length
-    support_places = {support.position or 0.0 for support in case.support.held}
+    support_places = {support.x for support in (*case.support.held, *case.support.pins)}
     places = sorted(
         {
             edge
@@ -117,16 +117,22 @@ def coordinates_across(case: Case) -> FloatArray:
     assert case.mesh.across is not None
     half = 0.5 * case.lamina[0].mean("width")
     patch_edges = _patch_edges(case, 1)
-    inside = [z for z in patch_edges if half - abs(z) > NODE_TOLERANCE * half]
+    pins = [z_of(pin.position or 0.0) for pin in case.support.pins]
+    places = _apart([*patch_edges, *pins], NODE_TOLERANCE * case.length)
+    inside = [z for z in places if half - abs(z) > NODE_TOLERANCE * half]
     return graded(np.array([-half, *inside, half]), case.mesh.across, "mesh.across", patch_edges)
 
 
 def _patch_edges(case: Case, axis: int) -> list[float]:
     """Return where the edges of patches are, increasing: x, or z with axis 1 [m]."""
     spans = [((patch.start, patch.end), patch.across or ())[axis] for patch in case.delamination]
-    margin = NODE_TOLERANCE * case.length
+    return _apart([edge for span in spans for edge in span], NODE_TOLERANCE * case.length)
+
+
+def _apart(places: Sequence[float], margin: float) -> list[float]:
+    """Return places, increasing, without those that are no farther from another than a margin."""
     result: list[float] = []
-    for place in sorted(edge for span in spans for edge in span):
+    for place in sorted(places):
         if not result or place - result[-1] > margin:
             result.append(place)
     return result

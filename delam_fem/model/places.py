@@ -29,7 +29,7 @@ def spot(names: Sequence[str], entry: Any) -> Place | None:
 
     Args:
         names: names of the laminae.
-        entry: a drive, mass, sensor, stop or impactor.
+        entry: a drive, mass, sensor, stop, impactor, spring or initial state.
     """
     position = getattr(entry, "position", None)
     surface = getattr(entry, "surface", None)
@@ -63,6 +63,8 @@ def _named(case: Case) -> Iterator[Place]:
     """Yield the places that tables name."""
     names = [lamina.name for lamina in case.lamina]
     entries: list[Any] = [*parts_of(case.excitation), *case.masses, *case.sensor]
+    entries += [support for support in case.support.at_points if support.kind == "spring"]
+    entries += case.initial
     forces = [side for load in case.load if load.force is not None for side, _ in load.sides]
     for entry in (*entries, *case.stop, *case.impactor, *forces):
         place = spot(names, entry)
@@ -86,7 +88,7 @@ def row_at(layout: Layout, entry: Any, n_dofs: int, length: float = 0.0) -> sp.c
 
     Args:
         layout: of the structure.
-        entry: a drive, mass or sensor.
+        entry: a drive, mass, sensor, spring or initial state.
         n_dofs: number of its free dofs.
         length: x where the entry names no position [m].
 

@@ -48,7 +48,16 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
 from delam_fem.case.gap import opening_at_rest
-from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Sensor, Stop, x_of, z_of
+from delam_fem.case.sections import (
+    EDGE_TOLERANCE,
+    Impactor,
+    Initial,
+    Sensor,
+    Stop,
+    place_words,
+    x_of,
+    z_of,
+)
 from delam_fem.model.contacts import with_pair_numbers
 from delam_fem.model.factors import factored
 from delam_fem.model.layout import (
@@ -505,15 +514,16 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
                 f'{key}.shape: expected "uniform" or "mode" of laminae that are not held, given '
                 '"force", under which they would not stay'
             )
-        place = np.array([place_of(parts[0], own.position)])
-        load = layout.of_dofs(interpolation_rows(parts[0], place, numbered)).toarray()[0, dofs]
+        load = layout.of_dofs(row_at(layout, own, o.n_dofs)).toarray()[0, dofs]
         shape[dofs] = factored(K).solve(load)
-    deflection = read @ shape
+    deflection = read @ shape if body is None or not case.is_plate else body.raised(shape, numbers)
     size = np.abs(deflection)
     # the first of several that are equal but for round-off gives the sign
     largest = float(deflection[np.argmax(size >= (1.0 - _ROUND_OFF) * size.max())])
     if not largest:
-        raise CaseError(f"{key}.position: expected a point that can move, given {own.position} m")
+        raise CaseError(
+            f"{key}.position: expected a point that can move, given {place_words(own.position)}"
+        )
     return np.asarray(shape / largest)
 
 

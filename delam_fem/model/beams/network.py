@@ -397,7 +397,7 @@ def turns_at(case: Case, x: FloatArray, node: int, cluster: Group) -> bool | Non
     if node in ends:
         return support.turns(ends[node]) if support.holds(ends[node]) else None
     for inner in support.held:
-        if node_at(x, inner.position or 0.0) == node and holds(inner, case, cluster):
+        if node_at(x, inner.x) == node and holds(inner, case, cluster):
             return inner.kind != "clamped"
     return None
 
@@ -950,7 +950,7 @@ def _springs(
         if only not in (None, number):
             continue
         part = layout.parts[number]
-        place = place_of(part, support.position or 0.0)
+        place = place_of(part, support.x)
         row, turn = (columns_of(part, place, n, kind) for kind in (DISPLACEMENT, SLOPE))
         K = K + support.rotational_stiffness * turn.T @ turn
         if support.kind == "spring":
@@ -1154,7 +1154,7 @@ def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
 def _nearest(x: FloatArray, place: float, case: Case) -> int:
     """Return the inner node nearest to a place that no support holds."""
     distance = np.abs(x[1:-1] - place)
-    pins = [node_at(x, support.position or 0.0) - 1 for support in case.support.held]
+    pins = [node_at(x, support.x) - 1 for support in case.support.held]
     distance[pins] += case.length
     return 1 + int(np.argmin(distance))
 

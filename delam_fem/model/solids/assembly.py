@@ -393,10 +393,17 @@ def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float
         return []
     springs = []
     n = layout.n_numbered(0)
+    for support in case.support.at_points:
+        if support.kind == "spring":
+            assert support.lamina is not None  # the section is checked
+            row = layout.of_dofs(row_at(layout, support, 0))
+            base = sp.csr_matrix(([1.0], ([0], [row.shape[1] - 1])), shape=row.shape)
+            number = layout.names.index(support.lamina)
+            springs.append((row - base, number, support.stiffness or 0.0, support.damping))
     if case.is_plate:  # its edges are lines; beams have no places beside their middle line
         inside = case.support.model_copy(update={"placed": case.support.inside})
         if not inside.placed:
-            return []
+            return springs
         drive = HarmonicExcitation(frequency=1.0, amplitude=1.0)
         plain = {"support": inside, "point_mass": (), "sensor": (), "excitation": drive}
         case = case.model_copy(update=plain)
@@ -404,7 +411,7 @@ def _springs(case: Case, layout: Layout) -> list[tuple[sp.csr_matrix, int, float
     for support, number in network.point_supports(case, beams.layout, beams.operators.n_dofs):
         part = layout.parts[number]
         row, turn = (
-            layout.of_dofs(columns_of(part, place_of(part, support.position or 0.0), n, kind))
+            layout.of_dofs(columns_of(part, place_of(part, support.x), n, kind))
             for kind in (DISPLACEMENT, SLOPE)
         )
         springs.append((turn, number, support.rotational_stiffness, 0.0))

@@ -35,7 +35,7 @@ from delam_fem.model.solids.mesh import (
     shape_functions,
 )
 from delam_fem.model.solids.meshing import cells_along
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 
@@ -102,13 +102,44 @@ class Body:
         at = edges(case)
         middles = mesh.points[mesh.cells].mean(axis=1)[:, 0]
         chosen = np.isin(mesh.lamina, laminae)
-        for segment, group in () if case.is_apart else network(case, at).groups():
+        if case.is_plate:
+            for number in laminae:
+                chosen |= self._bonded(case, number)
+        for segment, group in () if case.is_apart or case.is_plate else network(case, at).groups():
             if not set(group).isdisjoint(laminae):
                 is_there = (middles > at[segment.first]) & (middles < at[segment.last])
                 chosen |= is_there & np.isin(mesh.lamina, group)
         nodes = np.unique(self.solid.nodes_of(np.flatnonzero(chosen)))
         rows = mesh.dim * nodes[:, None] + np.arange(mesh.dim)
         return np.asarray(np.unique(self.free[rows.ravel()].indices))
+
+    def raised(self, vector: FloatArray, laminae: Sequence[int]) -> FloatArray:
+        """Return the deflections of all nodes of laminae, on one rank, shape (n_nodes,) [m].
+
+        Args:
+            vector: values of the free dofs, shape (n,).
+            laminae: their numbers.
+        """
+        cells = np.flatnonzero(np.isin(self.mesh.lamina, laminae))
+        nodes = np.unique(self.solid.nodes_of(cells))
+        return np.asarray(self.free[self.mesh.dim * nodes + UP] @ vector)
+
+    def _bonded(self, case: Case, lamina: int) -> BoolArray:
+        """Return which cells of a plate are bonded to a lamina above or below them, (n_cells,)."""
+        mesh = self.mesh
+        x, _, z = mesh.points[mesh.cells].mean(axis=1).T
+        names = [entry.name for entry in case.lamina]
+        result = np.zeros(len(x), dtype=np.bool_)
+        for others in (range(lamina + 1, len(names)), range(lamina - 1, -1, -1)):
+            is_reached = np.ones(len(x), dtype=np.bool_)
+            for other in others:
+                lower = other - 1 if other > lamina else other
+                between = (names[lower], names[lower + 1])
+                for patch in case.delamination:
+                    if patch.between == between:
+                        is_reached &= ~patch.contains(x, z)
+                result |= is_reached & (mesh.lamina == other)
+        return result
 
     def shape(self) -> Shape:
         """Return the points and cells for output (collective)."""

@@ -27,7 +27,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import ENDS, ON_EDGE, Lamina
+from delam_fem.case.sections import ENDS, ON_EDGE, Lamina, z_of
 from delam_fem.model.layout import half_ways
 from delam_fem.model.mesh import (
     NODE_TOLERANCE,
@@ -190,9 +190,12 @@ def _plan(case: Case, x: FloatArray, across: FloatArray) -> tuple[FloatArray, Fl
     is_given = np.zeros(X.shape, dtype=np.bool_)
     is_given[[0, -1]] = True
     is_given[:, [0, -1]] = True
-    straight = {support.position or 0.0 for support in case.support.held}
+    straight = {support.x for support in case.support.held}
     for place in straight | {place for lamina in case.lamina for place in lamina.breaks}:
         is_given[np.argmin(np.abs(x - place))] = True
+    for pin in case.support.pins:
+        away = np.hypot(X - pin.x, Z - z_of(pin.position or 0.0))
+        is_given[np.unravel_index(np.argmin(away), X.shape)] = True
     shift = np.zeros((2, *X.shape))
     for number, patch in enumerate(case.delamination, start=1):
         along, over = patch.local(X, Z)

@@ -54,7 +54,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import ENDS, PointSupport
+from delam_fem.case.sections import ENDS, PointSupport, place_words, z_of
 from delam_fem.model import _dolfinx, operators
 from delam_fem.model.beams.network import clusters, holds, network, node_at
 from delam_fem.model.mesh import NODE_TOLERANCE, edges
@@ -117,6 +117,8 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
             blocks.append(_pinned(solid, name, facets[cluster], rigidity))
     for inner in case.support.held:
         blocks += _inside(case, solid, inner)
+    for pin in case.support.pins:
+        blocks.append(_at_point(case, solid, pin))
     return _joined(blocks)
 
 
@@ -198,7 +200,7 @@ def _inside(case: Case, solid: Solid, support: PointSupport) -> Iterator[Held]:
         CaseError: a mesh from a file has no nodes there.
     """
     lowest, highest = solid.extremes(solid.mesh.lamina)
-    position = support.position or 0.0
+    position = support.x
     is_there = np.abs(solid.coordinates[:, X] - position) <= NODE_TOLERANCE * case.length
     numbers = solid.first_node + np.flatnonzero(is_there)
     pieces = solid.comm.allgather((numbers, lowest[is_there], highest[is_there]))
@@ -222,6 +224,51 @@ def _inside(case: Case, solid: Solid, support: PointSupport) -> Iterator[Held]:
         if support.kind == "clamped":
             first = np.full(chosen.size, along[np.argmin(solid.place[chosen])])
             yield Held(along, np.zeros(chosen.size), np.ones(chosen.size), first, lamina, flat)
+
+
+def _at_point(case: Case, solid: Solid, pin: PointSupport) -> Held:
+    """Return the held dofs of a pin at a point of a plate (collective).
+
+    It holds the deflection through the thickness of its lamina and of those that are bonded to it
+    there, or of a point of its surface.
+
+    Raises:
+        CaseError: a mesh from a file has no nodes there.
+    """
+    lowest, highest = solid.extremes(solid.mesh.lamina)
+    place = np.array([pin.x, z_of(pin.position or 0.0)])
+    away = np.abs(solid.coordinates[:, [X, 2]] - place).max(axis=1)
+    is_there = away <= NODE_TOLERANCE * case.length
+    numbers = solid.first_node + np.flatnonzero(is_there)
+    local = numbers, lowest[is_there], highest[is_there], solid.coordinates[is_there, Y]
+    pieces = solid.comm.allgather(local)
+    nodes, low, high, y = (np.concatenate(values) for values in zip(*pieces, strict=True))
+    bottom = 0
+    top = len(case.lamina) - 1
+    chosen = np.ones(nodes.size, dtype=np.bool_)
+    if pin.lamina is not None:
+        bottom = top = [lamina.name for lamina in case.lamina].index(pin.lamina)
+        chosen = (low <= bottom) & (high >= top)
+        while chosen.any() and pin.surface not in ("top", "bottom"):
+            if (low[chosen].min(), high[chosen].max()) == (bottom, top):
+                break
+            bottom = int(low[chosen].min())  # nodes that laminae share bond them
+            top = int(high[chosen].max())
+            chosen = (low <= top) & (high >= bottom)
+    if not chosen.any():
+        raise CaseError(
+            f"support.position: expected nodes of the mesh at {place_words(pin.position)} in the "
+            "plate; refine it there, or give a spring"
+        )
+    if pin.surface in ("top", "bottom"):
+        side = 1.0 if pin.surface == "top" else -1.0
+        chosen &= side * y == np.max(side * y[chosen])
+    held_nodes = nodes[chosen]
+    n = held_nodes.size
+    lamina = np.full(n, bottom if bottom == top else SHARED, dtype=np.int64)
+    none = np.full(n, -1, dtype=np.int64)
+    across = solid.dim * held_nodes + Y
+    return Held(across, np.ones(n), np.zeros(n), none, lamina, np.zeros((n, 2)))
 
 
 def neutral_axis(mesh: SolidMesh, facets: IntArray, rigidity: FloatArray) -> float:

@@ -151,7 +151,7 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Obstac
         if support.side is not None and support.kind != "spring":
             continue
         lamina = names.index(support.lamina) if support.lamina else 0
-        place = support.position or 0.0
+        place = support.x
         node = int(np.abs(x - place).argmin())
         face = float(np.interp(place, x, middle[lamina])) - half[lamina]
         result.append(

@@ -248,22 +248,25 @@ def with_scan(case: Case, scan: Scan, measured: Measurement | None = None) -> Ca
     return case
 
 
-def in_modes(case: Case, modes: int, folder: Path) -> Case:
+def in_modes(case: Case, modes: int, folder: Path, *, resume: bool = False) -> Case:
     """Return a plate as a model of modes, which is computed in seconds; other cases as they are.
 
     Args:
         case: the case, with its scan.
         modes: number of normal modes.
         folder: folder for the file of the reduced model.
+        resume: whether to take the model that is in the folder, if there is one.
 
     Raises:
         CaseError: the case cannot be reduced.
     """
     if not case.is_plate or case.model.file is not None:
         return case
-    folder.mkdir(parents=True, exist_ok=True)
-    reduced_case(case, modes).save(folder)
-    return load_case(folder / "case.toml")
+    file = folder / "case.toml"
+    if not (resume and file.is_file()):
+        folder.mkdir(parents=True, exist_ok=True)
+        reduced_case(case, modes).save(folder)
+    return load_case(file)
 
 
 def common_turns(pump: float, probe: float) -> int:

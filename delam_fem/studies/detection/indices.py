@@ -231,6 +231,7 @@ def _largest_of_noise(
 
 CONFIDENCE = 0.95
 """Share of the true ends within their bounds (docs/evidence/calibration.md)."""
+_BOUNDS = (0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE))
 
 
 @dataclass(frozen=True)
@@ -242,14 +243,26 @@ class Repeated:
         start, end: bounds of the true ends, each of shape (2,) [m]: those of the marks over all
             calls, and a spacing more, since an edge lies between two points.
         middle: medians of start and end, shape (2,) [m].
-        area: bounds of the marked area of a plate over all calls, shape (2,) [m2]; NaN on a beam.
+        regions: marked region of each call on a plate; none on a beam.
     """
 
     calls: float
     start: FloatArray
     end: FloatArray
     middle: FloatArray
-    area: FloatArray
+    regions: tuple[Region, ...] = ()
+
+    @property
+    def area(self) -> FloatArray:
+        """Bounds of the marked area of a plate over all calls, shape (2,) [m2]; NaN: no call."""
+        if not self.regions:
+            return np.full(2, np.nan)
+        return np.asarray(np.quantile([region.area for region in self.regions], _BOUNDS))
+
+    def overlap(self, truth: Region) -> float:
+        """Return the median overlap of the marked regions with a true one [-]; NaN: no call."""
+        overlaps = [region.overlap(truth, cells=100) for region in self.regions]
+        return float(np.median(overlaps)) if overlaps else math.nan
 
 
 def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
@@ -283,12 +296,10 @@ def repeated(
     ]
     called = [index_mark for index_mark in marks if index_mark.is_detected]
     ends = [(index_mark.start, index_mark.end) for index_mark in called]
-    shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))
+    shares = (_BOUNDS[0], 0.5, _BOUNDS[1])
     found_ends = np.quantile(ends, shares, axis=0) if ends else np.full((3, 2), np.nan)
     between = np.diff(np.unique(shapes.x)).max()
     bounds = found_ends[[0, 2]] + between * np.array([[-1.0], [1.0]])
-    area = np.full(2, np.nan)
-    if shapes.z is not None and called:
-        areas = [index_mark.region.area for index_mark in called]
-        area = np.quantile(areas, shares)[[0, 2]]
-    return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1], found_ends[1], area)
+    is_plate = shapes.z is not None
+    regions = tuple(index_mark.region for index_mark in called) if is_plate else ()
+    return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1], found_ends[1], regions)

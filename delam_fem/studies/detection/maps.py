@@ -84,7 +84,7 @@ def shape_maps(found: Detection) -> Figure:
     assert shapes.z is not None
     for axes, order, name in zip(panels, (1.0, 2.0), ("|V₁|", "|V₂|"), strict=True):
         _map(figure, axes, shapes.x, shapes.z, np.abs(shapes.order(order)), unit)
-        _patches(axes, found)
+        draw_outlines(axes, found.patches)
         axes.set_title(f"{name} at {order * shapes.frequency:g} Hz", loc="left")
     return figure
 
@@ -94,7 +94,7 @@ def draw_mark(figure: Figure, axes: Axes, index_mark: Mark, found: Detection) ->
     assert index_mark.z is not None
     ratio = index_mark.values / index_mark.levels
     _map(figure, axes, index_mark.x, index_mark.z, ratio, "index over its level [-]")
-    _patches(axes, found)
+    draw_outlines(axes, found.patches)
     for outline in index_mark.region.outlines:
         axes.plot(*_closed(outline).T, color=style.VERMILLION, lw=1.8)
 
@@ -108,9 +108,9 @@ def _map(
     axes.set(xlabel="x [m]", ylabel="z [m]", aspect="equal")
 
 
-def _patches(axes: Axes, found: Detection) -> None:
-    """Draw the outlines of the delaminations of the case."""
-    for outline in found.patches.outlines:
+def draw_outlines(axes: Axes, patches: Region) -> None:
+    """Draw the outlines of delaminations."""
+    for outline in patches.outlines:
         axes.plot(*_closed(outline).T, color="white", ls="--", lw=1.2)
 
 

@@ -5,7 +5,9 @@ afterwards, so that one run serves any noise. The journal of the sweep makes a s
 any executor can compute it.
 
 Probability of detection (POD): hit or miss over length, depth and position; ROC curves. A specimen
-is a hit if the index calls it and marks an interval that overlaps its delamination. The logistic
+is a hit if the index calls it and marks an interval, or on a plate a region, that overlaps its
+delamination. The length of a patch is the root of its area. Each patch needs a mesh of its own,
+which is reduced to modes once. The logistic
 regression of hits on ln a follows MIL-HDBK-1823A (appendix G): POD(a) = 1 / (1 + exp(-β₀ - β₁ ln
 a)); a90 is the length a at which it is 0.9, a90/95 that at which its lower 95 % bound is 0.9.
 """
@@ -37,15 +39,20 @@ from delam_fem.api import (
     Report,
     RunContext,
     Table,
+    digest,
+    scanned_places,
     style,
 )
 from delam_fem.studies.detection.detect import (
     drive_responses,
+    in_modes,
     intact,
     per_shape,
     simulated,
+    with_scan,
 )
-from delam_fem.studies.detection.indices import curvature, mark
+from delam_fem.studies.detection.indices import Mark, curvature, mark
+from delam_fem.studies.detection.maps import patches_of
 from delam_fem.studies.detection.study import Pod, Scan
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.linear import settling_periods
@@ -71,8 +78,10 @@ class Specimen:
     Attributes:
         start, end: edges of the delamination [m].
         thickness: thickness of the lamina that is measured, the depth of the delamination [m].
-        support: support at the end of the structure: "clamped", "free" or "pinned".
+        support: support at the end of the structure: "clamped", "free" or "pinned"; of a plate
+            `AS_GIVEN`.
         frequency: frequency of the excitation [Hz].
+        across: edges of a patch along z [m]; None: a beam.
     """
 
     start: float
@@ -80,11 +89,41 @@ class Specimen:
     thickness: float
     support: str
     frequency: float
+    across: tuple[float, float] | None = None
 
     @property
     def length(self) -> float:
-        """Length of the delamination [m]."""
-        return self.end - self.start
+        """Length of the delamination, of a patch the root of its area in a rectangle [m]."""
+        along = self.end - self.start
+        return (
+            along if self.across is None else math.sqrt(along * (self.across[1] - self.across[0]))
+        )
+
+    def keys(self, case: Case) -> dict[str, object]:
+        """Return the keys of a case with this delamination that are not those of the case."""
+        surface = surface_of(case, None)
+        other = next(lamina.name for lamina in case.lamina if lamina.name != surface)
+        total = sum(lamina.mean("thickness") for lamina in case.lamina)
+        keys: dict[str, object] = {
+            "delamination.1.start": self.start,
+            "delamination.1.end": self.end,
+            f"lamina.{surface}.thickness": self.thickness,
+            f"lamina.{other}.thickness": total - self.thickness,
+        }
+        if self.across is not None:
+            low, high = self.across
+            keys |= {"delamination.1.across.1": low, "delamination.1.across.2": high}
+        return keys
+
+    def is_hit(self, case: Case, called: Mark) -> bool:
+        """Return whether something is called, and overlaps this delamination of a case."""
+        if not called.is_detected or self.across is None:
+            return called.is_detected and called.start <= self.end and called.end >= self.start
+        return self.overlap(case, called) > 0.0
+
+    def overlap(self, case: Case, called: Mark) -> float:
+        """Return the overlap of the marked region with this patch of a case [-]."""
+        return called.region.overlap(patches_of(case.with_overrides(self.keys(case))))
 
 
 @dataclass(frozen=True)
@@ -98,6 +137,8 @@ class Population:
         values: complex shapes without noise, NaN where a run failed, shape (n_specimens, n_orders,
             n) [m/s].
         rms: overall root mean square of each field, shape (n_specimens,) [m/s].
+        z: positions of the points across plates, shape (n,) [m]; None: along beams.
+        intact: model of the plate without a patch; None: beams.
     """
 
     specimens: tuple[Specimen, ...]
@@ -105,6 +146,8 @@ class Population:
     orders: tuple[float, ...]
     values: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
     rms: FloatArray
+    z: FloatArray | None = None
+    intact: Case | None = None
 
     def shapes(
         self, index: int, noise_db: float | FloatArray, rng: np.random.Generator,
@@ -120,7 +163,8 @@ class Population:
             n_lines: spectral lines that the noise is estimated from.
         """
         single = self.rms[index] * 10.0 ** (-noise_db / 20.0)
-        pure = Shapes(self.x, self.specimens[index].frequency, self.orders, self.values[index])
+        frequency = self.specimens[index].frequency
+        pure = Shapes(self.x, frequency, self.orders, self.values[index], z=self.z)
         return pure.noisy(per_shape(single, PERIODS * SAMPLES), rng, n_lines)
 
     def at_first(self, n: int | None) -> Population:
@@ -140,6 +184,7 @@ def population(
     name: str = "population",
     spacing: float = 0.01,
     first: float = 0.0,
+    modes: int = 60,
     also: Mapping[str, FloatArray] | None = None,
     **sweeping: Any,
 ) -> Population:
@@ -154,6 +199,7 @@ def population(
         name: name of the sweep.
         spacing: distance of the scanned points [m].
         first: position of the first of them [m].
+        modes: number of modes that plates are reduced to.
         also: values of further keys of the case, one for each specimen.
         sweeping: further arguments of `run_sweep`.
 
@@ -167,19 +213,31 @@ def population(
             f"{len(case.lamina)} and {len(case.delamination)}"
         )
     surface = surface_of(case, None)
-    other = next(lamina.name for lamina in case.lamina if lamina.name != surface)
-    total = sum(lamina.mean("thickness") for lamina in case.lamina)
+    columns: dict[str, list[Any]] = {}
+    for specimen in specimens:
+        for key, value in specimen.keys(case).items():
+            columns.setdefault(key, []).append(value)
+    if case.is_plate:
+        plate = with_scan(case, Scan(spacing=spacing, first=first))
+        resume = bool(sweeping.get("resume", False))
+        folder = Path(directory) / f"modes-{modes}"
+        bonded = in_modes(intact(plate), modes, folder / "intact", resume=resume)
+        structures = {AS_GIVEN: bonded}
+        models = _models(plate, specimens, modes, folder, resume=resume)
+        columns["model.file"] = [str(model.model.file) for model in models]
+        base, record = models[0], ScanRecord()
+    else:
+        bonded = None
+        kinds = sorted({specimen.support for specimen in specimens})
+        structures = {kind: intact(case.with_overrides({"support.end": kind})) for kind in kinds}
+        columns["support.end"] = [specimen.support for specimen in specimens]
+        base = case.with_overrides({"mesh.elements": ELEMENTS})
+        record = ScanRecord(lamina=surface, spacing=spacing, first=first)
     settling = {
-        kind: settling_periods(intact(case.with_overrides({"support.end": kind})), SETTLED)
-        / case.excitation.top_frequency
-        for kind in sorted({specimen.support for specimen in specimens})
+        kind: settling_periods(structure, SETTLED) / case.excitation.top_frequency
+        for kind, structure in structures.items()
     }
-    columns: dict[str, list[float | int | str]] = {
-        "delamination.1.start": [specimen.start for specimen in specimens],
-        "delamination.1.end": [specimen.end for specimen in specimens],
-        f"lamina.{surface}.thickness": [specimen.thickness for specimen in specimens],
-        f"lamina.{other}.thickness": [total - specimen.thickness for specimen in specimens],
-        "support.end": [specimen.support for specimen in specimens],
+    columns |= {
         "excitation.frequency": [specimen.frequency for specimen in specimens],
         "time.periods": [
             PERIODS + math.ceil(settling[specimen.support] * specimen.frequency)
@@ -191,15 +249,7 @@ def population(
         Axis(key=key, name=key.replace(".", "_"), values=tuple(values))
         for key, values in columns.items()
     ]
-    data = scanned(
-        name,
-        case.with_overrides({"mesh.elements": ELEMENTS}),
-        axes,
-        ScanRecord(lamina=surface, spacing=spacing, first=first),
-        Path(directory),
-        executor=executor,
-        **sweeping,
-    )
+    data = scanned(name, base, axes, record, Path(directory), executor=executor, **sweeping)
     values = data["scan_real"].to_numpy() + 1j * data["scan_imag"].to_numpy()
     is_sampled = np.isfinite(values).any(axis=(0, 2))
     return Population(
@@ -208,7 +258,32 @@ def population(
         tuple(data["order"].to_numpy()[is_sampled].tolist()),
         values[:, is_sampled],
         data["scan_rms"].to_numpy(),
+        data["scan_z"].to_numpy() if case.is_plate else None,
+        bonded,
     )
+
+
+def _models(
+    plate: Case, specimens: Sequence[Specimen], modes: int, folder: Path, *, resume: bool
+) -> list[Case]:
+    """Return the model of modes of each specimen; specimens with the same patch share one.
+
+    Args:
+        plate: the plate, with its scan.
+        specimens: the structures.
+        modes: number of modes.
+        folder: folder of the models.
+        resume: whether to take models that are in the folder.
+    """
+    models: dict[str, Case] = {}
+    names = []
+    for specimen in specimens:
+        patched = plate.with_overrides(specimen.keys(plate))
+        name = digest(patched.to_toml())
+        names.append(name)
+        if name not in models:
+            models[name] = in_modes(patched, modes, folder / name, resume=resume)
+    return [models[name] for name in names]
 
 
 def scanned(
@@ -247,12 +322,22 @@ def scanned(
     return data
 
 
+AS_GIVEN = "as given"
+"""Support of plates: that of the case."""
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40)
 """Lengths of the delaminations of the grid over the length of the beam, a/L."""
 DEPTHS = (0.15, 0.30, 0.45)
 """Depths of the grid over the thickness of the beam."""
 MIDDLES = (0.25, 0.375, 0.5, 0.625, 0.75)
 """Middles of the delaminations of the grid over the length of the beam."""
+SIZES = (0.1, 0.2, 0.3, 0.4, 0.5)
+"""Sizes of the patches of the grid over the shorter side of the plate."""
+PLACES = ((0.5, 0.5), (0.35, 0.7))
+"""Middles of the patches of the grid over length and width of the plate."""
+FREQUENCIES = (92.0, 250.0, 365.0)
+"""Excitations of beams [Hz]."""
+SUPPORTS = ("clamped", "free")
+"""Supports at the end of beams."""
 INTACT = 200
 """Number of noisy intact beams that count false calls."""
 _BOUND = 0.95
@@ -320,20 +405,69 @@ def logistic(a: FloatArray, hit: BoolArray) -> Curve:
     return Curve(np.asarray(fit.params), np.asarray(fit.cov_params()))
 
 
-def grid(case: Case, supports: Sequence[str], frequencies: Sequence[float]) -> list[Specimen]:
-    """Return the specimens of the grid: supports, frequencies, lengths, depths, positions."""
+def grid(
+    case: Case,
+    supports: Sequence[str],
+    frequencies: Sequence[float],
+    lengths: Sequence[float] = LENGTHS,
+    depths: Sequence[float] = DEPTHS,
+) -> list[Specimen]:
+    """Return the specimens of the grid: supports, frequencies, lengths, depths, positions.
+
+    Args:
+        case: the beam.
+        supports: supports at its end.
+        frequencies: frequencies of the excitation [Hz].
+        lengths: of the delaminations over that of the beam.
+        depths: over the thickness of the beam.
+    """
     L = case.length
     h = sum(lamina.mean("thickness") for lamina in case.lamina)
     return [
         Specimen(L * (m - 0.5 * a), L * (m + 0.5 * a), h * depth, support, frequency)
         for support, frequency, a, depth, m in product(
-            supports, frequencies, LENGTHS, DEPTHS, MIDDLES
+            supports, frequencies, lengths, depths, MIDDLES
         )
     ]
 
 
-def _whole(case: Case, support: str, frequency: float) -> Case:
-    """Return a beam without delaminations, meshed as the population is."""
+def plate_grid(
+    case: Case,
+    frequencies: Sequence[float],
+    sizes: Sequence[float] = SIZES,
+    depths: Sequence[float] = DEPTHS,
+) -> list[Specimen]:
+    """Return the specimens of a plate: patches as long as wide by size, depth and place.
+
+    Args:
+        case: the plate.
+        frequencies: frequencies of the excitation [Hz].
+        sizes: of the patches over the shorter side of the plate.
+        depths: over the thickness of the plate.
+    """
+    width = 2.0 * case.half_width
+    h = sum(lamina.mean("thickness") for lamina in case.lamina)
+    specimens = []
+    for frequency, size, depth, (along, across) in product(frequencies, sizes, depths, PLACES):
+        half = 0.5 * size * reach_of(case)
+        x = along * case.length
+        z = (across - 0.5) * width
+        edges = (round(z - half, 9), round(z + half, 9))
+        specimens.append(
+            Specimen(round(x - half, 9), round(x + half, 9), h * depth, AS_GIVEN, frequency, edges)
+        )
+    return specimens
+
+
+def reach_of(case: Case) -> float:
+    """Return what lengths are compared with: length of a beam, shorter side of a plate [m]."""
+    return min(case.length, 2.0 * case.half_width) if case.is_plate else case.length
+
+
+def _whole(case: Case, support: str, frequency: float, intact_plate: Case | None = None) -> Case:
+    """Return a beam or plate without delaminations, meshed as the population is."""
+    if intact_plate is not None:
+        return intact_plate.with_overrides({"excitation.frequency": frequency})
     keys: dict[str, object] = {
         "support.end": support,
         "excitation.frequency": frequency,
@@ -349,17 +483,19 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.
     Returns:
         Dataset over `specimen`, with the noise in its attributes: `start` and `end` of the
         delamination, its `depth` and `length`, the `marked_start` and `marked_end`, NaN where
-        nothing is called [m]; `support` and `frequency` [Hz]; `hit`, whether the marked interval
-        overlaps the delamination; `score`, the largest index over its limit of noise.
+        nothing is called [m]; `support` and `frequency` [Hz]; `hit`, whether what is marked
+        overlaps the delamination; `score`, the largest index over its limit of noise; `overlap` of
+        the marked region with a patch, NaN of beams and where nothing is called.
     """
     rng = np.random.default_rng(seed)
     surface = surface_of(case, None)
-    drives = {
-        key: drive_responses(_whole(case, *key), surface, found.x, key[1], (2.0,))
-        for key in {(specimen.support, specimen.frequency) for specimen in found.specimens}
-    }
+    drives = {}
+    for key in {(specimen.support, specimen.frequency) for specimen in found.specimens}:
+        whole = _whole(case, *key, found.intact)
+        points = found.x if found.z is None else scanned_places(whole)
+        drives[key] = drive_responses(whole, surface, points, key[1], (2.0,))
     n = len(found.specimens)
-    start, end, score = (np.full(n, np.nan) for _ in range(3))
+    start, end, score, overlap = (np.full(n, np.nan) for _ in range(4))
     hit = np.zeros(n, dtype=np.bool_)
     for k, specimen in enumerate(found.specimens):
         if not np.isfinite(found.rms[k]):  # its run failed
@@ -370,9 +506,9 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.
         called = mark("curvature", noisy)
         start[k], end[k] = called.start, called.end
         score[k] = float(called.over_limits.max())
-        hit[k] = (
-            called.is_detected and called.start <= specimen.end and called.end >= specimen.start
-        )
+        hit[k] = specimen.is_hit(case, called)
+        if specimen.across is not None and called.is_detected:
+            overlap[k] = specimen.overlap(case, called)
     columns = {
         "start": [specimen.start for specimen in found.specimens],
         "end": [specimen.end for specimen in found.specimens],
@@ -381,6 +517,7 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.
         "support": [specimen.support for specimen in found.specimens],
         "frequency": [specimen.frequency for specimen in found.specimens],
         "marked_start": start, "marked_end": end, "hit": hit, "score": score,
+        "overlap": overlap,
     }  # fmt: skip
     return xr.Dataset(
         {name: ("specimen", np.asarray(values)) for name, values in columns.items()},
@@ -395,23 +532,48 @@ def end_error(judged: xr.Dataset) -> float:
     return float(np.median(errors)) if hits.sizes["specimen"] else math.nan
 
 
+def median_overlap(judged: xr.Dataset) -> float:
+    """Return the median overlap of all hits of `trials` on plates [-]; NaN without a hit."""
+    overlaps = judged["overlap"].to_numpy()[judged["hit"].to_numpy()]
+    return float(np.median(overlaps)) if overlaps.size else math.nan
+
+
 def intact_scores(
-    case: Case, support: str, frequency: float, noise_db: float, *, n: int = INTACT, seed: int = 2
+    case: Case,
+    support: str,
+    frequency: float,
+    noise_db: float,
+    *,
+    n: int = INTACT,
+    seed: int = 2,
+    intact_plate: Case | None = None,
 ) -> FloatArray:
-    """Return the largest index over its limit of n noisy intact beams, shape (n,).
+    """Return the largest index over its limit of n noisy intact beams or plates, shape (n,).
 
     The noise is in the samples, and the limit follows from the noise between the harmonics, as it
     does in a measurement. A beam is called if its score is above 1.
+
+    Args:
+        case: the beam or plate.
+        support: support at the end of a beam.
+        frequency: frequency of the excitation [Hz].
+        noise_db: overall root mean square of the signal over that of the noise [dB].
+        n: number of beams or plates.
+        seed: seed of the noise.
+        intact_plate: model of the plate without a patch; None: a beam.
     """
-    intact_case = _whole(case, support, frequency)
+    intact_case = _whole(case, support, frequency, intact_plate)
     scan = Scan(noise_db=noise_db, periods=PERIODS, sampling_rate=SAMPLES * frequency)
     pure = simulated(intact_case, scan)
-    drive = drive_responses(intact_case, surface_of(case, None), pure.x, frequency, (2.0,))
+    points = pure.x if pure.z is None else scanned_places(intact_case)
+    drive = drive_responses(intact_case, surface_of(case, None), points, frequency, (2.0,))
     noise = pure.noise_of(scan)
     scores = []
     for k in range(n):
         noisy = pure.noisy(noise, seed * 1_000_003 + k)
-        shapes = shapes_of(noisy.field, noisy.times, frequency, noisy.x, orders=(1.0, 2.0))
+        shapes = shapes_of(
+            noisy.field, noisy.times, frequency, noisy.x, orders=(1.0, 2.0), z=noisy.z
+        )
         scores.append(float(curvature(shapes.without_drive(drive)).over_limits.max()))
     return np.array(scores)
 
@@ -430,7 +592,12 @@ def roc(damaged: FloatArray, intact_ones: FloatArray) -> tuple[FloatArray, Float
     return false, true
 
 
-_WORDS = {"clamped": "clamped at both ends", "free": "cantilever", "pinned": "clamped and pinned"}
+_WORDS = {
+    "clamped": "clamped at both ends",
+    "free": "cantilever",
+    "pinned": "clamped and pinned",
+    AS_GIVEN: "supports as given",
+}
 
 
 @dataclass(frozen=True)
@@ -488,7 +655,8 @@ class PodStudy(Finding):
     @property
     def report(self) -> Report:
         """Report of the finding in files and on the terminal; lengths over that of the beam."""
-        rows = [_row(self.best(*key), self.case.length) for key in self.recommended]
+        reach = reach_of(self.case)
+        rows = [_row(self.best(*key), reach, self.case.is_plate) for key in self.recommended]
         return Report(
             name="pod",
             numbers={
@@ -502,7 +670,7 @@ class PodStudy(Finding):
             case=self.case,
             is_sweep=True,
             title=f"POD of {self.case.name}",
-            tables=[Table(f"probability of detection, {self.case.name}", HEADING, rows)],
+            tables=[Table(f"probability of detection, {self.case.name}", self._heading, rows)],
             pictures={
                 "figures/pod": (
                     self.pod_figure,
@@ -514,14 +682,52 @@ class PodStudy(Finding):
                     "Rates of detection and of false calls for every threshold, in classes of "
                     "length.",
                 ),
+                "figures/depths": (
+                    self.depth_figure,
+                    "Share of hits over length and depth, of all positions.",
+                ),
             },
         )
+
+    @property
+    def _heading(self) -> tuple[str, ...]:
+        """Heading of the table; lengths over that of a beam, or the shorter side of a plate."""
+        where = "overlap" if self.case.is_plate else "error of ends /L"
+        return (*HEADING, where, "false calls")
+
+    @property
+    def _length(self) -> str:
+        """Label of an axis of lengths."""
+        if self.case.is_plate:
+            return "√(area of the patch) over the shorter side of the plate"
+        return "length of the delamination a/L"
+
+    def depth_figure(self) -> Figure:
+        """Draw the share of hits over length and depth, for each support and noise."""
+        figure, panels = self._panels()
+        thickness = sum(lamina.mean("thickness") for lamina in self.case.lamina)
+        for axes, line in panels:
+            a = (line.trials["length"].to_numpy() / reach_of(self.case)).round(6)
+            depth = (100.0 * line.trials["depth"].to_numpy() / thickness).round(4)
+            hit = line.trials["hit"].to_numpy()
+            lengths = np.unique(a)
+            depths = np.unique(depth)
+            shares = [[hit[(a == one) & (depth == d)].mean() for one in lengths] for d in depths]
+            colours = axes.pcolormesh(
+                style.edges(lengths), style.edges(depths), shares, vmin=0.0, vmax=1.0
+            )
+            axes.grid(visible=False)
+            axes.set(ylabel="depth [% of the thickness]")
+        style.label_x([axes for axes, _ in panels], self._length)
+        figure.colorbar(colours, ax=[axes for axes, _ in panels], label="share of hits")
+        return figure
 
     def pod_figure(self) -> Figure:
         """Draw POD curves with their bounds and the hits, for each support and noise."""
         figure, panels = self._panels()
-        L = self.case.length
-        a = np.linspace(0.01, 0.45, 200) * L
+        L = reach_of(self.case)
+        longest = max(float(line.trials["length"].max()) for line in self.lines)
+        a = np.linspace(0.02, 1.1, 200) * longest
         for axes, line in panels:
             every = line.trials["length"].to_numpy()
             hit = line.trials["hit"].to_numpy()
@@ -536,19 +742,21 @@ class PodStudy(Finding):
             )
             axes.axhline(0.9, color=style.BASE_COLOUR, linewidth=0.8)
             axes.set(ylim=(-0.03, 1.03), ylabel="probability of detection")
-        style.label_x([axes for axes, _ in panels], "length of the delamination a/L")
+        style.label_x([axes for axes, _ in panels], self._length)
         panels[0][0].legend(loc="lower right")
         return figure
 
     def roc_figure(self) -> Figure:
         """Draw ROC curves for each support and noise, in classes of length."""
         figure, panels = self._panels()
-        L = self.case.length
-        classes = ((0.0, 0.075), (0.075, 0.175), (0.175, 0.5))
+        L = reach_of(self.case)
+        classes = ((0.0, 0.075), (0.075, 0.175), (0.175, np.inf))
         for axes, line in panels:
             share = line.trials["length"].to_numpy() / L
             for (low, high), colour in zip(classes, style.lamina_colours(3), strict=True):
                 chosen = (share >= low) & (share < high)
+                if not chosen.any():
+                    continue
                 false, true = roc(line.trials["score"].to_numpy()[chosen], line.intact)
                 text = f"a/L {share[chosen].min():.2g} to {share[chosen].max():.2g}"
                 axes.step(false, true, where="post", color=colour, label=text)
@@ -572,11 +780,8 @@ class PodStudy(Finding):
         return figure, list(zip(panels, lines, strict=False))
 
 
-HEADING = (
-    "support", "noise [dB]", "frequency [Hz]", "hits", "a90/L", "a90/95 /L", "error of ends /L",
-    "false calls",
-)  # fmt: skip
-"""Heading of the table of a study."""
+HEADING = ("support", "noise [dB]", "frequency [Hz]", "hits", "a90/L", "a90/95 /L")
+"""Begin of the heading of the table of a study."""
 
 
 def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
@@ -600,14 +805,16 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
             best = max(frequencies, key=lambda f: (int(by_frequency[f]["hit"].sum()), -f))
             recommended[support, noise] = best
             for f, judged in by_frequency.items():
-                scores = intact_scores(case, support, f, noise) if f == best else np.empty(0)
+                scores = np.empty(0)
+                if f == best:
+                    scores = intact_scores(case, support, f, noise, intact_plate=found.intact)
                 curve = logistic(judged["length"].to_numpy(), judged["hit"].to_numpy())
                 lines.append(Line(support, f, judged, curve, scores))
     order = {key: recommended[key] for key in sorted(recommended, key=lambda k: (k[0], -k[1]))}
     return PodStudy(case, tuple(lines), order)
 
 
-def _row(line: Line, L: float) -> tuple[str, ...]:
+def _row(line: Line, L: float, is_plate: bool) -> tuple[str, ...]:
     """Return the table row of a result."""
     line_trials = line.trials
     return (
@@ -617,7 +824,7 @@ def _row(line: Line, L: float) -> tuple[str, ...]:
         f"{int(line_trials['hit'].sum())} of {line_trials['hit'].size}",
         f"{line.a90 / L:.3f}",
         f"{line.a90_95 / L:.3f}",
-        f"{end_error(line_trials) / L:.4f}",
+        f"{median_overlap(line_trials):.2f}" if is_plate else f"{end_error(line_trials) / L:.4f}",
         f"{int((line.intact > 1.0).sum())} of {line.intact.size}",
     )
 
@@ -635,6 +842,7 @@ def _numbers(line: Line) -> dict[str, object]:
         "a90": line.a90,
         "a90_95": line.a90_95,
         "median_end_error": end_error(line_trials),
+        "median_overlap": median_overlap(line_trials),
         "false_calls": int((line.intact > 1.0).sum()) if line.intact.size else None,
         "intact_beams": line.intact.size,
         "length": line_trials["length"].to_numpy(),
@@ -646,6 +854,25 @@ def _numbers(line: Line) -> dict[str, object]:
 
 def compute(case: Case, options: Pod, context: RunContext) -> PodStudy:
     """Compute the structures of the grid with options of a user, and judge them."""
-    specimens = grid(case, options.supports, options.frequencies)
-    runs = population(case, specimens, context.folder, name="pod", **context.sweeping)
+    depths = options.depths or DEPTHS
+    if case.is_plate:
+        if options.supports is not None:
+            raise CaseError(
+                "supports: expected none of a plate, whose supports are those of the case, given "
+                f"{', '.join(options.supports)}"
+            )
+        frequencies = options.frequencies or (case.excitation.top_frequency,)
+        specimens = plate_grid(case, frequencies, options.lengths or SIZES, depths)
+    else:
+        specimens = grid(
+            case,
+            options.supports or SUPPORTS,
+            options.frequencies or FREQUENCIES,
+            options.lengths or LENGTHS,
+            depths,
+        )
+    runs = population(
+        case, specimens, context.folder, name="pod", spacing=options.spacing, modes=options.modes,
+        **context.sweeping,
+    )  # fmt: skip
     return pod(case, runs, options.noise_db)

@@ -94,19 +94,22 @@ class Excite(Options):
     """Recommend an excitation: how well each frequency shows the delaminations of a case.
 
     Attributes:
-        lowest: first frequency [Hz].
-        highest: last frequency [Hz].
+        lowest: first frequency [Hz] (default: 40; of a plate a quarter of its lowest defect
+            resonance).
+        highest: last frequency [Hz] (default: 400; of a plate 1.25 times that).
         number: number of frequencies.
         noise_db: overall root mean square of the signal over that of the noise [dB].
-        spacing: distance of the points [m].
+        spacing: distance of the points [m]; of a plate, along both axes.
+        modes: number of modes that a plate is reduced to.
     """
 
     common = ("workers", "resume", "overwrite")
-    lowest: Annotated[float, Flag(("--from",))] = 40.0
-    highest: Annotated[float, Flag(("--to",))] = 400.0
+    lowest: Annotated[float | None, Flag(("--from",))] = None
+    highest: Annotated[float | None, Flag(("--to",))] = None
     number: Annotated[int, Flag(("-n", "--number"), least=1)] = 37
     noise_db: float = 40.0
     spacing: float = 0.01
+    modes: Annotated[int, Flag(least=1)] = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,15 +117,25 @@ class Pod(Options):
     """Find the probability of detection over length, depth and position; ROC curves.
 
     Attributes:
-        frequencies: excitations that are compared [Hz].
-        supports: supports at the end of the structure.
+        frequencies: excitations that are compared [Hz] (default: 92,250,365; of a plate that of the
+            case).
+        supports: supports at the end of a beam (default: clamped,free).
+        lengths: of the delaminations over that of the beam, of patches over the shorter side of the
+            plate (default: 0.05 to 0.4; 0.1 to 0.5).
+        depths: of the delaminations over the thickness (default: 0.15,0.3,0.45).
         noise_db: overall root mean square of the signal over that of the noise [dB].
+        spacing: distance of the points [m]; of a plate, along both axes.
+        modes: number of modes that plates are reduced to.
     """
 
     common = ("workers", "resume", "overwrite")
-    frequencies: Annotated[tuple[float, ...], Flag(is_joined=True)] = (92.0, 250.0, 365.0)
-    supports: Annotated[tuple[str, ...], Flag(metavar="KIND", is_joined=True)] = ("clamped", "free")
+    frequencies: Annotated[tuple[float, ...] | None, Flag(is_joined=True)] = None
+    supports: Annotated[tuple[str, ...] | None, Flag(metavar="KIND", is_joined=True)] = None
+    lengths: Annotated[tuple[float, ...] | None, Flag(metavar="SHARE", is_joined=True)] = None
+    depths: Annotated[tuple[float, ...] | None, Flag(metavar="SHARE", is_joined=True)] = None
     noise_db: Annotated[tuple[float, ...], Flag(is_joined=True)] = (40.0, 20.0)
+    spacing: float = 0.01
+    modes: Annotated[int, Flag(least=1)] = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +225,6 @@ EXCITE: Study[Excite, ExcitationMap] = Study(
     "detect excite",
     remove=OF_SWEEPS,
     takes=NOT_REDUCED,
-    takes_plates=False,
     needs="delamination",
 )
 POD: Study[Pod, PodStudy] = Study(
@@ -222,7 +234,6 @@ POD: Study[Pod, PodStudy] = Study(
     "detect pod",
     remove=OF_SWEEPS,
     takes=NOT_REDUCED,
-    takes_plates=False,
 )
 INFER: Study[Infer, Inferred] = Study(
     Infer,

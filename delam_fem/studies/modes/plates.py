@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 LOCAL = 0.5
 """Share of the energy in a sublaminate from which a mode is local to its patch."""
+DEFECT_RESONANCE = "defect resonance of "
+"""Beginning of the name of the lowest local mode of a patch, whose name follows."""
 HEIGHT = 3.0
 """Height of a map [in]."""
 
@@ -57,8 +59,7 @@ class PlateModes:
         for number, name in enumerate(self.patches):
             local = np.flatnonzero(self.shares[:, number] >= LOCAL)
             for order, mode in enumerate(local.tolist()):
-                kind = "defect resonance" if order == 0 else "local"
-                result[mode] = f"{kind} of {name}"
+                result[mode] = f"local of {name}" if order else f"{DEFECT_RESONANCE}{name}"
         return tuple(result)
 
     def figure(self, titles: Sequence[str], heading: str) -> Figure:

@@ -23,6 +23,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from delam_fem.api import (
+    LISTS,
     PRESETS,
     Case,
     CaseError,
@@ -338,8 +339,8 @@ def units_of(key: str, kind: str = "") -> list[str]:
     """
     section = key.partition(".")[0]
     *_, table_key, column, last = ("", "", *key.split("."))
-    if last.isdecimal() and column in ("x", "value"):  # a number of a table over x
-        return ["m"] if column == "x" else units_of(f"{section}.{table_key}", kind)
+    if last.isdecimal() and column in LISTS:
+        return units_of(f"{section}.{table_key}", kind) if column == "value" else ["m"]
     units = (
         entry.unit.partition(" per ")[0]
         for table in tables()

@@ -4,39 +4,23 @@ import json
 
 import numpy as np
 import pytest
+from plates import FORCE, PATCH, patched
 
 import delam_fem as df
 from delam_fem.api import CaseError
 from delam_fem.studies.detection.detect import in_modes, intact, simulated, with_scan
+from delam_fem.studies.detection.excitation import excitation_map
 from delam_fem.studies.detection.maps import patches_of
+from delam_fem.studies.detection.population import plate_grid, pod, population
 from delam_fem.studies.detection.study import Scan
 from delam_fem.studies.signals.scan import shapes_of
 
-LAMINA = {
-    "length": 0.12, "width": 0.1, "density": 2700.0, "young_modulus": 70e9, "damping_ratio": 0.02,
-}  # fmt: skip
-PATCH = {"between": ["lower", "upper"], "start": 0.04, "end": 0.09, "across": [-0.03, 0.02]}
+ENDS = [{"side": "start", "kind": "clamped"}, {"side": "end", "kind": "clamped"}]
 
 
-def plate(**more):
-    return df.Case(**{
-        "name": "plate",
-        "lamina": [
-            {"name": "lower", "thickness": 0.0014, **LAMINA},
-            {"name": "upper", "thickness": 0.0006, **LAMINA},
-        ],
-        "model": {"kind": "solid", "poisson": 0.33},
-        "mesh": {"elements": 8, "across": 8},
-        "delamination": [PATCH],
-        "support": [{"side": "start", "kind": "clamped"}, {"side": "end", "kind": "clamped"}],
-        "excitation": {
-            "kind": "force", "lamina": "lower", "position": [0.02, 0.03], "amplitude": 1.0,
-            "frequency": 3000.0,
-        },
-        "contact": {"law": "newton-penalty", "impulse": "consistent"},
-        "time": {"steps_per_period": 100, "periods": 1},
-        **more,
-    })  # fmt: skip
+def plate(**sections):
+    """A plate with a patch, clamped at both ends, with a shaker."""
+    return patched(8, **{"support": ENDS, "excitation": FORCE, **sections})
 
 
 def test_outlines_of_patches_have_their_areas():
@@ -68,9 +52,10 @@ def test_options_and_the_case_do_not_both_say_the_points():
 
 
 def test_studies_that_know_no_plates_refuse_them():
-    for study in (df.excite, df.pod, df.infer):
+    for study in (df.infer, df.modulate):
+        options = {"pump_frequency": 50.0, "pump_amplitude": 1.0} if study is df.modulate else {}
         with pytest.raises(CaseError, match="plate"):
-            study(plate())
+            study(plate(), **options)
 
 
 @pytest.mark.slow
@@ -113,3 +98,73 @@ def test_a_linear_plate_has_no_harmonics(has_patch, tmp_path):
     largest = {k: np.abs(shapes.order(k)).max() for k in (1.0, 2.0, 3.0)}
     assert largest[1.0] > 0.0
     assert max(largest[2.0], largest[3.0]) < 1e-6 * largest[1.0]
+
+
+@pytest.fixture(scope="module")
+def mapped(tmp_path_factory):
+    """The map of a plate around half of its defect resonance, and its folder."""
+    folder = tmp_path_factory.mktemp("map")
+    f = df.modes(plate(), 12)
+    (local,) = (k for k, name in enumerate(f.motions) if name.startswith("defect resonance"))
+    frequencies = np.array([0.8, 0.9, 1.0, 1.1]) * f.frequencies[local]
+    return excitation_map(plate(), frequencies, folder, "serial", modes=30), f, folder
+
+
+@pytest.mark.slow
+def test_excite_marks_the_defect_resonance_that_modes_names(mapped):
+    map_, f, folder = mapped
+    (local,) = (k for k, name in enumerate(f.motions) if name.startswith("defect resonance"))
+    assert map_.defect_resonances == {"lower-upper 1": pytest.approx(f.frequencies[local])}
+    assert map_.loudest == map_.frequencies[map_.second[0].argmax()]
+    assert ((map_.overlap > 0.0) & (map_.overlap < 1.0)).all()
+    assert "defect resonance: lower-upper 1" in map_.reason
+    map_.save(folder)
+    numbers = json.loads((folder / "excitation.json").read_text())
+    assert numbers["largest_2f_at"] == map_.loudest
+    assert (folder / "figures" / "excitation.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_an_excitation_is_judged_as_a_scan_there(mapped):
+    map_, _, folder = mapped
+    again = excitation_map(plate(), map_.frequencies, folder, "serial", modes=30, resume=True)
+    np.testing.assert_array_equal(again.visibility, map_.visibility)
+    f = float(map_.frequencies[0])
+    detection = df.detect(plate().with_overrides({"excitation.frequency": f}), modes=30)
+    assert detection.mark.over_limits.max() == pytest.approx(map_.visibility[0, 0], rel=0.3)
+    second = np.abs(detection.shapes.order(2.0)).max()
+    assert second == pytest.approx(map_.second[0, 0], rel=0.05)
+    assert detection.repeated.overlap(detection.patches) == pytest.approx(
+        map_.overlap[0, 0], abs=0.1
+    )
+
+
+@pytest.mark.slow
+def test_larger_patches_are_found_more_often(tmp_path):
+    """Of three sizes, at a noise between those that find all and none; no intact plate is."""
+    specimens = plate_grid(plate(), (3000.0,), (0.15, 0.3, 0.5), (0.3,))
+    found = population(plate(), specimens, tmp_path, "serial", modes=30)
+    study = pod(plate(), found, (0.0,))
+    trials_ = study.lines[0].trials
+    scores = [trials_["score"].to_numpy()[k : k + 2].max() for k in (0, 2, 4)]
+    assert scores[0] < scores[1] < scores[2]
+    hits = [trials_["hit"].to_numpy()[k : k + 2].sum() for k in (0, 2, 4)]
+    assert hits[0] < hits[2]
+    assert (study.lines[0].intact > 1.0).mean() < 0.05
+    for path in study.save(tmp_path):
+        assert path.is_file()
+
+
+def test_the_grid_of_patches_fits_the_plate():
+    specimens = plate_grid(plate(), (3000.0,))
+    assert len({(round(s.length, 9), s.thickness) for s in specimens}) == 5 * 3
+    for specimen in specimens:
+        case = plate().with_overrides(specimen.keys(plate()))
+        assert patches_of(case).area == pytest.approx(specimen.length**2)
+        assert case.lamina[1].thickness == pytest.approx(specimen.thickness)
+        assert case.lamina[0].thickness + case.lamina[1].thickness == pytest.approx(0.002)
+
+
+def test_supports_of_plates_are_those_of_the_case():
+    with pytest.raises(CaseError, match="supports"):
+        df.pod(plate(), supports=("clamped",))

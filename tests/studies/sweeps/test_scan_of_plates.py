@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plates import patched
 
 import delam_fem as df
 from delam_fem import CaseError, Sweep, run_sweep
@@ -12,25 +13,9 @@ from delam_fem.studies.convergence.refinement import RefinementStudy, method
 from delam_fem.studies.signals.scan import shapes_of
 from delam_fem.studies.sweeps.grid import sweep_of
 
-LAMINA = {
-    "length": 0.12, "width": 0.1, "density": 2700.0, "young_modulus": 70e9, "damping_ratio": 0.02,
-}  # fmt: skip
-CASE = {
-    "name": "plate",
-    "lamina": [
-        {"name": "lower", "thickness": 0.0014, **LAMINA},
-        {"name": "upper", "thickness": 0.0006, **LAMINA},
-    ],
-    "model": {"kind": "solid", "poisson": 0.33},
-    "mesh": {"elements": 6, "across": 6},
-    "delamination": [
-        {"between": ["lower", "upper"], "start": 0.04, "end": 0.09, "across": [-0.03, 0.02]}
-    ],
-    "excitation": {"kind": "harmonic", "frequency": 3000.0, "amplitude": 1e-6},
-    "contact": {"law": "newton-penalty", "impulse": "consistent"},
+SECTIONS = {
     "time": {"steps_per_period": 100, "periods": 20},
     "output": {"window_periods": 8, "fields_per_period": 20},
-    "scan": {"spacing": 0.02},
 }
 
 
@@ -46,10 +31,9 @@ def swept(folder: Path, case: df.Case, key: str = "excitation.frequency", **scan
 
 def test_the_points_of_a_plate_are_said_once(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match=r"record\.scan\.spacing"):
-        swept(tmp_path, df.Case(**CASE), spacing=0.01)
-    bare = df.Case(**{key: value for key, value in CASE.items() if key != "scan"})
+        swept(tmp_path, patched(scan={"spacing": 0.02}, **SECTIONS), spacing=0.01)
     with pytest.raises(CaseError, match=r"record\.scan: expected a plate with \[scan\]"):
-        swept(tmp_path, bare)
+        swept(tmp_path, patched(**SECTIONS))
 
 
 def test_a_drive_that_does_not_repeat_is_refused(tmp_path: Path) -> None:
@@ -79,7 +63,7 @@ def test_studies_that_read_signals_alone_need_no_frames_for_the_scan() -> None:
 
 @pytest.mark.slow
 def test_a_sweep_keeps_the_shapes_of_each_run(tmp_path: Path) -> None:
-    reduced_case(df.Case(**CASE), 12).save(tmp_path)
+    reduced_case(patched(scan={"spacing": 0.02}, **SECTIONS), 12).save(tmp_path)
     case = df.load_case(tmp_path / "case.toml")
     data = run_sweep(swept(tmp_path / "base", case), tmp_path / "sweep", "serial").load()
     history = df.run(case, "compiled").history
