@@ -74,7 +74,7 @@ def test_a_frequency_is_as_good_as_its_neighbours() -> None:
     map_ = ExcitationMap(
         case, 40.0, np.array([320.0, 330.0, 340.0, 350.0, 360.0]), np.array([math.nan]),
         np.array([0.0, 0.01]), np.ones((1, 5, 2)), 5.0 * one, visibility, one, 0.0 * one, none,
-        none,
+        none, one,
     )  # fmt: skip
     np.testing.assert_array_equal(map_.worst, [[9.0, 9.0, 9.0, 11.0, 11.0]])
     assert map_.recommended == (0, 3)  # not 320 Hz, beside which little is seen
