@@ -13,6 +13,7 @@ from delam_fem.studies.convergence.refinement import RefinementStudy, method
 from delam_fem.studies.signals.scan import shapes_of
 from delam_fem.studies.sweeps.grid import sweep_of
 
+SCAN = {"scan": {"spacing": 0.02}}
 SECTIONS = {
     "time": {"steps_per_period": 100, "periods": 20},
     "output": {"window_periods": 8, "fields_per_period": 20},
@@ -31,7 +32,7 @@ def swept(folder: Path, case: df.Case, key: str = "excitation.frequency", **scan
 
 def test_the_points_of_a_plate_are_said_once(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match=r"record\.scan\.spacing"):
-        swept(tmp_path, patched(scan={"spacing": 0.02}, **SECTIONS), spacing=0.01)
+        swept(tmp_path, patched(**SECTIONS, **SCAN), spacing=0.01)
     with pytest.raises(CaseError, match=r"record\.scan: expected a plate with \[scan\]"):
         swept(tmp_path, patched(**SECTIONS))
 
@@ -49,21 +50,21 @@ def test_a_drive_that_does_not_repeat_is_refused(tmp_path: Path) -> None:
         "output": {},
     }
     with pytest.raises(CaseError, match=r"record\.scan: expected a harmonic excitation"):
-        swept(tmp_path, df.Case(**{**CASE, **tap}), "excitation.amplitude")
+        swept(tmp_path, patched(**SCAN, **tap), "excitation.amplitude")
 
 
 def test_studies_that_read_signals_alone_need_no_frames_for_the_scan() -> None:
-    case = df.Case(**CASE).with_overrides(WITHOUT_FRAMES)
+    case = patched(**SECTIONS, **SCAN).with_overrides(WITHOUT_FRAMES)
     assert case.scan is None
     law = method("newton-penalty@newmark")
-    study = RefinementStudy(df.Case(**CASE), (law,), (6,), (100, 200), 2, 0)
+    study = RefinementStudy(patched(**SECTIONS, **SCAN), (law,), (6,), (100, 200), 2, 0)
     levels = study.along_steps(law, 6)
     assert [level.case.scan for level in levels] == [None, None]
 
 
 @pytest.mark.slow
 def test_a_sweep_keeps_the_shapes_of_each_run(tmp_path: Path) -> None:
-    reduced_case(patched(scan={"spacing": 0.02}, **SECTIONS), 12).save(tmp_path)
+    reduced_case(patched(**SECTIONS, **SCAN), 12).save(tmp_path)
     case = df.load_case(tmp_path / "case.toml")
     data = run_sweep(swept(tmp_path / "base", case), tmp_path / "sweep", "serial").load()
     history = df.run(case, "compiled").history
