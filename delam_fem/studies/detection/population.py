@@ -225,7 +225,8 @@ def population(
         structures = {AS_GIVEN: bonded}
         models = _models(plate, specimens, modes, folder, resume=resume)
         columns["model.file"] = [str(model.model.file) for model in models]
-        base, record = models[0], ScanRecord()
+        base = models[0]
+        record = ScanRecord()
     else:
         bonded = None
         kinds = sorted({specimen.support for specimen in specimens})
@@ -491,9 +492,9 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.
     surface = surface_of(case, None)
     drives = {}
     for key in {(specimen.support, specimen.frequency) for specimen in found.specimens}:
-        whole = _whole(case, *key, found.intact)
-        points = found.x if found.z is None else scanned_places(whole)
-        drives[key] = drive_responses(whole, surface, points, key[1], (2.0,))
+        bonded = _whole(case, *key, found.intact)
+        points = found.x if found.z is None else scanned_places(bonded)
+        drives[key] = drive_responses(bonded, surface, points, key[1], (2.0,))
     n = len(found.specimens)
     start, end, score, overlap = (np.full(n, np.nan) for _ in range(4))
     hit = np.zeros(n, dtype=np.bool_)

@@ -52,9 +52,9 @@ def supported(G: np.ndarray, softness: float) -> np.ndarray:
 
 def test_a_spring_at_a_point_takes_its_share():
     G = flexibility(sheet())
-    own = flexibility(sheet(SPRING))
-    np.testing.assert_allclose(own, supported(G, 1.0 / STIFFNESS), rtol=1e-8)
-    assert own[0, 0] < 0.8 * G[0, 0]  # it matters
+    sprung = flexibility(sheet(SPRING))
+    np.testing.assert_allclose(sprung, supported(G, 1.0 / STIFFNESS), rtol=1e-8)
+    assert sprung[0, 0] < 0.8 * G[0, 0]  # it matters
 
 
 @pytest.mark.parametrize(("surface", "side"), [("top", 1), ("bottom", -1)])
@@ -100,7 +100,7 @@ def test_a_pin_on_a_nodal_line_changes_no_frequency():
 
 def test_a_patch_parts_what_a_pin_holds():
     """Within the patch the other lamina stays free; beside it both are held."""
-    held = []
+    motions = []
     for place in ([0.065, 0.0], [0.1, 0.04]):
         pin = {"position": place, "kind": "pinned", "lamina": "upper"}
         structure = assemble(patched(8, support=[{"side": "start", "kind": "clamped"}, pin]))
@@ -110,9 +110,9 @@ def test_a_patch_parts_what_a_pin_holds():
         at = np.abs(shape.points[:, [0, 2]] - place).max(axis=1) < 1e-9
         u = scipy.sparse.linalg.spsolve(o.stiffness.tocsc(), np.ones(o.n_dofs))
         moved = np.abs(body.gathered(u[None], np.zeros(1))[0, shape.node[at], 1])
-        held.append({name: moved[shape.lamina[at] == k].max() for k, name in enumerate("lu")})
-    assert held[0]["u"] == 0.0 < held[0]["l"]
-    assert held[1]["u"] == held[1]["l"] == 0.0
+        motions.append({name: moved[shape.lamina[at] == k].max() for k, name in enumerate("lu")})
+    assert motions[0]["u"] == 0.0 < motions[0]["l"]
+    assert motions[1]["u"] == motions[1]["l"] == 0.0
 
 
 def test_a_reduced_plate_keeps_its_points():
@@ -120,10 +120,10 @@ def test_a_reduced_plate_keeps_its_points():
     for support in (PIN, SPRING):
         case = sheet(support, load=load)
         o = assemble(case).operators
-        own = o.probes @ scipy.sparse.linalg.spsolve(o.stiffness.tocsc(), o.load)
+        deflections = o.probes @ scipy.sparse.linalg.spsolve(o.stiffness.tocsc(), o.load)
         reduced = reduced_case(case, 6).structure.operators
         q = reduced.load / reduced.stiffness.diagonal()
-        np.testing.assert_allclose(reduced.probes @ q, own, rtol=1e-6)
+        np.testing.assert_allclose(reduced.probes @ q, deflections, rtol=1e-6)
 
 
 STEPS = {"steps_per_period": 100, "periods": 2}

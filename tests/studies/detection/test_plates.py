@@ -143,8 +143,8 @@ def test_an_excitation_is_judged_as_a_scan_there(mapped):
 def test_larger_patches_are_found_more_often(tmp_path):
     """Of three sizes, at a noise between those that find all and none; no intact plate is."""
     specimens = plate_grid(plate(), (3000.0,), (0.15, 0.3, 0.5), (0.3,))
-    found = population(plate(), specimens, tmp_path, "serial", modes=30)
-    study = pod(plate(), found, (0.0,))
+    runs = population(plate(), specimens, tmp_path, "serial", modes=30)
+    study = pod(plate(), runs, (0.0,))
     trials_ = study.lines[0].trials
     scores = [trials_["score"].to_numpy()[k : k + 2].max() for k in (0, 2, 4)]
     assert scores[0] < scores[1] < scores[2]
