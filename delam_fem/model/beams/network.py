@@ -1007,7 +1007,7 @@ def point_supports(case: Case, layout: Layout, n: int) -> Iterator[tuple[PointSu
             if support.lamina in (None, part.name):
                 if not case.is_axial:
                     _require_spring(support, order, part)
-                place = place_of(part, support.position or 0.0)
+                place = place_of(part, support.x)
                 row = tuple(
                     columns_of(part, place, n, kind).indices.tobytes()
                     for kind in (DISPLACEMENT, SLOPE)
