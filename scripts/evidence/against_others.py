@@ -33,17 +33,16 @@ TABLE = PAGE.parent / "tables" / "against_others.csv"
 BAR = 1e-3
 """Largest difference from what others print, relative, where nothing else is said."""
 KEPT = "<!-- by hand -->\n"
-ITSELF = ".venv/bin/python scripts/evidence/against_others.py"
 
 
 @dataclass(frozen=True)
 class Row:
-    """A number of others beside ours."""
+    """A number of others beside ours, and the file of its case, if it is run as a user would."""
 
     what: str
     theirs: float
     ours: float
-    command: str
+    file: str
     scale: float = 0.0
 
     @property
@@ -301,17 +300,16 @@ class Test:
     def rows(self) -> Iterator[Row]:
         """Compute the case and yield its rows."""
         case = None
-        command = ITSELF
+        file = ""
         if self.file:
             case = df.load_case(ROOT / CASES / self.file).with_overrides(self.changes)
         if self.run is not None:
             history = self.run(case)
         else:
-            sets = "".join(f" --set {key}={value}" for key, value in self.changes.items())
-            command = f"delam-fem run {CASES / self.file}{sets}"
+            file = self.file
             history = df.run(case, engine="compiled").history
         for (what, theirs), ours in zip(self.theirs.items(), self.read(history), strict=True):
-            yield Row(what, theirs, ours, command, self.scale)
+            yield Row(what, theirs, ours, file, self.scale)
 
 
 _LIMIT = (-3.58004, -1.22116, -1.88702, -1.89841, -0.702140, -1.10186, -1.19072, -1.08558)
@@ -466,7 +464,6 @@ TESTS = (
     ),
 )
 
-STEPS = "time.steps_per_period=400"
 BRANCH = (10120.0, 10340.0)
 FOLDS = {"lower fold": 63848.3, "upper fold": 64892.9, "peak": 0.51639}
 """Of the rod on a stop of 0.4 EA/L: ends of our branch [Hz]; their folds [rad/s] and peak [mm]."""
@@ -487,19 +484,18 @@ def folds() -> Iterator[Row]:
         branch = df.follow(
             case, "excitation.frequency", start=start, stop=stop, directory=folder, doublings=0
         )
-    command = f"delam-fem orbit follow {CASES / 'rod.toml'} --from {start:g} --to {stop:g}"
     ours = sorted(2.0 * np.pi * branch["event_parameter"].to_numpy())
     ours.append(1e3 * np.abs(np.stack([branch["low"], branch["high"]])).max())
     for (name, number), value in zip(FOLDS.items(), ours, strict=True):
         what = f"{name} [{'mm' if name == 'peak' else 'rad/s'}]"
-        yield Row(what, number, float(value), f"{command} --doublings 0 --set {STEPS}")
+        yield Row(what, number, float(value), "rod.toml")
 
 
 HEAD = f"""# Beside what others computed
 
-`scripts/evidence/against_others.py` runs the cases of this table, files of `{CASES}`, and writes
-[all numbers](tables/{TABLE.name}). Differences are relative, and less than {BAR:g} where no remark
-says why not.
+`delam-fem run {CASES}/FILE` computes a case, `scripts/evidence/against_others.py` all of this
+table and [each number](tables/{TABLE.name}). Differences are relative, and less than {BAR:g} where
+nothing says why not.
 """
 COLUMNS = ("case", "what", "theirs", "ours", "difference")
 
@@ -512,14 +508,14 @@ def page(found: Mapping[str, list[Row]], notes: Mapping[str, tuple[str, str]], k
         notes: what stands above and below each table.
         kept: what is written by hand.
     """
-    lines = [HEAD, "| case | run | how | numbers | largest difference | remark |", f"|{'---|' * 6}"]
+    lines = [HEAD, "| case | FILE | numbers | largest difference | how, and why it differs |"]
+    lines.append("|---|---|---|---|---|")
     for title, rows in found.items():
         note, reason = notes[title]
-        first, *others = dict.fromkeys(row.command for row in rows)
-        more = f" and {len(others)} more" if others else ""
         worst = max((row.difference for row in rows), key=abs)
-        cells = (title, f"`{first}`{more}", note, str(len(rows)), f"{worst:+.1e}", reason)
-        lines.append(f"| {' | '.join(cells)} |")
+        file = f"`{rows[0].file}`" if rows[0].file else "–"
+        about = f"{note}. {reason}" if reason else note
+        lines.append(f"| {title} | {file} | {len(rows)} | {worst:+.1e} | {about} |")
     lines += ["", ""]
     return "\n".join(lines) + KEPT + kept
 
@@ -534,7 +530,8 @@ def main() -> None:
     notes = {test.title: (test.note, test.reason) for test in TESTS}
     title = "The folds of the rod on a stop of 0.4 EA/L"
     all_rows[title] = list(folds())
-    notes[title] = ("theirs by harmonic balance; three minutes", FOURFOLD)
+    branch = "orbit follow from {:g} to {:g} Hz, 400 steps per period".format(*BRANCH)
+    notes[title] = (f"{branch}; theirs by harmonic balance; three minutes", FOURFOLD)
     with atomic(path) as temporary:
         temporary.write_text(page(all_rows, notes, written_part), "utf-8")
     if path == PAGE:

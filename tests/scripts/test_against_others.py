@@ -36,7 +36,7 @@ def test_numbers_are_within_the_bar_and_on_the_page(test: others.Test) -> None:
         )
         rounded = 1e-5 if test.bar == others.BAR else 0.05 * test.bar  # impacts amplify round-off
         assert ours == pytest.approx(row.ours, rel=rounded)
-        assert f"`{row.command.partition(' --set')[0]}" in text
+        assert f"| `{row.file}` |" in text or not row.file
     assert test.reason in text
     assert test.bar == others.BAR or test.reason
 
