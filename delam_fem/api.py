@@ -85,7 +85,11 @@ if TYPE_CHECKING:
         in_si as in_si,
         inconsistent as inconsistent,
     )
-    from delam_fem.contact.decisions import Kinematics as Kinematics, LawContext as LawContext
+    from delam_fem.contact.decisions import (
+        Kinematics as Kinematics,
+        LawContext as LawContext,
+        PairState as PairState,
+    )
     from delam_fem.contact.laws import (
         COMBINATIONS as COMBINATIONS,
         LAWS as LAWS,
@@ -310,7 +314,7 @@ _HOMES = {
     "case.toml": "LISTS Data apply_overrides message read_toml shown toml_text",
     "case.values": ("CountOrNone Expected Label NotNegative Positive Section in_si inconsistent"),
     # Laws
-    "contact.decisions": "Kinematics LawContext",
+    "contact.decisions": "Kinematics LawContext PairState",
     "contact.laws": "COMBINATIONS LAWS SCHEMES Impulse Law Scheme combined_name",
     # Structures
     "model.stops_sensors": "struck with_sensors",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from delam_fem.api import LawContext
-from delam_fem.contact.decisions import NO_BLOCK
+from delam_fem.contact.decisions import NO_BLOCK, PairState
 
 
 @dataclass
@@ -16,7 +16,7 @@ class Seen:
 
     gap: np.ndarray
     rate: np.ndarray
-    resting: np.ndarray
+    pair_state: PairState
     free: np.ndarray | None = None
     noise: float = 0.0
 
@@ -54,7 +54,9 @@ def seen(
     free: list[float] | None = None,
 ) -> Seen:
     """Return a candidate state; no pair rests unless given."""
-    pairs = np.zeros(len(gap), dtype=bool) if resting is None else np.array(resting)
+    pairs = PairState.at_start(len(gap))
+    if resting is not None:
+        pairs.resting[:] = resting
     return Seen(np.array(gap), np.array(rate), pairs, None if free is None else np.array(free))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from delam_fem import Decision
 from delam_fem.api import BaseCoupling, PeriodRecord, Recorder, Span, State
-from delam_fem.contact.decisions import NO_PAIRS
+from delam_fem.contact.decisions import NO_PAIRS, PairState
 from delam_fem.simulation.loop import StepByStep
 from delam_fem.simulation.recorder import Energies
 
@@ -23,7 +23,7 @@ U = np.array([[5.0, 3.0, -7.0, 2.0, 6.0, 8.0, 1.0, 0.0, -2.0, 4.0, 9.0, -1.0, 7.
 """Displacements of two probes at all steps of the run [m]."""
 IMPACTS = {
     2: (Decision(np.array([1]), np.array([0.25]), np.array([-1.0]), np.array([0.5])), -0.75, 0.0),
-    3: (Decision(NO_PAIRS, *[np.zeros(0)] * 3, np.array([True, False])), 0.0, 0.125),
+    3: (Decision(NO_PAIRS, *[np.zeros(0)] * 3, PairState(np.array([True, False]))), 0.0, 0.125),
     8: (Decision(np.array([0, 1]), np.array([1.0, 2.0]), np.array([-3.0, -4.0]), np.zeros(2)),
         0.5, -0.25),
     10: (Decision(np.array([1]), np.array([4.0]), np.array([-5.0]), np.zeros(1)), -2.0, 0.0),
@@ -37,12 +37,16 @@ class Scripted:
     """A stepper of three dofs and two pairs at a step of the motion above."""
 
     step: int = 0
-    resting: np.ndarray = field(default_factory=lambda: np.zeros(2, dtype=bool))
+    pair_state: PairState = field(default_factory=lambda: PairState.at_start(2))
     dissipated: float = 0.0
     contact_damped: float = 0.0
     damped: np.ndarray = field(default_factory=lambda: np.zeros(2))
     seen_u: np.ndarray = field(default_factory=lambda: np.zeros(5))
     seen_v: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def resting(self) -> np.ndarray:
+        return self.pair_state.resting
 
     def finish_step(self) -> None:
         """Show (m·u, c·u, k·u), the probes, and their velocities, which are ten times as large."""
@@ -70,12 +74,12 @@ class Engine:
 
     def state(self) -> State:
         s = self.stepper
-        return State(s.state(), s.resting.copy(), (s.dissipated, s.contact_damped))
+        return State(s.state(), s.pair_state.copy(), (s.dissipated, s.contact_damped))
 
     def restore(self, state: State, base_state: np.ndarray) -> None:
         s = self.stepper
         s.step = round((state.motion[0, 0] - STATIC[0, 0]) / 100.0)
-        s.resting, self.base_state = state.resting.copy(), base_state
+        s.pair_state, self.base_state = state.pair_state.copy(), base_state
         s.dissipated, s.contact_damped = state.losses
 
     def renew_acceleration(self) -> None:
@@ -102,8 +106,8 @@ class Engine:
             s.contact_damped += 0.25
             if s.step in IMPACTS:
                 decision, *changes = IMPACTS[s.step]
-                if decision.resting is not None:
-                    s.resting = decision.resting
+                if decision.pair_state is not None:
+                    s.pair_state = decision.pair_state
                 record.jump(step, decision, (changes[0], changes[1]))
             s.finish_step()
             record.keep(step, s)

@@ -1,8 +1,8 @@
 """What a contact law sees, what it answers, and the numbers by which it decides.
 
 A stepper makes a candidate state and shows it as `Kinematics`. A law answers with a `Decision`, or
-with None if nothing jumps. Laws keep no state: the stepper owns the set of resting pairs, shows it
-to the law, and carries decisions out.
+with None if nothing jumps. Laws keep no state: the stepper owns what is remembered of the pairs
+(`PairState`), shows it to the law, and carries decisions out.
 """
 
 from __future__ import annotations
@@ -17,11 +17,33 @@ from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 NO_PAIRS: IntArray = np.zeros(0, dtype=np.int64)
 
 
+class PairState(NamedTuple):
+    """What is remembered of the pairs from step to step: all that a law may build on.
+
+    Engines show it to the law and take over that of a decision; states, checkpoints and the
+    journals of sweeps carry all members.
+
+    Attributes:
+        resting: pairs at rest on one another, shape (n_pairs,). With Newmark they carry a spring.
+    """
+
+    resting: BoolArray
+
+    @classmethod
+    def at_start(cls, n_pairs: int) -> PairState:
+        """Return what is remembered before the first step: no pair rests."""
+        return cls(np.zeros(n_pairs, dtype=np.bool_))
+
+    def copy(self) -> PairState:
+        """Return a copy."""
+        return PairState._make(values.copy() for values in self)
+
+
 class Kinematics(Protocol):
     """A candidate state as a contact law sees it."""
 
-    resting: BoolArray
-    """Pairs at rest on one another, shape (n_pairs,). With Newmark they carry a spring."""
+    pair_state: PairState
+    """What is remembered of the pairs."""
 
     @property
     def gap(self) -> FloatArray:
@@ -58,6 +80,31 @@ class Compliance(Protocol):
         """Return the rows and columns of W of some pairs, shape (k, k) [1/kg]."""
 
 
+class Hits(NamedTuple):
+    """Pairs that an impulse may part, or has parted: the first entries of each array.
+
+    Attributes:
+        pair: their numbers.
+        rate_pre: their gap rates before the impact [m/s].
+        rate_post: those after it; before the impulses are known, those without impulses [m/s].
+        lacking: what the gap rates after the impact lack without impulses, if it is below 0 [m/s].
+        impulse: impulses [N s].
+        change: by what the impulses change the gap rates [m/s].
+    """
+
+    pair: IntArray
+    rate_pre: FloatArray
+    rate_post: FloatArray
+    lacking: FloatArray
+    impulse: FloatArray
+    change: FloatArray
+
+    @classmethod
+    def room(cls, n_pairs: int) -> Hits:
+        """Return room for all pairs."""
+        return cls(np.zeros(n_pairs, dtype=np.int64), *np.zeros((5, n_pairs)))
+
+
 class Decision(NamedTuple):
     """The jumps that a law demands.
 
@@ -66,14 +113,14 @@ class Decision(NamedTuple):
         impulses: impulses of the hit pairs, shape (k,) [N s].
         rate_pre: their gap rates before the impact, shape (k,) [m/s].
         rate_post: their gap rates after the impact, shape (k,) [m/s].
-        resting: pairs at rest from now on, shape (n_pairs,); None: the same as before.
+        pair_state: what is remembered of the pairs from now on; None: the same as before.
     """
 
     hit: IntArray
     impulses: FloatArray
     rate_pre: FloatArray
     rate_post: FloatArray
-    resting: BoolArray | None = None
+    pair_state: PairState | None = None
 
 
 class Supervisor(Protocol):

@@ -37,9 +37,11 @@ from delam_fem.contact.decisions import (
     RESTITUTION,
     THRESHOLD,
     Decision,
+    Hits,
     Kinematics,
     LawContext,
     LawNumbers,
+    PairState,
 )
 from delam_fem.system.caches import kept, njit
 
@@ -92,7 +94,7 @@ def damping_of(law, k):  # type: ignore[no-untyped-def]
 
 
 @njit
-def closing_pairs(law, n_pairs, gap, rate, free, resting, hit, before, after, lacking):  # type: ignore[no-untyped-def]
+def closing_pairs(law, n_pairs, gap, rate, free, pair_state, hits):  # type: ignore[no-untyped-def]
     """List the pairs that an impulse may part.
 
     Args:
@@ -101,11 +103,9 @@ def closing_pairs(law, n_pairs, gap, rate, free, resting, hit, before, after, la
         gap: gaps that the law examines, shape (n_pairs,) [m].
         rate: gap rates U̇, of the closed pairs at least, shape (n_pairs,) [m/s].
         free: U̇_free, likewise.
-        resting: pairs that rest now, shape (n_pairs,).
-        hit: result, the pairs, the first entries.
-        before: result, their U̇.
-        after: result, their U̇_free.
-        lacking: result, U̇_free + e U̇, which is negative where an impulse is needed.
+        pair_state: what is remembered of the pairs.
+        hits: result, with U̇, U̇_free and what is lacking, U̇_free + e U̇, which is negative where
+            an impulse is needed.
 
     Returns:
         Number of these pairs, 0 if none of them needs an impulse; whether a pair begins or ceases
@@ -116,33 +116,33 @@ def closing_pairs(law, n_pairs, gap, rate, free, resting, hit, before, after, la
     changes = False
     for k in range(n_pairs):
         is_closed = gap[k] <= 0.0
-        rests = resting[k] != 0
+        rests = pair_state.resting[k] != 0
         kind = _kind_of(law, k)
         if kind == PENALTY:
             changes |= is_closed != rests
         elif kind == IMPACTS and not is_closed:
             changes |= rests
         elif is_closed and (kind == MOREAU or (kind == IMPACTS and not rests and rate[k] < 0.0)):
-            hit[n] = k
-            before[n] = rate[k]
-            after[n] = free[k]
-            lacking[n] = free[k] + _restitution_of(law, k) * rate[k]
-            lacks |= not lacking[n] >= 0.0  # also if it is no number
+            hits.pair[n] = k
+            hits.rate_pre[n] = rate[k]
+            hits.rate_post[n] = free[k]
+            hits.lacking[n] = free[k] + _restitution_of(law, k) * rate[k]
+            lacks |= not hits.lacking[n] >= 0.0  # also if it is no number
             n += 1
     return n if lacks else 0, changes
 
 
 @njit
-def needs_impulse(lacking, n, noise):  # type: ignore[no-untyped-def]
+def needs_impulse(hits, n, noise):  # type: ignore[no-untyped-def]
     """Return whether one of n candidates lacks more than round-off; see `closing_pairs`."""
     for j in range(n):
-        if not lacking[j] >= -noise:  # also if it is no number
+        if not hits.lacking[j] >= -noise:  # also if it is no number
             return True
     return False
 
 
 @njit
-def solve_impulses(law, W, places, n, hit, before, after, lacking, impulse, change, noise, memory):  # type: ignore[no-untyped-def]
+def solve_impulses(law, W, places, n, hits, noise, memory):  # type: ignore[no-untyped-def]
     """Find the impulses of n candidates, and their gap rates afterwards.
 
     Args:
@@ -150,12 +150,7 @@ def solve_impulses(law, W, places, n, hit, before, after, lacking, impulse, chan
         W: entries, place of the first and length of a row of W; see `solve_among`.
         places: rows of W that belong to the candidates.
         n: number of the candidates.
-        hit: see `closing_pairs`.
-        before: see `closing_pairs`.
-        after: see `closing_pairs`; result, U̇⁺.
-        lacking: see `closing_pairs`.
-        impulse: result.
-        change: work space.
+        hits: these, see `closing_pairs`; result, with U̇⁺ and impulses.
         noise: see `solve_among`.
         memory: see `solve_among`.
 
@@ -167,38 +162,37 @@ def solve_impulses(law, W, places, n, hit, before, after, lacking, impulse, chan
     if not law.is_coupled:
         for j in range(n):
             single = entries[origin + places[j] * (stride + 1)]
-            restitution = _restitution_of(law, hit[j])
-            impulse[j] = -(1.0 + restitution) * before[j] / single
-            after[j] = -restitution * before[j]
+            restitution = _restitution_of(law, hits.pair[j])
+            hits.impulse[j] = -(1.0 + restitution) * hits.rate_pre[j] / single
+            hits.rate_post[j] = -restitution * hits.rate_pre[j]
         return n, complementarity.SOLVED
     result = complementarity.solve_among(
-        entries, origin, stride, places, n, lacking, impulse, change, noise, memory
+        entries, origin, stride, places, n, hits.lacking, hits.impulse, hits.change, noise, memory
     )
     n_hit = 0
     for j in range(n):
-        if law.kind != MOREAU or impulse[j] > 0.0:
-            hit[n_hit] = hit[j]
-            impulse[n_hit] = impulse[j]
-            before[n_hit] = before[j]
-            after[n_hit] = after[j] + change[j]
+        if law.kind != MOREAU or hits.impulse[j] > 0.0:
+            hits.pair[n_hit] = hits.pair[j]
+            hits.impulse[n_hit] = hits.impulse[j]
+            hits.rate_pre[n_hit] = hits.rate_pre[j]
+            hits.rate_post[n_hit] = hits.rate_post[j] + hits.change[j]
             n_hit += 1
     return n_hit, result
 
 
 @njit
-def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: ignore[no-untyped-def]
-    """Write which pairs rest after n were hit into `resting`; return whether that has changed.
+def renew_resting(law, n_pairs, gap, n, hits, pair_state):  # type: ignore[no-untyped-def]
+    """Write which pairs rest after n were hit; return whether that has changed.
 
     Args:
         law: its numbers.
         n_pairs: number of all pairs.
         gap: see `closing_pairs`.
         n: number of the hit pairs.
-        hit: see `solve_impulses`.
-        before: see `solve_impulses`.
-        after: see `solve_impulses`.
-        resting: pairs that rest before; result, those that rest afterwards, shape (n_pairs,).
+        hits: these, see `solve_impulses`.
+        pair_state: with the pairs that rest before; result, with those that rest afterwards.
     """
+    resting = pair_state.resting
     is_changed = False
     for k in range(n_pairs):
         rested = resting[k] != 0
@@ -207,9 +201,13 @@ def renew_resting(law, n_pairs, gap, n, hit, before, after, resting):  # type: i
         is_changed |= rests != rested
         resting[k] = rests
     for j in range(n):
-        threshold = _threshold_of(law, hit[j])
-        if (before[j] > -threshold) if law.kind == MOREAU else (after[j] < threshold):
-            resting[hit[j]], is_changed = True, True
+        threshold = _threshold_of(law, hits.pair[j])
+        is_slow = hits.rate_post[j] < threshold
+        if law.kind == MOREAU:
+            is_slow = hits.rate_pre[j] > -threshold
+        if is_slow:
+            resting[hits.pair[j]] = True
+            is_changed = True
     return is_changed
 
 
@@ -227,30 +225,35 @@ class Rules:
         self._W = (W := setting.compliance)
         self._block = W.block if law.is_coupled else lambda pairs: np.diag(W.diagonal(pairs))
         self._hit = np.zeros(setting.n_pairs, dtype=np.int64)
-        self._values = np.zeros((4, setting.n_pairs))  # U̇, U̇_free and U̇⁺, what is lacking, p
-        self._resting = np.zeros(setting.n_pairs, dtype=np.bool_)
+        self._values = np.zeros((5, setting.n_pairs))  # of `Hits`, in their order
+        self._next = PairState.at_start(setting.n_pairs)
 
     def examine(self, seen: Kinematics) -> Decision | None:
         """Return the impulses and the new set of resting pairs, or None if nothing jumps."""
-        hit, values, now = self._hit, self._values, self._resting
-        about = seen.gap, seen.rate_pre(), seen.rate_free(), seen.resting, hit, values, now
-        noise = seen.rate_noise()
+        hit, values = self._hit, self._values
+        about = seen.gap, seen.rate_pre(), seen.rate_free(), seen.rate_noise(), hit, values
+        tables = *seen.pair_state, *self._next, *self._law
         known = self._W.recent if self._law.is_coupled else NO_BLOCK
-        n, result, is_changed = _examine(*known, *about, noise, *self._law)
+        n, result, is_changed = _examine(*known, *about, *tables)
         if result == OTHERS:
             pairs = hit[:n].copy()
-            n, result, is_changed = _examine(pairs, self._block(pairs), *about, noise, *self._law)
+            n, result, is_changed = _examine(pairs, self._block(pairs), *about, *tables)
         if result == NOTHING:
             return None
         complementarity.require_solved(result)
-        of_hit = values[:, :n].copy()
-        resting = now.copy() if is_changed else None
-        return Decision(hit[:n].copy(), of_hit[3], of_hit[0], of_hit[1], resting)
+        hits = Hits(hit[:n].copy(), *values[:, :n].copy())
+        pair_state = self._next.copy() if is_changed else None
+        return Decision(hits.pair, hits.impulse, hits.rate_pre, hits.rate_post, pair_state)
+
+
+_BEFORE = len(PairState._fields)
+_AFTER = 2 * _BEFORE
+"""Ends of the two states of pairs that `_examine` gets; the numbers of the law follow."""
 
 
 @kept
-def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbers):  # type: ignore[no-untyped-def]
-    """Make the three steps of a decision, called from Python: a tuple for the law would cost more.
+def _examine(pairs, W, gap, rate, free, noise, hit, values, *tables):  # type: ignore[no-untyped-def]
+    """Make the three steps of a decision, called from Python: named tuples would cost more.
 
     Args:
         pairs: some pairs, shape (k,).
@@ -258,34 +261,30 @@ def _examine(pairs, W, gap, rate, free, resting, hit, values, now, noise, *numbe
         gap: see `closing_pairs`.
         rate: see `closing_pairs`.
         free: see `closing_pairs`.
-        resting: see `closing_pairs`.
-        hit: see `closing_pairs`.
-        values: results: U̇, U̇⁺, what is lacking and p of the hit pairs, shape (4, n_pairs).
-        now: result: pairs that rest from now on.
         noise: see `solve_among`.
-        numbers: `LawNumbers`.
+        hit: result: pairs of `Hits`.
+        values: result: its other members, one below the other.
+        tables: members of `PairState` before; result: those from now on; members of `LawNumbers`.
 
     Returns:
         Number of hit pairs, the first entries; result of `solve_among`, NOTHING, or OTHERS if not
         `pairs`, but the first entries are the candidates; whether other pairs rest.
     """
-    before, after, lacking, impulse = values[0], values[1], values[2], values[3]
-    law = LawNumbers(*numbers)
+    before = PairState(*tables[:_BEFORE])
+    after = PairState(*tables[_BEFORE:_AFTER])
+    law = LawNumbers(*tables[_AFTER:])
+    hits = Hits(hit, values[0], values[1], values[2], values[3], values[4])
     result = complementarity.SOLVED
-    of_pairs = hit, before, after, lacking
-    n, changes = closing_pairs(law, gap.size, gap, rate, free, resting, *of_pairs)
-    if n and not needs_impulse(lacking, n, noise):
+    n, changes = closing_pairs(law, gap.size, gap, rate, free, before, hits)
+    if n and not needs_impulse(hits, n, noise):
         n = 0
     if not n and not changes:
         return 0, NOTHING, False
-    if n and (n != pairs.size or (pairs != hit[:n]).any()):
+    if n and (n != pairs.size or (pairs != hits.pair[:n]).any()):
         return n, OTHERS, False
     if n:
-        change = np.empty(n)
         memory = complementarity.fresh(n)
-        n, result = solve_impulses(
-            law, (W.ravel(), 0, n), np.arange(n), n, *of_pairs, impulse, change, noise, memory
-        )
-    now[:] = resting
-    changed = renew_resting(law, gap.size, gap, n, hit, before, after, now)
+        n, result = solve_impulses(law, (W.ravel(), 0, n), np.arange(n), n, hits, noise, memory)
+    after.resting[:] = before.resting
+    changed = renew_resting(law, gap.size, gap, n, hits, after)
     return n, result, changed

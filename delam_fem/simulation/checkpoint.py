@@ -31,6 +31,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.identity import belong, identity, require_same
+from delam_fem.contact.decisions import PairState
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import Engine, Outcome, State
 from delam_fem.simulation.recorder import (
@@ -234,7 +235,7 @@ def arrays_of(run: str, engine: Engine, recorder: Recorder, outcome: Progress) -
         "outcome": np.array(outcome),
         "n_closed": k,
         "motion": state.motion,
-        "resting": state.resting,
+        **state.pair_state._asdict(),
         "losses": state.losses,
     }
     if state.internal is not None:
@@ -366,7 +367,7 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
     rows = recorder.steps_per_period + 1
     shapes: dict[str, tuple[int, ...]] = {
         "motion": state.motion.shape,
-        "resting": (n_pairs,),
+        **dict.fromkeys(PairState._fields, (n_pairs,)),
         "losses": (2,),
         **{name: getattr(recorder, name)[:k].shape for name in _PERIOD_ARRAYS},
     }
@@ -417,7 +418,8 @@ def _restored(
     present = engine.state()
     k = int(data["n_closed"])
     damping, contact = (float(loss) for loss in data["losses"])
-    state = State(data["motion"], data["resting"], (damping, contact), data.get("internal"))
+    pair_state = PairState._make(data[name] for name in PairState._fields)
+    state = State(data["motion"], pair_state, (damping, contact), data.get("internal"))
     shapes = (present.motion.shape, present.resting.shape)
     if (state.motion.shape, state.resting.shape) != shapes or not 0 < k <= recorder.n_periods:
         raise ValueError("arrays of another size")

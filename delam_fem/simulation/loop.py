@@ -15,7 +15,7 @@ from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
-from delam_fem.contact.decisions import Decision, Kinematics, Supervisor
+from delam_fem.contact.decisions import Decision, Kinematics, PairState, Supervisor
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import first_mode
 from delam_fem.numerics.types import BoolArray, FloatArray
@@ -28,30 +28,58 @@ ASKED_EVERY = 10
 """Periods after which a run reports and may be stopped, at the latest."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class State:
     """The state of a motion at an instant, and the energy lost so far.
 
     Attributes:
         motion: u, v, a of the free dofs, shape (3, n) [m, m/s, m/s2 and slopes].
-        resting: which pairs are at rest, shape (n_pairs,).
+        pair_state: what is remembered of the pairs.
         losses: energies lost so far to damping and to contact dampers [J].
         internal: the numbers behind `motion` in an engine that has other unknowns; from them it
             continues bit for bit. An engine ignores numbers that do not belong to `motion`.
     """
 
     motion: FloatArray
-    resting: BoolArray
+    pair_state: PairState
     losses: tuple[float, float] = (0.0, 0.0)
     internal: FloatArray | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse arrays of another form with a CaseError."""
-        shape = np.shape(self.motion)
+    def __init__(
+        self,
+        motion: FloatArray,
+        pair_state: PairState | BoolArray,
+        losses: tuple[float, float] = (0.0, 0.0),
+        internal: FloatArray | None = None,
+    ) -> None:
+        """Take over the numbers of a state.
+
+        Args:
+            motion: see the class.
+            pair_state: what is remembered of the pairs, or which of them rest, shape (n_pairs,):
+                then nothing else is remembered.
+            losses: see the class.
+            internal: see the class.
+
+        Raises:
+            CaseError: an array has another form.
+        """
+        shape = np.shape(motion)
         is_motion = len(shape) == 2 and shape[0] == 3
         require(is_motion, "state.motion", "the shape (3, n): u, v, a", shape)
-        kind = np.asarray(self.resting).dtype
+        if not isinstance(pair_state, PairState):
+            pair_state = PairState.at_start(np.size(pair_state))._replace(resting=pair_state)
+        kind = np.asarray(pair_state.resting).dtype
         require(kind == np.bool_, "state.resting", "an array of bool, one per pair", kind.name)
+        object.__setattr__(self, "motion", motion)
+        object.__setattr__(self, "pair_state", pair_state)
+        object.__setattr__(self, "losses", losses)
+        object.__setattr__(self, "internal", internal)
+
+    @property
+    def resting(self) -> BoolArray:
+        """Which pairs are at rest, shape (n_pairs,)."""
+        return self.pair_state.resting
 
 
 class Shared(Protocol):
@@ -129,15 +157,14 @@ def one_period(engine: Engine, recorder: Recorder, base_states: FloatArray) -> P
 class Advancing(Shared, Stepper, Kinematics, Protocol):
     """A stepper that makes single steps of a scheme; see engines/petsc."""
 
-    resting: BoolArray
     is_resting: bool
     damped: FloatArray
 
     def restore(self, state: FloatArray) -> None:
         """Set (u, v, a) of the own dofs, shape (3, n_own)."""
 
-    def rest(self, pairs: BoolArray) -> None:
-        """Set which pairs are at rest, shape (n_pairs,)."""
+    def remember(self, pair_state: PairState) -> None:
+        """Set what is remembered of the pairs; its arrays are never written to."""
 
     def begin(self, base_states: FloatArray) -> Sequence[Sequence[float]]:
         """Begin a period with (q, q', q'') of the base at its start and steps, shape (k, 3).
@@ -168,14 +195,15 @@ class StepByStep(Engine):
     def state(self) -> State:
         """Return the present state of all dofs (collective)."""
         s = self.stepper
-        return State(s.gather(s.state()), s.resting.copy(), (s.dissipated, s.contact_damped))
+        losses = s.dissipated, s.contact_damped
+        return State(s.gather(s.state()), s.pair_state.copy(), losses)
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Set the state as given; see `Engine`."""
         stepper = self.stepper
         stepper.begin(base_state[None, :])
         stepper.restore(stepper.scatter(state.motion))
-        stepper.rest(state.resting.copy())
+        stepper.remember(state.pair_state.copy())
         stepper.dissipated, stepper.contact_damped = state.losses
 
     def renew_acceleration(self) -> None:
@@ -247,7 +275,7 @@ def set_initial(engine: Engine, initial: State | None, base_state: FloatArray) -
         base_state: (q, q', q'') of the base at the start, shape (3,).
     """
     initial = engine.state() if initial is None else initial
-    engine.restore(State(initial.motion, initial.resting), base_state)
+    engine.restore(State(initial.motion, initial.pair_state), base_state)
     engine.renew_acceleration()
 
 

@@ -66,7 +66,7 @@ def test_a_supervisor_has_the_numbers_of_its_law() -> None:
     def impact(law: Law, scheme: str) -> tuple[list[float], list[bool] | None]:
         decision = law.supervisor(SCHEMES[scheme], setting(W)).examine(closed)
         assert decision is not None
-        resting = None if decision.resting is None else decision.resting.tolist()
+        resting = None if decision.pair_state is None else decision.pair_state.resting.tolist()
         return decision.impulses.tolist(), resting
 
     numbers = {"restitution": 0.5, "threshold_velocity": 0.75}
@@ -91,7 +91,7 @@ def test_numbers_that_are_not_given() -> None:
     assert Scheme() == Scheme("newmark", 0.25, 0.5, 0.5)
     assert Combination(2).reads == ()
     none = np.zeros(0)
-    assert Decision(none, none, none, none).resting is None
+    assert Decision(none, none, none, none).pair_state is None
 
 
 def test_courant_numbers_are_those_of_the_scheme() -> None:

@@ -20,8 +20,8 @@ def test_pushed_pairs_that_did_not_approach_are_reported_as_resting() -> None:
     assert decision is not None
     assert decision.hit.tolist() == [0, 1]
     assert decision.rate_post == pytest.approx([0.0, E])
-    assert decision.resting is not None
-    assert decision.resting.tolist() == [True, False, False]
+    assert decision.pair_state is not None
+    assert decision.pair_state.resting.tolist() == [True, False, False]
 
 
 def test_open_pairs_are_left_alone() -> None:
@@ -63,8 +63,8 @@ def test_a_pushed_pair_rests_if_it_approached_slower_than_the_threshold(
 ) -> None:
     decision = law(np.eye(2)).examine(seen([1.0, -1.0], [0.0, rate], free=[0.0, -1.0]))
     assert decision is not None
-    assert (decision.resting is not None) == rests
-    assert not rests or decision.resting.tolist() == [False, True]
+    assert (decision.pair_state is not None) == rests
+    assert not rests or decision.pair_state.resting.tolist() == [False, True]
 
 
 @pytest.mark.parametrize(("rate", "rests"), [(0.0, False), (0.5, True)])
@@ -72,4 +72,4 @@ def test_without_a_threshold_a_pushed_pair_rests_if_it_parted(rate: float, rests
     supervisor = law(np.eye(1), threshold=0.0)
     decision = supervisor.examine(seen([-1.0], [rate], free=[-1.0]))
     assert decision is not None
-    assert (decision.resting is not None) == rests
+    assert (decision.pair_state is not None) == rests

@@ -8,7 +8,7 @@ from fakes import Seen, seen, setting
 from hypothesis import given, settings, strategies as st
 
 from delam_fem.api import SCHEMES, FloatArray, Law
-from delam_fem.contact.decisions import Supervisor
+from delam_fem.contact.decisions import PairState, Supervisor
 
 E = 0.25
 GAMMA = 1e-2
@@ -38,7 +38,7 @@ def test_only_closed_approaching_pairs_are_hit() -> None:
     assert decision.hit.tolist() == [0]
     assert decision.rate_post == pytest.approx([E])
     assert decision.impulses == pytest.approx([(1 + E) / 1.0])
-    assert decision.resting is None
+    assert decision.pair_state is None
 
 
 def test_a_gap_of_exactly_zero_is_closed() -> None:
@@ -51,8 +51,8 @@ def test_slow_pairs_stay_on_a_spring_and_are_not_hit_again() -> None:
     slow = -0.5 * GAMMA / E
     first = law().examine(seen([-1e-6, -1e-6, 1.0], [slow, -1.0, 0.0]))
     assert first is not None
-    assert first.resting is not None
-    assert first.resting.tolist() == [True, False, False]
+    assert first.pair_state is not None
+    assert first.pair_state.resting.tolist() == [True, False, False]
     second = law().examine(seen([-2e-6, 1.0, 1.0], [-1.0, 0.0, 0.0], [True, False, False]))
     assert second is None
 
@@ -62,8 +62,8 @@ def test_an_opened_pair_is_released_and_may_be_hit_later() -> None:
     assert decision is not None
     assert decision.hit.size == decision.impulses.size == 0
     assert decision.rate_pre.size == decision.rate_post.size == 0
-    assert decision.resting is not None
-    assert decision.resting.tolist() == [False, True, False]
+    assert decision.pair_state is not None
+    assert decision.pair_state.resting.tolist() == [False, True, False]
     again = law().examine(seen([-1e-9, -1e-9, 1.0], [-1.0, -3.0, 0.0], [False, True, False]))
     assert again is not None
     assert again.hit.tolist() == [0]
@@ -73,27 +73,27 @@ def test_release_and_impact_happen_in_one_step() -> None:
     decision = law().examine(seen([1e-9, -1e-9, 1.0], [1.0, -1e-3, 0.0], [True, False, False]))
     assert decision is not None
     assert decision.hit.tolist() == [1]
-    assert decision.resting is not None
-    assert decision.resting.tolist() == [False, True, False]
+    assert decision.pair_state is not None
+    assert decision.pair_state.resting.tolist() == [False, True, False]
 
 
 def test_a_decision_leaves_the_present_set_as_it_is() -> None:
     now = seen([1e-9, -1e-9, 1.0], [1.0, -1e-3, 0.0], [True, False, False])
     law().examine(now)
-    assert now.resting.tolist() == [True, False, False]
+    assert now.pair_state.resting.tolist() == [True, False, False]
 
 
 def test_the_threshold_is_compared_with_the_velocity_after_the_impact() -> None:
     at_threshold = -GAMMA / E
     decision = law().examine(seen([-1e-9, 1.0, 1.0], [at_threshold, 0.0, 0.0]))
     assert decision is not None
-    assert decision.resting is None  # U̇⁺ = γ is not below γ
+    assert decision.pair_state is None  # U̇⁺ = γ is not below γ
 
 
 def test_without_a_threshold_no_pair_rests() -> None:
     decision = law(threshold=None).examine(seen([-1e-9, 1.0, 1.0], [-1e-9, 0.0, 0.0]))
     assert decision is not None
-    assert decision.resting is None
+    assert decision.pair_state is None
 
 
 @settings(max_examples=60, derandomize=True, deadline=None)
@@ -107,7 +107,7 @@ def test_coupled_impulses_fulfil_the_law(
 ) -> None:
     B = np.reshape(factor, (4, 4)) + 2.0 * np.eye(4)
     supervisor = law(coupled=True, threshold=None, W=B @ B.T)
-    given_rates, none = np.array(rates), np.zeros(4, dtype=bool)
+    given_rates, none = np.array(rates), PairState.at_start(4)
     decision = supervisor.examine(Seen(np.where(closed, -1.0, 1.0), given_rates, none))
     expected_hit = np.flatnonzero(np.array(closed) & (given_rates < 0.0))
     if not expected_hit.size:
@@ -144,9 +144,9 @@ def test_coupled_pairs_know_of_one_another_and_rest_by_their_rate_after() -> Non
     assert decision.rate_pre.tolist() == rates[:2].tolist()
     post = rates[:2] + pair @ decision.impulses
     assert decision.rate_post == pytest.approx(post)
-    assert decision.resting is None
+    assert decision.pair_state is None
     both = law(coupled=True).examine(seen([-1e-9, -1e-9, 1.0], [-0.035, -0.035, 0.0]))
     assert both is not None
     assert both.rate_post == pytest.approx([E * 0.035, E * 0.035])
-    assert both.resting is not None
-    assert both.resting.tolist() == [True, True, False]
+    assert both.pair_state is not None
+    assert both.pair_state.resting.tolist() == [True, True, False]

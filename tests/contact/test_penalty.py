@@ -20,8 +20,8 @@ def test_penalty_puts_a_spring_on_every_closed_pair() -> None:
     decision = examined("penalty", seen([-1.0, 1.0, -1.0], [1.0, 0.0, -1.0]))
     assert decision is not None
     assert decision.hit.size == 0
-    assert decision.resting is not None
-    assert decision.resting.tolist() == [True, False, True]
+    assert decision.pair_state is not None
+    assert decision.pair_state.resting.tolist() == [True, False, True]
 
 
 def test_penalty_says_nothing_while_the_same_pairs_are_closed() -> None:
@@ -32,5 +32,5 @@ def test_penalty_says_nothing_while_the_same_pairs_are_closed() -> None:
 def test_a_gap_of_exactly_zero_is_closed_and_an_open_one_loses_its_spring() -> None:
     decision = examined("penalty", seen([0.0, 1e-12], [-1.0, -1.0], [False, True]))
     assert decision is not None
-    assert decision.resting is not None
-    assert decision.resting.tolist() == [True, False]
+    assert decision.pair_state is not None
+    assert decision.pair_state.resting.tolist() == [True, False]

@@ -251,10 +251,10 @@ def damp(system, law, memory, log):  # type: ignore[no-untyped-def]
 
 @njit
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
-    """Update the list of pairs with a spring from `memory.resting`."""
+    """Update the list of pairs with a spring from those at rest."""
     n = 0
     for k in range(system.n_pairs):
-        if memory.resting[k]:
+        if memory.pair_state.resting[k]:
             memory.pairs[n] = k
             n += 1
     memory.counts[N_SPRINGS] = n
@@ -292,10 +292,10 @@ def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
     log.event_size[event] = n
     log.event_energy[event] = energy
     for j in range(n):
-        log.hit[first + j] = memory.hit[j]
-        log.impulse[first + j] = memory.impulse[j]
-        log.rate_pre[first + j] = memory.rate_pre[j]
-        log.rate_post[first + j] = memory.rate_post[j]
+        log.hit[first + j] = memory.hits.pair[j]
+        log.impulse[first + j] = memory.hits.impulse[j]
+        log.rate_pre[first + j] = memory.hits.rate_pre[j]
+        log.rate_post[first + j] = memory.hits.rate_post[j]
     memory.counts[N_EVENTS] = event + 1
     memory.counts[N_HITS] = first + n
 
@@ -305,7 +305,7 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Change the velocities by impulses between two steps; return the change of energy [J]."""
     X = memory.X
     size = system.size
-    spread(system, X, memory.hit, memory.impulse, n, 1.0)
+    spread(system, X, memory.hits.pair, memory.hits.impulse, n, 1.0)
     if law.is_coupled:
         solve_mass(system, X)
     else:
@@ -327,8 +327,9 @@ def _push_within_step(system, memory, n):  # type: ignore[no-untyped-def]
     """Add impulses to a θ-step; return the change of energy [J]."""
     X = memory.X
     size = system.size
+    hits = memory.hits
     energy = 0.0
-    spread(system, X, memory.hit, memory.impulse, n, 1.0)
+    spread(system, X, hits.pair, hits.impulse, n, 1.0)
     if system.is_modal:
         inner_points.push(system, X, R)
         memory.counts[IS_SEEN] = 0
@@ -340,7 +341,7 @@ def _push_within_step(system, memory, n):  # type: ignore[no-untyped-def]
             X[size + i] += z
             X[lk.P * size + i] += z
     for j in range(n):
-        energy += memory.impulse[j] * 0.5 * (memory.rate_pre[j] + memory.rate_post[j])
+        energy += hits.impulse[j] * 0.5 * (hits.rate_pre[j] + hits.rate_post[j])
     return energy
 
 
@@ -382,7 +383,7 @@ def _look(system, law, memory):  # type: ignore[no-untyped-def]
     else:
         for k in range(system.n_pairs):
             gap[k] = system.gap0[k] + row_product(H, k, X, 0)
-            if gap[k] <= 0.0 and law.kind == IMPACTS and not memory.resting[k]:
+            if gap[k] <= 0.0 and law.kind == IMPACTS and not memory.pair_state.resting[k]:
                 memory.rate[k] = row_product(H, k, X, size)
 
 
@@ -401,11 +402,11 @@ def _round_off(system, memory, n):  # type: ignore[no-untyped-def]
     if H.width > 0:  # modes
         motion = of_place * lk.largest_of(X, 0, size) + OF_SPEED * lk.largest_of(X, size, size)
         for j in range(n):
-            largest = max(largest, system.gap_largest[memory.hit[j]])
+            largest = max(largest, system.gap_largest[memory.hits.pair[j]])
         return largest * motion
     for j in range(n):
-        place = absolute_product(H, memory.hit[j], X, 0)
-        speed = absolute_product(H, memory.hit[j], X, size)
+        place = absolute_product(H, memory.hits.pair[j], X, 0)
+        speed = absolute_product(H, memory.hits.pair[j], X, size)
         largest = max(largest, of_place * place + OF_SPEED * speed)
     return largest
 
@@ -422,41 +423,24 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     _look(system, law, memory)
     n_pairs = system.n_pairs
     gap = memory.gap
-    hit = memory.hit
-    resting = memory.resting
-    before, after, lacking = memory.rate_pre, memory.rate_post, memory.residual
+    hits = memory.hits
     free = memory.free if law.kind == MOREAU else memory.rate
-    n, changes = closing_pairs(
-        law, n_pairs, gap, memory.rate, free, resting, hit, before, after, lacking
-    )
+    n, changes = closing_pairs(law, n_pairs, gap, memory.rate, free, memory.pair_state, hits)
     noise = _round_off(system, memory, n) if n and system.is_touching else 0.0
-    if not needs_impulse(lacking, n, noise):
+    if not needs_impulse(hits, n, noise):
         n = 0
     if n == 0 and not changes:
         return COMPLETED
     if n:
         for j in range(n):
-            require_compliance(system, law, memory, hit[j])
+            require_compliance(system, law, memory, hits.pair[j])
         lasts = system.is_touching and law.kind == MOREAU and system.coarseness == 0
         if not lasts:
             # impacts are few: no pair keeps its side from one to the next. Between two steps all
             # candidates approach; within a step they are all that is closed, and few are pushed
-            complementarity.forget(memory.again, hit, n, law.kind == MOREAU)
+            complementarity.forget(memory.again, hits.pair, n, law.kind == MOREAU)
         W = memory.compliance, system.coarseness * n_pairs * n_pairs, n_pairs
-        n, result = solve_impulses(
-            law,
-            W,
-            hit,
-            n,
-            hit,
-            before,
-            after,
-            lacking,
-            memory.impulse,
-            memory.change,
-            noise,
-            memory.again,
-        )
+        n, result = solve_impulses(law, W, hits.pair, n, hits, noise, memory.again)
         if result != complementarity.SOLVED:
             return -result
     if n:
@@ -465,7 +449,7 @@ def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
         else:
             energy = _apply_impulses(system, law, memory, n)
         _note(memory, log, tick, n, energy)
-    if renew_resting(law, n_pairs, gap, n, hit, before, after, resting):
+    if renew_resting(law, n_pairs, gap, n, hits, memory.pair_state):
         if law.kind == MOREAU:
             memory.counts[N_RESTING] = 1
         else:  # the list is still that of the springs before

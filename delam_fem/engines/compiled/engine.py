@@ -263,8 +263,8 @@ class Compiled(Engine):
         totals = self.memory.totals
         losses = float(totals[DISSIPATED]), float(totals[CONTACT_DAMPED])
         internal = fields.copy() if self.system.is_modal else None
-        resting = self.memory.resting.astype(np.bool_)
-        return State(self.unknowns.outward(fields), resting, losses, internal)
+        pair_state = self.memory.pair_state.copy()
+        return State(self.unknowns.outward(fields), pair_state, losses, internal)
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Take over a state unchanged; see `simulation.loop.Engine`.
@@ -284,7 +284,8 @@ class Compiled(Engine):
         else:
             is_own = False
         fields[:] = internal if is_own else self.unknowns.inward(state.motion)
-        memory.resting[:] = state.resting
+        for kept, given in zip(memory.pair_state, state.pair_state, strict=True):
+            kept[:] = given
         memory.totals[[DISSIPATED, CONTACT_DAMPED]] = state.losses
         if self._has_acceleration:  # the θ-scheme has no springs
             steps.list_springs(self.address)

@@ -24,6 +24,7 @@ from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, mod
 from numba.np.numpy_support import from_dtype
 
 from delam_fem.contact.complementarity import WarmStart, nothing_known
+from delam_fem.contact.decisions import Hits, PairState
 from delam_fem.engines.compiled.simd_chains import N_FIELDS, aligned_zeros
 from delam_fem.numerics.types import FloatArray, IntArray
 
@@ -52,8 +53,9 @@ class View(types.Type):  # type: ignore[misc]
         self.members: dict[str, tuple[int, types.Type]] = {}
         self.length = 0
         for name, hint, of in _members(kind):
-            if of is not None:
-                member = types.CPointer(from_dtype(of))
+            if of is not None:  # Numba stores no booleans at pointers
+                number = from_dtype(np.dtype(np.uint8) if of == np.bool_ else of)
+                member = types.CPointer(number)
             else:
                 member = _NUMBERS[hint] if hint in _NUMBERS else View(hint)
             self.members[name] = self.length, member
@@ -192,7 +194,8 @@ class Memory(NamedTuple):
             and of pairs at rest with the θ-scheme; in modes, whether `present_gap` and
             `present_rate` are those of the state; slot of the period, and numbers of events and
             hits before it; shape (9,).
-        resting: pairs at rest, shape (n_pairs,); they carry a spring, except with the θ-scheme.
+        pair_state: what is remembered of the pairs; those at rest carry a spring, except with the
+            θ-scheme.
         pairs: the first counts[N_SPRINGS] entries list the pairs with a spring, shape (n_pairs,).
         compliance: W = H B⁻¹ Hᵀ for fine, middle and coarse steps, of which the known columns are
             filled, shape (3, n_pairs, n_pairs).
@@ -200,13 +203,11 @@ class Memory(NamedTuple):
         gap, rate: gaps and gap rates of all pairs at the examined instant, each shape (n_pairs,).
         present_gap, present_rate: gaps and gap rates of the state, in modes, or of
             `steps._mark_points`, each of shape (n_pairs,).
-        hit: a list of the pairs that are hit now, shape (n_pairs,).
-        impulse, rate_pre, rate_post: values of the hit pairs, each of shape (n_pairs,).
-        change: W p of the hit pairs, shape (n_pairs,) [m/s].
+        hits: the pairs that are hit now, with room for all pairs.
         free: gap rates of all pairs at the end of the step without impulses, if pairs touch at
             rest, shape (n_pairs,) [m/s].
         again: memory of the complementarity problem.
-        forces, residual, direction, image, softness: work space for springs and impulses.
+        forces, residual, direction, image, softness: work space for springs.
     """
 
     X: FloatArray
@@ -224,7 +225,7 @@ class Memory(NamedTuple):
     effort: IntArray
     totals: FloatArray
     counts: IntArray
-    resting: npt.NDArray[np.uint8]
+    pair_state: PairState
     pairs: IntArray
     compliance: FloatArray
     is_known: npt.NDArray[np.uint8]
@@ -232,11 +233,7 @@ class Memory(NamedTuple):
     rate: FloatArray
     present_gap: FloatArray
     present_rate: FloatArray
-    hit: IntArray
-    impulse: FloatArray
-    rate_pre: FloatArray
-    rate_post: FloatArray
-    change: FloatArray
+    hits: Hits
     forces: FloatArray
     residual: FloatArray
     direction: FloatArray
@@ -346,7 +343,7 @@ def memory(size: int, n_pairs: int, n_forces: int = 0) -> Memory:
         effort=np.zeros(5, dtype=np.int64),
         totals=np.zeros(4),
         counts=np.zeros(9, dtype=np.int64),
-        resting=np.zeros(n_pairs, dtype=np.uint8),
+        pair_state=PairState.at_start(n_pairs),
         pairs=np.zeros(n_pairs, dtype=np.int64),
         compliance=np.zeros((3, n_pairs, n_pairs)),
         is_known=np.zeros(3 * n_pairs, dtype=np.uint8),
@@ -354,11 +351,7 @@ def memory(size: int, n_pairs: int, n_forces: int = 0) -> Memory:
         rate=np.zeros(n_pairs),
         present_gap=np.zeros(n_pairs),
         present_rate=np.zeros(n_pairs),
-        hit=np.zeros(n_pairs, dtype=np.int64),
-        impulse=np.zeros(n_pairs),
-        rate_pre=np.zeros(n_pairs),
-        rate_post=np.zeros(n_pairs),
-        change=np.zeros(n_pairs),
+        hits=Hits.room(n_pairs),
         forces=np.zeros(n_pairs),
         residual=np.zeros(n_pairs),
         direction=np.zeros(n_pairs),

@@ -133,7 +133,7 @@ def forget_resting(system, memory):  # type: ignore[no-untyped-def]
     """Report no pair as resting any more; for the θ-scheme, where resting pairs have no spring."""
     memory.counts[N_RESTING] = 0
     for k in range(system.n_pairs):
-        memory.resting[k] = 0
+        memory.pair_state.resting[k] = False
 
 
 @njit(forceinline=True)
@@ -292,13 +292,13 @@ def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
         log.frames[(2 * n + 1) * size + i] = memory.X[size + i]
     first = n * system.n_pairs
     for k in range(system.n_pairs):
-        log.contact[first + k] = RESTING if memory.resting[k] else OPEN
+        log.contact[first + k] = RESTING if memory.pair_state.resting[k] else OPEN
     # impacts of this step are the last ones in the buffers: go back until one is before it
     event = counts[N_EVENTS] - 1
     last = counts[N_HITS]
     while event >= counts[OLD_EVENTS] and log.event_tick[event] > (step - 1) * log.refine:
         for j in range(last - log.event_size[event], last):
-            if not memory.resting[log.hit[j]]:
+            if not memory.pair_state.resting[log.hit[j]]:
                 log.contact[first + log.hit[j]] = HIT
         last -= log.event_size[event]
         event -= 1
@@ -373,7 +373,7 @@ def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-d
         else:
             gap, rate = both_products(system.gap_rows, k, X, system.size)
             gap = system.gap0[k] + gap
-        if has_springs and memory.resting[k]:
+        if has_springs and memory.pair_state.resting[k]:
             gap = -gap
             rate = -rate
         if gap + min(ahead * rate, 0.0) <= 0.0:
@@ -394,7 +394,7 @@ def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped
     gaps = memory.present_gap  # the law has `gap`
     if inner_points.see_cells(system, X, ahead, True, 0.0, gaps, memory.present_rate) <= 0.0:
         for k in range(system.n_pairs):
-            if gaps[k] <= 0.0 and not (n_springs and memory.resting[k]):
+            if gaps[k] <= 0.0 and not (n_springs and memory.pair_state.resting[k]):
                 is_fast |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
                 if level == COARSE:
                     memory.near[k] = 1
@@ -653,7 +653,7 @@ def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
     for i in range(3):
         memory.base[i] = log.base_states[i]
     for k in range(n_pairs):
-        log.resting[slot * n_pairs + k] = memory.resting[k]
+        log.resting[slot * n_pairs + k] = memory.pair_state.resting[k]
         log.damped[slot * n_pairs + k] = 0.0
     if log.refine > 1:
         for i in range(slot * n_rows, (slot + 1) * n_rows):

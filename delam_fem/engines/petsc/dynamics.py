@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
+from delam_fem.contact.decisions import PairState
 from delam_fem.contact.rules import OF_PLACE, OF_SPEED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.linear_algebra import new_vector
@@ -36,7 +37,7 @@ class Dynamics:
     Attributes:
         operators: the semi-discrete problem.
         u, v, a: displacements, velocities and accelerations of the own free dofs.
-        resting: pairs at rest, shape (n_pairs,); the array is replaced, never written to.
+        pair_state: what is remembered of the pairs; its arrays are replaced, never written to.
         is_touching: whether some pairs are closed at rest.
         is_resting: whether a pair rests, so that the law must be asked although no gap is closed.
         seen_base: the entries of `seen_u` that belong to the energy ledger, shape (3,).
@@ -95,7 +96,7 @@ class Dynamics:
         self._make_views()
         self._dissipated = self.contact_damped = 0.0
         self.damped: FloatArray = np.zeros(o.n_pairs)
-        self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
+        self.pair_state = PairState.at_start(o.n_pairs)
         self.is_resting = False
         self.spring_stiffness = 0.0
         self._roots = None if o.pair_weights is None else np.sqrt(o.pair_weights)
@@ -223,9 +224,15 @@ class Dynamics:
         self._base_states = [before, after]
         self._step = 0
 
-    def rest(self, pairs: BoolArray) -> None:
-        """Set which pairs rest, shape (n_pairs,)."""
-        self.resting, self.is_resting = pairs, bool(pairs.any())
+    @property
+    def resting(self) -> BoolArray:
+        """Which pairs are at rest, shape (n_pairs,)."""
+        return self.pair_state.resting
+
+    def remember(self, pair_state: PairState) -> None:
+        """Set what is remembered of the pairs."""
+        self.pair_state = pair_state
+        self.is_resting = bool(pair_state.resting.any())
         self._reach = math.nan
 
     # -- for refined steps ---------------------------------------------------------------------

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from delam_fem.contact.decisions import Compliance, Decision
+from delam_fem.contact.decisions import Compliance, Decision, PairState
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance, new_vector
@@ -42,7 +42,7 @@ from delam_fem.engines.petsc.rayleigh import (
     Weights,
 )
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
 DIRECT_PAIRS = 64
@@ -328,11 +328,11 @@ class Newmark(Dynamics):
         )
         return forces + roots * solution
 
-    def rest(self, pairs: BoolArray) -> None:
-        """Set which pairs rest and so carry a spring, and prepare N2 for them."""
-        super().rest(pairs)
+    def remember(self, pair_state: PairState) -> None:
+        """Set what is remembered of the pairs; those that rest carry a spring: prepare N2."""
+        super().remember(pair_state)
         self._force.values[:] = 0.0
-        self._pairs = np.flatnonzero(pairs)
+        self._pairs = np.flatnonzero(pair_state.resting)
         self._prepare_springs()
 
     def _prepare_springs(self) -> None:
@@ -364,9 +364,9 @@ class Newmark(Dynamics):
         """
         impact = self._impact(decision) if decision.hit.size else 0.0
         switched = 0.0
-        if decision.resting is not None:
+        if decision.pair_state is not None:
             switched -= self.spring_energy(self.resting)
-            self.rest(decision.resting)
+            self.remember(decision.pair_state)
             switched += self.spring_energy(self.resting)
         self.renew_acceleration()
         return impact, switched

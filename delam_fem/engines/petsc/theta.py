@@ -20,14 +20,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from petsc4py import PETSc
 
-from delam_fem.contact.decisions import Decision
+from delam_fem.contact.decisions import Decision, PairState
 from delam_fem.contact.rules import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import BaseState, Dynamics
 from delam_fem.engines.petsc.linear_algebra import LazyCompliance
 from delam_fem.engines.petsc.rayleigh import RayleighProducts, Weights
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
 ROOM = 1_000_000
@@ -140,9 +140,9 @@ class MoreauJean(Dynamics):
             self._products.undo()
         self._is_unaccounted = False
 
-    def rest(self, pairs: BoolArray) -> None:
-        """Set which pairs rest; this is only a report, so that the law need not be asked."""
-        self.resting = pairs
+    def remember(self, pair_state: PairState) -> None:
+        """Set what is remembered; pairs that rest are a report: the law need not be asked."""
+        self.pair_state = pair_state
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its level; the last one if there are fewer."""
@@ -165,7 +165,8 @@ class MoreauJean(Dynamics):
             self.finish_step()
         self._rate_vector.copy(self._rate_start.own)
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
-        self.resting = self._none_resting
+        if self.resting is not self._none_resting:
+            self.pair_state = self.pair_state._replace(resting=self._none_resting)
         self._motion.copy(self._motion_start)
         before = self._base_states[self._step]
         old_share = 1.0 - theta
@@ -208,7 +209,9 @@ class MoreauJean(Dynamics):
         Returns:
             Change of energy by the impulses, and by switching springs (0) [J].
         """
-        responses, twice, (hit, impulses, pre, post, resting) = self._now.responses, 0.0, decision
+        responses = self._now.responses
+        twice = 0.0
+        hit, impulses, pre, post, pair_state = decision
         of_hit = hit.tolist(), impulses.tolist(), pre.tolist(), post.tolist()
         for pair, impulse, before, after in zip(*of_hit, strict=True):  # faster than NumPy
             twice += impulse * (before + after)
@@ -230,8 +233,8 @@ class MoreauJean(Dynamics):
             self.v.axpy(to_v, self._response)
             self.u.axpy(to_u, self._response)
             self._see()
-        if resting is not None:
-            self.resting = resting
+        if pair_state is not None:
+            self.pair_state = pair_state
         return 0.5 * twice, 0.0
 
     def _solve_impulses(self, pairs: IntArray, impulses: FloatArray) -> None:

@@ -39,6 +39,7 @@ from delam_fem.api import (
     FloatArray,
     Law,
     Operators,
+    PairState,
     Period,
     PeriodDrive,
     PeriodRecord,
@@ -407,7 +408,8 @@ class PeriodicProblem:
         numbers = self.law.numbers(self.scheme, operators.pair_numbers)
         resting = operators.gap_matrix @ u + operators.gap0 <= 0.0
         resting &= numbers.has_springs(operators.n_pairs)
-        set_initial(engine, State(motion, resting), table[0])
+        # by name: a map is one of the motion alone, which must say all that is remembered of pairs
+        set_initial(engine, State(motion, PairState(resting=resting)), table[0])
         record = one_period(engine, recorder or usual, table)
         if record.n_steps < len(table) - 1:
             return np.full_like(state, np.nan), record

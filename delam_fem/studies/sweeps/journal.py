@@ -41,6 +41,7 @@ from delam_fem.api import (
     CaseError,
     FloatArray,
     IntArray,
+    PairState,
     State,
     processor,
     require_same,
@@ -97,7 +98,7 @@ def packed(done: ChunkResult) -> bytes:
     arrays: list[Any] = [np.array([p.index for p in points], dtype=np.int64), rows]
     if state is not None:
         internal = [] if state.internal is None else [state.internal]
-        arrays += [state.motion, np.array(state.losses), *internal, state.resting]
+        arrays += [state.motion, np.array(state.losses), *internal, *state.pair_state]
     about = {
         "track": done.chunk.track,
         "arrays": [[a.dtype.str, *a.shape] for a in arrays],
@@ -146,8 +147,10 @@ def unpacked(data: mmap.mmap | bytes, start: int) -> StoredChunk:
         place += array.nbytes
     indices, rows, *more = arrays
     if more:
-        motion, losses, *internal, resting = (part.copy() for part in more)
-        state = State(motion, resting, tuple(losses.tolist()), *internal)
+        motion, losses, *of_state = (part.copy() for part in more)
+        n = len(PairState._fields)
+        pair_state = PairState._make(of_state[-n:])
+        state = State(motion, pair_state, tuple(losses.tolist()), *of_state[:-n])
     others = {int(k): (str(outcome), str(error)) for k, outcome, error in about["others"]}
     return StoredChunk(about["track"], indices.copy(), others, rows, state, about["seconds"])
 

@@ -585,7 +585,7 @@ def largest_exponent(
     if not (perturbation * norm > 0.0 and length > 0.0):
         return UNKNOWN
     apart = [perturbation * norm, wider * norm]
-    others = [State(one.motion + size / length * step, one.resting) for size in apart]
+    others = [State(one.motion + size / length * step, one.pair_state) for size in apart]
     growth = np.empty((periods, len(apart)))
     aligning = int(ALIGNING * periods)
     of_one = recorder.of_one_period()
@@ -603,7 +603,7 @@ def largest_exponent(
             if not 0.0 < d < math.inf:
                 return UNKNOWN
             growth[number, k] = math.log(d / size)
-            others[k] = State(one.motion + size / d * step, one.resting)
+            others[k] = State(one.motion + size / d * step, one.pair_state)
     near, far = (mean_growth(rates) for rates in growth[aligning:].T / period)
     return Exponent(near.value, math.hypot(STUDENT * near.error, ROUGH * (far.value - near.value)))
 

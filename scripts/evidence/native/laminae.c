@@ -331,7 +331,7 @@ static void push_springs(const System *s, const LawNumbers *law, Memory *m) {
 static void list_springs(const System *s, Memory *m) {
     int64_t n = 0;
     for (int64_t k = 0; k < s->n_pairs; k++)
-        if (m->resting[k]) m->pairs[n++] = k;
+        if (m->pair_state.resting[k]) m->pairs[n++] = k;
     m->counts[N_SPRINGS] = n;
 }
 
@@ -530,23 +530,23 @@ static void require_compliance(const System *s, const LawNumbers *law, Memory *m
 /* Find the impulses of n candidates; return how many pairs are hit. */
 static int64_t solve_impulses(const System *s, const LawNumbers *law, Memory *m, int64_t n, int *result) {
     int64_t n_hit = 0;
-    const Impulses c = {m->compliance, m->residual, m->hit, m->impulse, m->change,
+    const Impulses c = {m->compliance, m->residual, m->hits.pair, m->hits.impulse, m->hits.change,
                         s->coarseness * s->n_pairs * s->n_pairs, s->n_pairs, n, &m->again};
-    for (int64_t j = 0; j < n; j++) require_compliance(s, law, m, m->hit[j]);
+    for (int64_t j = 0; j < n; j++) require_compliance(s, law, m, m->hits.pair[j]);
     m->again.members[0] = -1;
-    for (int64_t j = 0; j < n; j++) m->again.was_idle[m->hit[j]] = law->kind == MOREAU;
+    for (int64_t j = 0; j < n; j++) m->again.was_idle[m->hits.pair[j]] = law->kind == MOREAU;
     *result = law->is_coupled ? solve_among(&c) : SOLVED;
     for (int64_t j = 0; j < n; j++) {
-        double impulse = m->impulse[j], after = m->rate_post[j] + m->change[j];
+        double impulse = m->hits.impulse[j], after = m->hits.rate_post[j] + m->hits.change[j];
         if (!law->is_coupled) {
-            impulse = -(1.0 + law->restitution) * m->rate_pre[j] / compliance(&c, j, j);
-            after = -law->restitution * m->rate_pre[j];
+            impulse = -(1.0 + law->restitution) * m->hits.rate_pre[j] / compliance(&c, j, j);
+            after = -law->restitution * m->hits.rate_pre[j];
         }
         if (law->kind == MOREAU && law->is_coupled && !(impulse > 0.0)) continue;
-        m->hit[n_hit] = m->hit[j];
-        m->impulse[n_hit] = impulse;
-        m->rate_pre[n_hit] = m->rate_pre[j];
-        m->rate_post[n_hit++] = after;
+        m->hits.pair[n_hit] = m->hits.pair[j];
+        m->hits.impulse[n_hit] = impulse;
+        m->hits.rate_pre[n_hit] = m->hits.rate_pre[j];
+        m->hits.rate_post[n_hit++] = after;
     }
     return n_hit;
 }
@@ -557,7 +557,7 @@ static void push(const System *s, const LawNumbers *law, Memory *m, PeriodBuffer
     double *X = m->X, *restrict z = X + Z * size, *restrict r = X + R * size, *restrict v = X + size;
     const double *restrict inverse = s->inverse_lumped;
     double energy = 0.0;
-    spread(s, X, m->hit, m->impulse, n, 1.0, NULL);
+    spread(s, X, m->hits.pair, m->hits.impulse, n, 1.0, NULL);
     if (law->kind == MOREAU) substitute(X, size, s->solution);
     else if (law->is_coupled) substitute(X, size, s->mass_solution);
     else for (int64_t i = 0; i < size; i++) z[i] = inverse[i] * r[i];
@@ -578,11 +578,11 @@ static void push(const System *s, const LawNumbers *law, Memory *m, PeriodBuffer
             }
     }
     for (int64_t j = 0; j < n; j++) {
-        if (law->kind == MOREAU) energy += m->impulse[j] * 0.5 * (m->rate_pre[j] + m->rate_post[j]);
-        log->hit[first + j] = m->hit[j];
-        log->impulse[first + j] = m->impulse[j];
-        log->rate_pre[first + j] = m->rate_pre[j];
-        log->rate_post[first + j] = m->rate_post[j];
+        if (law->kind == MOREAU) energy += m->hits.impulse[j] * 0.5 * (m->hits.rate_pre[j] + m->hits.rate_post[j]);
+        log->hit[first + j] = m->hits.pair[j];
+        log->impulse[first + j] = m->hits.impulse[j];
+        log->rate_pre[first + j] = m->hits.rate_pre[j];
+        log->rate_post[first + j] = m->hits.rate_post[j];
     }
     log->event_tick[event] = tick;
     log->event_size[event] = n;
@@ -599,16 +599,16 @@ static int examine(const System *s, const LawNumbers *law, Memory *m, PeriodBuff
     if (kind == NONE) return COMPLETED;
     for (int64_t k = 0; k < s->n_pairs; k++) {
         if (kind != MOREAU) gap[k] = s->gap0[k] + row_product(&s->gap_rows, k, m->X);
-        const int is_closed = gap[k] <= 0.0, rests = m->resting[k];
+        const int is_closed = gap[k] <= 0.0, rests = m->pair_state.resting[k];
         if (kind == PENALTY) changes |= is_closed != rests;
         else if (kind == IMPACTS && !is_closed) changes |= rests;
         else if (is_closed && !(kind == IMPACTS && rests)) {
             const double free = row_product(&s->gap_rows, k, m->X + size);
             const double rate = kind == MOREAU ? m->rate[k] : free;
             if (kind == IMPACTS && !(rate < 0.0)) continue;
-            m->hit[n] = k;
-            m->rate_pre[n] = rate;
-            m->rate_post[n] = free;
+            m->hits.pair[n] = k;
+            m->hits.rate_pre[n] = rate;
+            m->hits.rate_post[n] = free;
             m->residual[n] = free + law->restitution * rate;
             lacks |= !(m->residual[n++] >= 0.0);
         }
@@ -620,13 +620,13 @@ static int examine(const System *s, const LawNumbers *law, Memory *m, PeriodBuff
     if (n) push(s, law, m, log, n, tick);
     int is_changed = 0;
     for (int64_t k = 0; k < s->n_pairs; k++) {
-        const int rests = kind != MOREAU && gap[k] <= 0.0 && (kind == PENALTY || m->resting[k]);
-        is_changed |= rests != m->resting[k];
-        m->resting[k] = rests;
+        const int rests = kind != MOREAU && gap[k] <= 0.0 && (kind == PENALTY || m->pair_state.resting[k]);
+        is_changed |= rests != m->pair_state.resting[k];
+        m->pair_state.resting[k] = rests;
     }
     for (int64_t j = 0; j < n; j++)
-        if (kind == MOREAU ? m->rate_pre[j] > -law->threshold : m->rate_post[j] < law->threshold)
-            m->resting[m->hit[j]] = is_changed = 1;
+        if (kind == MOREAU ? m->hits.rate_pre[j] > -law->threshold : m->hits.rate_post[j] < law->threshold)
+            m->pair_state.resting[m->hits.pair[j]] = is_changed = 1;
     if (is_changed && kind == MOREAU) m->counts[N_RESTING] = 1;
     else if (is_changed) {
         m->totals[RELEASED] -= spring_energy(s, law, m);
@@ -664,7 +664,7 @@ static inline int make_step(const Problem *p, PeriodBuffers *log, int64_t k) {
     double predicted = INFINITY, smallest, mixed[3], lost;
     if (m->counts[N_RESTING]) {
         m->counts[N_RESTING] = 0;
-        memset(m->resting, 0, s->n_pairs);
+        memset(m->pair_state.resting, 0, s->n_pairs);
     }
     if (law->kind == MOREAU) {
         predicted = smallest_gap(s, m->X, s->scheme.gap_ahead);
@@ -704,10 +704,10 @@ static void keep_frame(const System *s, Memory *m, PeriodBuffers *log, int64_t s
     int8_t *contact = log->contact + n * s->n_pairs;
     int64_t last = m->counts[N_HITS];
     memcpy(log->frames + 2 * n * s->size, m->X, 2 * s->size * sizeof *m->X);
-    for (int64_t k = 0; k < s->n_pairs; k++) contact[k] = m->resting[k] ? RESTING : OPEN;
+    for (int64_t k = 0; k < s->n_pairs; k++) contact[k] = m->pair_state.resting[k] ? RESTING : OPEN;
     for (int64_t e = m->counts[N_EVENTS] - 1; e >= m->counts[OLD_EVENTS] && log->event_tick[e] > step - 1; e--) {
         for (int64_t j = last - log->event_size[e]; j < last; j++)
-            if (!m->resting[log->hit[j]]) contact[log->hit[j]] = HIT;
+            if (!m->pair_state.resting[log->hit[j]]) contact[log->hit[j]] = HIT;
         last -= log->event_size[e];
     }
 }
@@ -755,7 +755,7 @@ static void begin_period(const Problem *p, PeriodBuffers *log, int64_t j) {
     memset(m->flows, 0, 4 * sizeof(double));
     memset(m->effort, 0, 5 * sizeof(int64_t));
     memcpy(m->base, log->base_states, 3 * sizeof(double));
-    memcpy(log->resting + slot * n_pairs, m->resting, n_pairs);
+    memcpy(log->resting + slot * n_pairs, m->pair_state.resting, n_pairs);
     memset(log->damped + slot * n_pairs, 0, n_pairs * sizeof(double));
 }
 

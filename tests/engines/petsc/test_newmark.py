@@ -9,7 +9,7 @@ import pytest
 
 from delam_fem import Decision
 from delam_fem.api import Operators, assemble, preset
-from delam_fem.contact.decisions import NO_PAIRS
+from delam_fem.contact.decisions import NO_PAIRS, PairState
 from delam_fem.engines.petsc import newmark, theta
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
@@ -60,7 +60,7 @@ def test_springs_are_those_of_a_stiffer_matrix(
     base_states = shaken(50)
     stepper.begin(base_states)
     resting = np.array([True, False, True, True, False, False])
-    stepper.jump(Decision(NO_PAIRS, NOTHING, NOTHING, NOTHING, resting))
+    stepper.jump(Decision(NO_PAIRS, NOTHING, NOTHING, NOTHING, PairState(resting)))
     state = stepper.state()
     for base in base_states[1:]:
         stepper.advance()
@@ -83,7 +83,7 @@ def test_renewed_acceleration_fulfils_the_equation_of_motion() -> None:
         stepper.advance()
     resting = np.arange(o.n_pairs) < 3
     hit = np.array([4])
-    stepper.jump(Decision(hit, np.array([1e-4]), NOTHING, NOTHING, resting))
+    stepper.jump(Decision(hit, np.array([1e-4]), NOTHING, NOTHING, PairState(resting)))
     u, v, a = stepper.state()
     q, dq, ddq = base_states[20]
     force = np.where(resting, 1e4 * (o.gap_matrix @ u + o.gap0) + 3.0 * (o.gap_matrix @ v), 0.0)
@@ -194,7 +194,7 @@ def test_pairs_on_springs_have_negative_margins() -> None:
     stepper = Newmark(o, DT, spring=(100.0, 0.0))
     stepper.restore(np.arange(3.0 * o.n_dofs).reshape(3, -1))
     gap, rate = (values.copy() for values in stepper.margins())
-    stepper.rest(np.arange(o.n_pairs) == 1)
+    stepper.remember(PairState(np.arange(o.n_pairs) == 1))
     sign = np.where(np.arange(o.n_pairs) == 1, -1.0, 1.0)
     assert np.abs(rate).min() > 0.0
     assert [values.tolist() for values in stepper.margins()] == [
@@ -232,7 +232,7 @@ def test_what_is_near_is_sought_anew_when_the_state_changes(
     o = problem()
     stepper = scheme(o, DT, **({"spring": (100.0, 0.0)} if scheme is Newmark else {}))
     hit = np.array([5])
-    push = Decision(hit, np.array([-0.02]), np.zeros(1), np.zeros(1), np.zeros(6, dtype=np.bool_))
+    push = Decision(hit, np.array([-0.02]), np.zeros(1), np.zeros(1), PairState.at_start(6))
     reach = 0.1
     stepper.begin(shaken(4))
     stepper.advance()
@@ -249,7 +249,8 @@ def test_what_is_near_is_sought_anew_when_the_state_changes(
     if scheme is Newmark:
         stepper.restore(1e-9 * np.arange(3.0 * o.n_dofs).reshape(3, -1))
         assert stepper.nearness(reach, 0.0) == 0
-        stepper.rest(np.arange(o.n_pairs) == 5)  # an open pair "rests": its margin is negative
+        # an open pair "rests": its margin is negative
+        stepper.remember(PairState(np.arange(o.n_pairs) == 5))
         assert stepper.nearness(reach, 0.0) == AHEAD + BACK
     stepper.destroy()
 
