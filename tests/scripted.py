@@ -44,10 +44,6 @@ class Scripted:
     seen_u: np.ndarray = field(default_factory=lambda: np.zeros(5))
     seen_v: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
-    @property
-    def resting(self) -> np.ndarray:
-        return self.pair_state.resting
-
     def finish_step(self) -> None:
         """Show (m·u, c·u, k·u), the probes, and their velocities, which are ten times as large."""
         s = float(self.step)

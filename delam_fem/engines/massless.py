@@ -39,9 +39,10 @@ import numpy as np
 from scipy.special import roots_legendre
 
 from delam_fem.contact.complementarity import SOLVED, WarmStart, nothing_known, solve_among
+from delam_fem.contact.decisions import PairState
 from delam_fem.model.massless import Reduced, reduce
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.simulation.loop import Engine, State
 from delam_fem.simulation.recorder import (
     COARSE,
@@ -704,7 +705,7 @@ class ModalStepper:
         self.at = np.zeros(periods.reduced.n_state)
         self.base_state = np.zeros(3 + 3 * operators.n_forces)
         self.dissipated = self.contact_damped = 0.0
-        self.resting: BoolArray = np.zeros(operators.n_pairs, dtype=np.bool_)
+        self.pair_state = PairState.at_start(operators.n_pairs)
         reduced = periods.reduced
         rows = operators.observed
         self._of_modes = rows @ reduced.shapes
@@ -818,7 +819,7 @@ class ModalEngine(Engine):
     def state(self) -> State:
         """Return the present state; `internal` has the modes and the late contact forces."""
         s = self.stepper
-        return State(s.state(), s.resting.copy(), (s.dissipated, 0.0), s.at.copy())
+        return State(s.state(), s.pair_state.copy(), (s.dissipated, 0.0), s.at.copy())
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Set the state as given; see `Engine`."""

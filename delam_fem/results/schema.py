@@ -22,12 +22,15 @@ from importlib.metadata import PackageNotFoundError, distribution, version
 from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 import numba
 import numpy as np
 import scipy
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
+from delam_fem.case.toml import message
+from delam_fem.case.values import Expected, Finite
 from delam_fem.numerics.settling import LONGEST
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
@@ -549,11 +552,26 @@ CHANNEL_MEASURES: Mapping[str, ChannelMeasure] = MappingProxyType(
 )
 """What can be said of any channel, by name."""
 
-LISTS = ("unread_keys", "warnings", "probes")
-"""Entries of summary.json that are lists of texts."""
-TABLES = ("settling", "intervals", "channels", "rest")
-"""Entries that are tables."""
-_OF_INTERVALS = {"mean", "half_width", "windows", "periods"}
+
+_Text: TypeAlias = Annotated[str, Field(strict=True), Expected("a text")]
+_Numbers: TypeAlias = Finite | list[Finite | None] | None
+
+
+class _Interval(BaseModel):
+    """A mean with its interval."""
+
+    mean: _Numbers
+    half_width: _Numbers
+    windows: Finite
+    periods: Finite
+
+
+class _Rest(BaseModel):
+    """A state of rest."""
+
+    tip_displacement: list[Finite] | None
+    contact_force: dict[str, Finite]
+    buckling_factor: Finite | None
 
 
 def require_summary(summary: object, n_laminae: int, label: str) -> dict[str, Any]:
@@ -561,101 +579,43 @@ def require_summary(summary: object, n_laminae: int, label: str) -> dict[str, An
 
     Args:
         summary: what was read.
-        n_laminae: number of laminae of the run.
-        label: name of the file in messages.
+        n_laminae: number of the laminae of the result.
+        label: what it is of, for messages.
 
     Raises:
-        CaseError: it is not.
+        CaseError: it is no table, or an entry has another form.
     """
-    if not isinstance(summary, dict):
-        raise CaseError(f"{label}: expected a table of numbers, found another value")
-    entries: dict[str, Any] = summary
-    for key, value in entries.items():
-        if not _is_entry(key, value, n_laminae):
-            raise CaseError(f"{label}: {key[:40]!r}: expected {_entry_words(key)}")
-    return entries
+    try:
+        _summary_form(n_laminae).model_validate(summary)
+    except ValidationError as error:
+        table = summary if isinstance(summary, dict) else {}
+        raise CaseError(message(label, error, table)) from None
+    return cast("dict[str, Any]", summary)
 
 
-def _is_entry(key: str, value: object, n_laminae: int) -> bool:
-    """Return whether an entry of summary.json has the type that its measure says."""
-    measure = MEASURES.get(key)
-    if value is None:
-        return key not in LISTS
-    if key in LISTS:
-        return isinstance(value, list) and all(isinstance(text, str) for text in value)
-    if key == "settling":
-        return isinstance(value, dict) and all(
-            _is_number(entry) or entry is None for entry in value.values()
-        )
-    if key == "rest":
-        return isinstance(value, dict)
-    if key == "contacts":
-        return isinstance(value, list) and all(map(_is_contact, value))
-    if key == "channels":
-        return isinstance(value, dict) and all(map(_is_channel, value.values()))
-    if key == "intervals":
-        return isinstance(value, dict) and all(map(_is_interval, value.values()))
-    if measure is None:  # of another version
-        return isinstance(value, str | list | dict) or _is_number(value)
-    if measure.dims and not measure.units:
-        return isinstance(value, list | dict)
-    if measure.dims:
-        if not isinstance(value, list):
-            return False
-        size = n_laminae if measure.dims == _LAMINA else LONGEST
-        is_fitting = 0 < len(value) <= max(size, 1)
-        return is_fitting and all(_is_number(entry) or entry is None for entry in value)
-    return _is_number(value) if measure.units else isinstance(value, str)
-
-
-def _entry_words(key: str) -> str:
-    """Return in words what an entry of summary.json is."""
-    measure = MEASURES.get(key)
-    if key in LISTS:
-        return "a list of texts"
-    if key in TABLES:
-        return "a table of finite numbers"
-    if key == "contacts":
-        return "a list of contacts with their numbers"
-    if measure is None or not measure.units:
-        return "a text"
-    return "a list of finite numbers" if measure.dims else "a finite number"
-
-
-def _is_number(value: object) -> bool:
-    """Return whether a value is a finite number."""
-    if isinstance(value, bool):
-        return True
-    return isinstance(value, int | float) and abs(value) < 1e300
-
-
-def _is_contact(entry: object) -> bool:
-    """Return whether a value is a contact with its numbers."""
-    return isinstance(entry, dict) and (
-        all(isinstance(entry.get(name), str) for name in ("name", "kind"))
-        and all(
-            number.name in entry and (entry[number.name] is None or _is_number(entry[number.name]))
-            for number in CONTACTS
-        )
-    )
-
-
-def _is_channel(entry: object) -> bool:
-    """Return whether a value is the measures of a channel, with its unit."""
-    return isinstance(entry, dict) and all(
-        isinstance(value, str) if key == "units" else value is None or _is_number(value)
-        for key, value in entry.items()
-    )
-
-
-def _is_interval(entry: object) -> bool:
-    """Return whether a value is an interval of a mean, or several."""
-    if not isinstance(entry, dict) or set(entry) != _OF_INTERVALS:
-        return False
-    rows = [np.ravel(entry[key]).tolist() for key in ("mean", "half_width")]
-    are_numbers = all(_is_number(value) or value is None for row in rows for value in row)
-    counts = all(_is_number(entry[key]) for key in ("windows", "periods"))
-    return are_numbers and counts and len(rows[0]) == len(rows[1])
+@cache
+def _summary_form(n_laminae: int) -> type[BaseModel]:
+    """Return the form of summary.json; entries that `MEASURES` does not know may have any."""
+    forms: dict[str, Any] = {}
+    for name, measure in MEASURES.items():
+        most = max(n_laminae, 1) if measure.dims == _LAMINA else LONGEST
+        if measure.units:
+            several = Annotated[list[Finite | None], Field(min_length=1, max_length=most)]
+            forms[name] = several | None if measure.dims else Finite | None
+        else:
+            forms[name] = list[_Text] | None if measure.dims else _Text | None
+    numbers: dict[str, Any] = {number.name: (Finite | None, ...) for number in CONTACTS}
+    contact = create_model("Contact", name=(_Text, ...), kind=(_Text, ...), **numbers)
+    forms |= {
+        "settling": dict[str, Finite | None] | None,
+        "rest": _Rest | None,
+        "contacts": list[contact] | None,  # type: ignore[valid-type]
+        "channels": dict[str, dict[str, Finite | _Text | None]] | None,
+        "intervals": dict[str, _Interval] | None,
+        **dict.fromkeys(("unread_keys", "warnings", "probes"), list[_Text]),
+    }
+    entries: dict[str, Any] = {name: (form, None) for name, form in forms.items()}
+    return create_model("Summary", __config__=ConfigDict(extra="allow"), **entries)
 
 
 ELSEWHERE = ("warnings", "message")

@@ -43,7 +43,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.contact.decisions import Decision
+from delam_fem.contact.decisions import Decision, PairState
 from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
 from delam_fem.numerics.types import BoolArray, ByteArray, FloatArray, IntArray
 from delam_fem.simulation.refinement import Span
@@ -326,16 +326,14 @@ class Stepper(Protocol):
         seen_v: velocities of the probes and functionals of sensors, shape (n_probes + n_sensors,).
         dissipated: energy lost to damping so far [J].
         contact_damped: energy lost to contact dampers so far [J].
+        pair_state: what is remembered of the pairs.
     """
 
     seen_u: FloatArray
     seen_v: FloatArray
     dissipated: float
     contact_damped: float
-
-    @property
-    def resting(self) -> BoolArray:
-        """Which pairs are at rest, shape (n_pairs,)."""
+    pair_state: PairState
 
     def energies(self) -> Energies:
         """Return the stored energies of the present state."""
@@ -413,7 +411,7 @@ class PeriodRecord:
         self._rows_v.append(stepper.seen_v.tobytes())
         if step in self._has_frame:
             self.frames.append(stepper.state()[:2])
-            resting = stepper.resting
+            resting = stepper.pair_state.resting
             state = np.where(resting, RESTING, OPEN).astype(np.int8)
             hit = self.jumps.hit_after((step - 1) * self.ticks_per_step)
             state[hit] = np.where(resting[hit], RESTING, HIT)
@@ -585,7 +583,7 @@ class Recorder:
             is_divided=np.zeros(rows, np.uint8),
             force_flows=np.zeros(self.n_forces),
             ticks_per_step=self.refine,
-            resting=np.array(stepper.resting, dtype=np.bool_),
+            resting=stepper.pair_state.resting.copy(),
         )
         stepper.finish_step()
         record.u[0], record.v[0] = stepper.seen_u, stepper.seen_v

@@ -24,6 +24,7 @@ from delam_fem.api import (
     one_period,
     set_initial,
 )
+from delam_fem.contact.decisions import PairState
 from delam_fem.simulation.loop import StepByStep, simulate
 from delam_fem.simulation.recorder import Energies
 
@@ -41,7 +42,7 @@ class Ball:
     dissipated: float = 0.0
     contact_damped: float = 0.0
     damped: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    resting: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
+    pair_state: PairState = field(default_factory=lambda: PairState.at_start(1))
     is_resting: bool = False
     gap: np.ndarray = field(default_factory=lambda: np.zeros(1))
     seen_u: np.ndarray = field(default_factory=lambda: np.zeros(4))

@@ -224,11 +224,6 @@ class Dynamics:
         self._base_states = [before, after]
         self._step = 0
 
-    @property
-    def resting(self) -> BoolArray:
-        """Which pairs are at rest, shape (n_pairs,)."""
-        return self.pair_state.resting
-
     def remember(self, pair_state: PairState) -> None:
         """Set what is remembered of the pairs."""
         self.pair_state = pair_state
@@ -244,7 +239,7 @@ class Dynamics:
         """
         gap, rate = self._gap_values, self._rate_values
         if self.is_resting and self.spring_stiffness:
-            sign = np.where(self.resting, -1.0, 1.0)
+            sign = np.where(self.pair_state.resting, -1.0, 1.0)
             gap = sign * gap
             rate = sign * rate
         return gap, rate
@@ -362,7 +357,7 @@ class Dynamics:
         return Energies(
             kinetic + 0.5 * base.corner[0] * dq * dq,
             strain + 0.5 * base.corner[2] * q * q,
-            self.spring_energy(self.resting),
+            self.spring_energy(self.pair_state.resting),
             momentum,
         )
 

@@ -131,7 +131,7 @@ class Newmark(Dynamics):
         self.compliance: Compliance = (
             self._compliance(self._M_factor) if coupled_impulses else LumpedCompliance(o)
         )
-        self._pairs = np.flatnonzero(self.resting)
+        self._pairs = np.flatnonzero(self.pair_state.resting)
 
     def _size(self, time_step: float, beta: float, gamma: float) -> _NewmarkSize:
         """Return a size of steps with its factor."""
@@ -365,9 +365,9 @@ class Newmark(Dynamics):
         impact = self._impact(decision) if decision.hit.size else 0.0
         switched = 0.0
         if decision.pair_state is not None:
-            switched -= self.spring_energy(self.resting)
+            switched -= self.spring_energy(self.pair_state.resting)
             self.remember(decision.pair_state)
-            switched += self.spring_energy(self.resting)
+            switched += self.spring_energy(self.pair_state.resting)
         self.renew_acceleration()
         return impact, switched
 

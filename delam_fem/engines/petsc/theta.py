@@ -106,7 +106,7 @@ class MoreauJean(Dynamics):
         self._start = linear_algebra.vector_in(self._motion_start.array[self.operators.n_own :])
         size = self.operators.n_dofs * self.operators.n_pairs
         self._has_room = self._products is None and size <= ROOM
-        self._none_resting = self.resting
+        self._none_resting = self.pair_state.resting
         self._is_unaccounted = False
         self._predicted, self._rate_start = (  # sums of all ranks from the beginning
             linear_algebra.RankSums(self.operators.n_pairs, MPI.COMM_SELF) for _ in range(2)
@@ -165,7 +165,7 @@ class MoreauJean(Dynamics):
             self.finish_step()
         self._rate_vector.copy(self._rate_start.own)
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
-        if self.resting is not self._none_resting:
+        if self.pair_state.resting is not self._none_resting:
             self.pair_state = self.pair_state._replace(resting=self._none_resting)
         self._motion.copy(self._motion_start)
         before = self._base_states[self._step]
