@@ -113,9 +113,10 @@ class _Kind(Section):
 
     @property
     def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
+        """Frequency whose period is divided into steps; the highest of a sweep; NaN: none [Hz]."""
         keys = ("frequency", "start_frequency", "end_frequency")
-        return max(getattr(self, key, None) or 0.0 for key in keys)
+        given = [getattr(self, key, None) for key in keys]
+        return max((value for value in given if value is not None), default=math.nan)
 
     @property
     def repeat_rate(self) -> Fraction:
@@ -133,10 +134,18 @@ class _Kind(Section):
         raise NotImplementedError
 
     @property
+    def place(self) -> str:
+        """Where it acts, in words."""
+        lamina = getattr(self, "lamina", None)
+        return f"{lamina} at {place_words(getattr(self, 'position', None))}" if lamina else "base"
+
+    @property
     def words(self) -> str:
         """The excitation in words, for titles."""
         if self.is_periodic:
             return f"{self.top_frequency:g} Hz, {self.size}"
+        if math.isnan(self.top_frequency):
+            return self.size
         start, end = (getattr(self, f"{name}_frequency") for name in ("start", "end"))
         return f"sweep {start:g}–{end:g} Hz, {self.size}"
 
@@ -229,7 +238,7 @@ class _AtPoint(_Kind):
     @property
     def size(self) -> str:
         """The amplitude in words."""
-        return f"{self.amplitude:g} N on {self.lamina} at {place_words(self.position)}"
+        return f"{self.amplitude:g} N on {self.place}"
 
 
 class ForceExcitation(_AtPoint):
@@ -336,20 +345,9 @@ class TableExcitation(_Kind):
         return self
 
     @property
-    def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps [Hz]; a table has none."""
-        return math.nan
-
-    @property
     def size(self) -> str:
         """The amplitude in words: the table's name."""
-        place = "base" if self.lamina is None else f"{self.lamina} at {place_words(self.position)}"
-        return f"{self.file.name} on {place}"
-
-    @property
-    def words(self) -> str:
-        """The excitation in words, for titles."""
-        return self.size
+        return f"{self.file.name} on {self.place}"
 
     def series(self) -> tuple[FloatArray, FloatArray, str]:
         """Return times [s], values as they drive a run, and their SI unit; see `read_series`."""
@@ -375,19 +373,9 @@ class NoExcitation(_Kind):
     acts_on: ClassVar[Target] = "base"
 
     @property
-    def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps [Hz]; there is none."""
-        return math.nan
-
-    @property
     def size(self) -> str:
         """The amplitude in words."""
         return "no drive"
-
-    @property
-    def words(self) -> str:
-        """The excitation in words, for titles."""
-        return self.size
 
 
 Motion = Literal["displacement", "velocity", "acceleration"]
@@ -443,11 +431,6 @@ class _Prescribed(_OfMotion):
     def integrals(self) -> int:
         """How often it is integrated to the displacement of the base, or to the force."""
         return 0 if self.acts_on == "force" else _INTEGRALS[self.motion]
-
-    @property
-    def place(self) -> str:
-        """Where it acts, in words."""
-        return "base" if self.lamina is None else f"{self.lamina} at {place_words(self.position)}"
 
 
 class _OfBand(_Prescribed):
@@ -759,19 +742,9 @@ class RecordExcitation(_Prescribed):
     high_pass: Annotated[Positive, Unit("Hz")] | None = None
 
     @property
-    def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps [Hz]; a record has none."""
-        return math.nan
-
-    @property
     def size(self) -> str:
         """The amplitude in words: the record's name."""
         return f"{self.channel} of {self.file.name} on {self.place}"
-
-    @property
-    def words(self) -> str:
-        """The excitation in words, for titles."""
-        return self.size
 
     def series(self) -> tuple[FloatArray, FloatArray, str]:
         """Return times from 0 [s], values as they drive a run, and their SI unit.
@@ -1053,9 +1026,7 @@ def _place_of(given: Any) -> tuple[Any, ...]:
 
 def place_in_words(given: Any) -> str:
     """Return where a drive acts, in words."""
-    if given.acts_on == "base":
-        return "the base"
-    return f"{given.lamina} at {place_words(given.position)}"
+    return "the base" if given.acts_on == "base" else str(given.place)
 
 
 def _gathered(value: object) -> object:
