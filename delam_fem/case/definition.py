@@ -47,13 +47,13 @@ from delam_fem.case.sections import (
     Mesh,
     Model,
     Output,
+    OwnContact,
     PointMass,
     Sensor,
     Stop,
     Support,
     SurfaceScan,
     TimeStepping,
-    has_stiffness,
     require_fitting,
     require_neighbours,
     x_of,
@@ -665,11 +665,9 @@ class Case(Section):
             )
 
     @property
-    def contacts(self) -> tuple[tuple[str, InitialGap | Delamination | Stop | Impactor], ...]:
+    def contacts(self) -> tuple[tuple[str, OwnContact], ...]:
         """The tables of what may touch, with their keys: "gap", "delamination.1", "stop.1", …."""
-        tables: list[tuple[str, InitialGap | Delamination | Stop | Impactor]] = []
-        if self.gap is not None:
-            tables.append(("gap", self.gap))
+        tables: list[tuple[str, OwnContact]] = [] if self.gap is None else [("gap", self.gap)]
         for section in ("delamination", "stop", "impactor"):
             entries = enumerate(getattr(self, section), start=1)
             tables += [(f"{section}.{number}", entry) for number, entry in entries]
@@ -678,7 +676,7 @@ class Case(Section):
     @property
     def has_stiffnesses(self) -> bool:
         """Whether a contact has a stiffness of its own, or that of a ball."""
-        return any(map(has_stiffness, (entry for _, entry in self.contacts)))
+        return any(entry.has_stiffness for _, entry in self.contacts)
 
     @property
     def contact_law(self) -> Law:
@@ -1089,7 +1087,7 @@ class Case(Section):
         """Whether all contacts that carry a spring have a stiffness of their own."""
         if self.contact.law == "newton":
             return self.is_elastic
-        return bool(self.contacts) and all(map(has_stiffness, (e for _, e in self.contacts)))
+        return bool(self.contacts) and all(entry.has_stiffness for _, entry in self.contacts)
 
     @property
     def is_periodic(self) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated, ClassVar, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -666,53 +666,40 @@ OwnThreshold = Annotated[NotNegative | None, Unit("m/s")]
 """Types of the numbers that a contact may have in place of those of `[contact]`."""
 
 
-class OwnContact(Protocol):
+class OwnContact(Section):
     """A table of a contact: [gap], [[delamination]], [[stop]] or [[impactor]]."""
+
+    if TYPE_CHECKING:  # each table says in its own place what they mean
+        restitution: float | None
+        stiffness: float | None
+        damping: float
+        threshold_velocity: float | None
+
+    @model_validator(mode="after")
+    def _damping_beside_stiffness(self) -> Self:
+        """Check that the damping of a contact stands beside its stiffness."""
+        if self.damping and self.stiffness is None:
+            raise inconsistent("damping", "expected only beside stiffness, of an elastic contact")
+        return self
+
+    @property
+    def _stiffness_key(self) -> str | None:
+        """Name of the key that gives the contact its stiffness; None: it has none."""
+        keys = ("stiffness", "radius")
+        return next((key for key in keys if getattr(self, key, None) is not None), None)
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether the contact has a stiffness of its own, or that of a ball."""
+        return self._stiffness_key is not None
 
     @property
     def elastic_by(self) -> str | None:
         """Name of the key that makes the contact elastic; None: it follows the law of the case."""
-
-    @property
-    def restitution(self) -> float | None:
-        """Restitution e of its own [-]."""
-
-    @property
-    def stiffness(self) -> float | None:
-        """Stiffness of its springs [N/m]."""
-
-    @property
-    def damping(self) -> float:
-        """Damping of its springs [N s/m]."""
-
-    @property
-    def threshold_velocity(self) -> float | None:
-        """Threshold velocity γ of its own [m/s]."""
+        return self._stiffness_key if self.restitution is None else None
 
 
-def has_stiffness(entry: OwnContact) -> bool:
-    """Return whether a contact has a stiffness of its own, or that of a ball."""
-    return _stiffness_key(entry) is not None
-
-
-def _stiffness_key(entry: OwnContact) -> str | None:
-    """Return the name of the key that gives a contact its stiffness; None: it has none."""
-    keys = ("stiffness", "radius")
-    return next((key for key in keys if getattr(entry, key, None) is not None), None)
-
-
-def _elastic_by(entry: OwnContact) -> str | None:
-    """Name of the key that makes the contact elastic; None: it follows the law of the case."""
-    return _stiffness_key(entry) if entry.restitution is None else None
-
-
-def _require_own_numbers(entry: OwnContact) -> None:
-    """Check that the damping of a contact stands beside its stiffness."""
-    if entry.damping and entry.stiffness is None:
-        raise inconsistent("damping", "expected only beside stiffness, of an elastic contact")
-
-
-class InitialGap(Section):
+class InitialGap(OwnContact):
     """The gap at rest: a power of x/L, the first mode shape, or a table.
 
     Attributes:
@@ -767,13 +754,7 @@ class InitialGap(Section):
                 raise inconsistent(
                     key, f"expected no {key} beside gap.file, which has the gap itself"
                 )
-        _require_own_numbers(self)
         return self
-
-    @property
-    def elastic_by(self) -> str | None:
-        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
-        return _elastic_by(self)
 
 
 class Mesh(Section):
@@ -1231,7 +1212,7 @@ ELLIPSE_CORNERS = 64
 """Corners of the polygon that stands for an ellipse; its area is 0.2 % too small."""
 
 
-class Delamination(Section):
+class Delamination(OwnContact):
     """A stretch over which two neighbouring laminae are not bonded; of a plate, a patch.
 
     Attributes:
@@ -1290,7 +1271,6 @@ class Delamination(Section):
             key = "shape" if self.file is None else "file"
             raise inconsistent(key, 'expected "half-cosine", the only shape of a patch')
         _require_one_shape(self)
-        _require_own_numbers(self)
         return self
 
     def spans(self, length: float) -> bool:
@@ -1352,11 +1332,6 @@ class Delamination(Section):
         """Return whether an edge of the delamination is at `end` (0 or the length)."""
         edge = self.start if end == 0.0 else self.end
         return abs(edge - end) <= EDGE_TOLERANCE * length
-
-    @property
-    def elastic_by(self) -> str | None:
-        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
-        return _elastic_by(self)
 
 
 def _require_one_shape(own: Delamination | Stop) -> None:
@@ -1577,7 +1552,7 @@ class PointMass(Section):
     surface: SurfaceName | None = None
 
 
-class Stop(Section):
+class Stop(OwnContact):
     """A stop that a lamina may strike: a point, or points along a stretch.
 
     A rigid stop follows the contact law. An elastic one is a spring (and damper) that acts while
@@ -1636,7 +1611,6 @@ class Stop(Section):
             if getattr(self, key) and not is_stretch:
                 raise inconsistent(key, "expected only of a stretch, from start to end")
         _require_one_shape(self)
-        _require_own_numbers(self)
         return self
 
     def reach(self, length: float) -> tuple[float, float]:
@@ -1646,13 +1620,8 @@ class Stop(Section):
         place = length if self.position is None else x_of(self.position)
         return place, place
 
-    @property
-    def elastic_by(self) -> str | None:
-        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
-        return _elastic_by(self)
 
-
-class Impactor(Section):
+class Impactor(OwnContact):
     """A mass that strikes a lamina, free or on a spring, as the tip of a hammer.
 
     Attributes:
@@ -1702,13 +1671,7 @@ class Impactor(Section):
             )
         if self.radius is not None and self.restitution is not None:
             raise inconsistent("restitution", "expected none beside radius, of an elastic contact")
-        _require_own_numbers(self)
         return self
-
-    @property
-    def elastic_by(self) -> str | None:
-        """Name of the key that makes the contact elastic; None: it follows the law of the case."""
-        return _elastic_by(self)
 
 
 class Initial(Section):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from delam_fem.case.definition import ROUND_OFF, Case
-from delam_fem.case.sections import EDGE_TOLERANCE, Delamination, OwnContact, has_stiffness
+from delam_fem.case.sections import EDGE_TOLERANCE, Delamination, OwnContact
 from delam_fem.case.unread import is_elastic
 from delam_fem.contact.decisions import PairNumbers
 from delam_fem.model.layout import Layout, Structure
@@ -119,7 +119,7 @@ def with_pair_numbers(structure: Structure, case: Case) -> Structure:
         if entry.threshold_velocity is not None:
             threshold[pairs] = entry.threshold_velocity
         elastic[pairs] = entry.elastic_by is not None
-        if has_stiffness(entry):
+        if entry.has_stiffness:
             ratio = entry.damping / (entry.stiffness or np.inf)
             is_same = abs(ratio - c / k) <= ROUND_OFF * max(ratio, c / k)
             relaxation[pairs] = np.nan if is_same else ratio

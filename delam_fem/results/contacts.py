@@ -196,6 +196,15 @@ def stops_of(layout: Layout, case: Case) -> Iterator[tuple[Kind, str, IntArray]]
         yield *named(number, case), pairs
 
 
+def pairs_of(layout: Layout, case: Case) -> dict[str, IntArray]:
+    """Return the pairs of each contact by its name: of interfaces, stops and impactors."""
+    of_interfaces = {
+        interface.name: np.arange(interface.pairs.start, interface.pairs.stop)
+        for interface in layout.interfaces
+    }
+    return of_interfaces | {name: pairs for _, name, pairs in stops_of(layout, case)}
+
+
 def histories(
     recorder: Recorder, structure: Structure, case: Case, *, of_springs: bool = False
 ) -> dict[str, tuple[str, FloatArray]]:
@@ -218,13 +227,8 @@ def histories(
     if case.contact.law == "none" or not layout.touching or (of_springs and not has_springs):
         return {}
     known = _histories(recorder, structure, case)
-    pairs = {
-        interface.name: np.arange(interface.pairs.start, interface.pairs.stop)
-        for interface in layout.interfaces
-    }
-    pairs |= {name: rows for _, name, rows in stops_of(layout, case)}
     result = {}
-    for name, rows in pairs.items():
+    for name, rows in pairs_of(layout, case).items():
         is_recorded = known.knows(rows)
         unit = force_unit(case, name, is_recorded=is_recorded)
         if of_springs and not is_recorded:

@@ -9,8 +9,7 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.model.layout import Structure, at_stations, nodal
-from delam_fem.numerics.types import IntArray
-from delam_fem.results.contacts import stops_of
+from delam_fem.results.contacts import pairs_of
 from delam_fem.system.errors import CaseError
 
 
@@ -36,7 +35,8 @@ def summary_of(structure: Structure, case: Case) -> dict[str, Any] | None:
     return {
         "tip_displacement": probes if o.load is None or equilibrium is not None else None,
         "contact_force": {
-            name: float(forces[pairs].sum()) for name, pairs in contacts_of(structure, case).items()
+            name: float(forces[pairs].sum())
+            for name, pairs in pairs_of(structure.layout, case).items()
         },
         "buckling_factor": getattr(o, "buckling_factor", None),
     }
@@ -61,23 +61,13 @@ def rows_of(structure: Structure, case: Case) -> list[tuple[str, str]]:
         gap = o.gap_matrix @ o.equilibrium.displacement + o.gap0
         texts = [
             f"{name} {1e3 * gap[numbers].min():.4g} to {1e3 * gap[numbers].max():.4g} mm"
-            for name, numbers in contacts_of(structure, case).items()
+            for name, numbers in pairs_of(structure.layout, case).items()
         ]
         rows.append(("gaps in place", ", ".join(texts)))
     if summary["buckling_factor"] is not None:
         words = f"at {summary['buckling_factor']:.4g} times its weight and axial forces"
         rows.append(("buckles", words))
     return rows
-
-
-def contacts_of(structure: Structure, case: Case) -> dict[str, IntArray]:
-    """Return the pairs of each contact by its name: of interfaces, stops and impactors."""
-    layout = structure.layout
-    result = {
-        interface.name: np.arange(interface.pairs.start, interface.pairs.stop)
-        for interface in layout.interfaces
-    }
-    return result | {name: pairs for _, name, pairs in stops_of(layout, case)}
 
 
 def dataset_of(structure: Structure, case: Case) -> xr.Dataset:
@@ -103,7 +93,7 @@ def dataset_of(structure: Structure, case: Case) -> xr.Dataset:
     force = np.zeros(o.n_pairs) if o.equilibrium is None else o.equilibrium.force
     shape = at_stations(layout, *nodal(layout, u[None], np.zeros(1)))[0][:, 0]
     names = np.full(o.n_pairs, "", dtype=object)
-    for name, pairs in contacts_of(structure, case).items():
+    for name, pairs in pairs_of(structure.layout, case).items():
         names[pairs] = name
     entries = summary_of(structure, case) or {}
     buckling = entries["buckling_factor"]
