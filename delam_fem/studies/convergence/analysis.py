@@ -165,11 +165,7 @@ class Convergence(Finding):
             title=f"Convergence of {case.name}",
             tables=list(overview(self)),
             sentences=[verdict(self), there],
-            remarks=[
-                *(text for text in [blow_warning(self)] if text),
-                *([] if self.refinement.has_limit else [NO_LIMIT]),
-                *([NOT_CALIBRATED] if self.refinement.of else []),
-            ],
+            remarks=remarks(self),
             pictures={
                 f"figures/{name}": (partial(draw, self), name.replace("_", " ").capitalize())
                 for name, draw in pictures(self).items()
@@ -338,6 +334,15 @@ NOT_CALIBRATED = (
 NO_LIMIT = "The study has no rigid limit: errors against it are left out."
 
 
+def remarks(found: Convergence) -> list[str]:
+    """Return what a reader of the numbers must know."""
+    return [
+        *(text for text in [blow_warning(found)] if text),
+        *([] if found.refinement.has_limit else [NO_LIMIT]),
+        *([NOT_CALIBRATED] if found.refinement.of else []),
+    ]
+
+
 def blow_warning(found: Convergence) -> str | None:
     """Return a warning if blows on contact springs have too few steps at a level; else None."""
     levels = {level.key: level for level in found.refinement.levels()}
@@ -356,12 +361,9 @@ def blow_warning(found: Convergence) -> str | None:
 
 def page(found: Convergence, verdict: str) -> str:
     """Return a verdict and all tables of a study as a page of Markdown."""
-    parts = [f"# Convergence of case {found.refinement.case.name}\n", f"{verdict}\n"]
-    if warning := blow_warning(found):
-        parts.append(f"{warning}\n")
-    if not found.refinement.has_limit:
-        parts.append(f"{NO_LIMIT}\n")
-    return "\n".join([*parts, *(table.markdown() for table in tables(found))])
+    title = f"# Convergence of case {found.refinement.case.name}"
+    lines = [f"{line}\n" for line in (title, verdict, *remarks(found))]
+    return "\n".join([*lines, *(table.markdown() for table in tables(found))])
 
 
 def tables(found: Convergence) -> Iterator[Table]:
