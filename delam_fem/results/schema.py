@@ -566,6 +566,13 @@ class _Interval(BaseModel):
     periods: Finite
 
 
+class _Channel(BaseModel, extra="allow"):
+    """The measures of a channel, with its unit."""
+
+    __pydantic_extra__: dict[str, Finite | None]
+    units: _Text = ""
+
+
 class _Rest(BaseModel):
     """A state of rest."""
 
@@ -610,7 +617,7 @@ def _summary_form(n_laminae: int) -> type[BaseModel]:
         "settling": dict[str, Finite | None] | None,
         "rest": _Rest | None,
         "contacts": list[contact] | None,  # type: ignore[valid-type]
-        "channels": dict[str, dict[str, Finite | _Text | None]] | None,
+        "channels": dict[str, _Channel] | None,
         "intervals": dict[str, _Interval] | None,
         **dict.fromkeys(("unread_keys", "warnings", "probes"), list[_Text]),
     }
