@@ -115,8 +115,8 @@ class _Kind(Section):
     def top_frequency(self) -> float:
         """Frequency whose period is divided into steps; the highest of a sweep; NaN: none [Hz]."""
         keys = ("frequency", "start_frequency", "end_frequency")
-        given = [getattr(self, key, None) for key in keys]
-        return max((value for value in given if value is not None), default=math.nan)
+        frequencies = [getattr(self, key, None) for key in keys]
+        return max((f for f in frequencies if f is not None), default=math.nan)
 
     @property
     def repeat_rate(self) -> Fraction:

@@ -80,7 +80,7 @@ class Compliance(Protocol):
         """Return the rows and columns of W of some pairs, shape (k, k) [1/kg]."""
 
 
-class Hits(NamedTuple):
+class HitPairs(NamedTuple):
     """Pairs that an impulse may part, or has parted: the first entries of each array.
 
     Attributes:
@@ -100,7 +100,7 @@ class Hits(NamedTuple):
     change: FloatArray
 
     @classmethod
-    def room(cls, n_pairs: int) -> Hits:
+    def room(cls, n_pairs: int) -> HitPairs:
         """Return room for all pairs."""
         return cls(np.zeros(n_pairs, dtype=np.int64), *np.zeros((5, n_pairs)))
 

@@ -37,7 +37,7 @@ from delam_fem.contact.decisions import (
     RESTITUTION,
     THRESHOLD,
     Decision,
-    Hits,
+    HitPairs,
     Kinematics,
     LawContext,
     LawNumbers,
@@ -225,7 +225,7 @@ class Rules:
         self._W = (W := setting.compliance)
         self._block = W.block if law.is_coupled else lambda pairs: np.diag(W.diagonal(pairs))
         self._hit = np.zeros(setting.n_pairs, dtype=np.int64)
-        self._values = np.zeros((5, setting.n_pairs))  # of `Hits`, in their order
+        self._values = np.zeros((5, setting.n_pairs))  # of `HitPairs`, in their order
         self._next = PairState.at_start(setting.n_pairs)
 
     def examine(self, seen: Kinematics) -> Decision | None:
@@ -241,7 +241,7 @@ class Rules:
         if result == NOTHING:
             return None
         complementarity.require_solved(result)
-        hits = Hits(hit[:n].copy(), *values[:, :n].copy())
+        hits = HitPairs(hit[:n].copy(), *values[:, :n].copy())
         pair_state = self._next.copy() if is_changed else None
         return Decision(hits.pair, hits.impulse, hits.rate_pre, hits.rate_post, pair_state)
 
@@ -262,7 +262,7 @@ def _examine(pairs, W, gap, rate, free, noise, hit, values, *tables):  # type: i
         rate: see `closing_pairs`.
         free: see `closing_pairs`.
         noise: see `solve_among`.
-        hit: result: pairs of `Hits`.
+        hit: result: pairs of `HitPairs`.
         values: result: its other members, one below the other.
         tables: members of `PairState` before; result: those from now on; members of `LawNumbers`.
 
@@ -273,7 +273,7 @@ def _examine(pairs, W, gap, rate, free, noise, hit, values, *tables):  # type: i
     before = PairState(*tables[:_BEFORE])
     after = PairState(*tables[_BEFORE:_AFTER])
     law = LawNumbers(*tables[_AFTER:])
-    hits = Hits(hit, values[0], values[1], values[2], values[3], values[4])
+    hits = HitPairs(hit, values[0], values[1], values[2], values[3], values[4])
     result = complementarity.SOLVED
     n, changes = closing_pairs(law, gap.size, gap, rate, free, before, hits)
     if n and not needs_impulse(hits, n, noise):

@@ -284,8 +284,8 @@ class Compiled(Engine):
         else:
             is_own = False
         fields[:] = internal if is_own else self.unknowns.inward(state.motion)
-        for kept, given in zip(memory.pair_state, state.pair_state, strict=True):
-            kept[:] = given
+        for memories, values in zip(memory.pair_state, state.pair_state, strict=True):
+            memories[:] = values
         memory.totals[[DISSIPATED, CONTACT_DAMPED]] = state.losses
         if self._has_acceleration:  # the θ-scheme has no springs
             steps.list_springs(self.address)

@@ -24,7 +24,7 @@ from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, mod
 from numba.np.numpy_support import from_dtype
 
 from delam_fem.contact.complementarity import WarmStart, nothing_known
-from delam_fem.contact.decisions import Hits, PairState
+from delam_fem.contact.decisions import HitPairs, PairState
 from delam_fem.engines.compiled.simd_chains import N_FIELDS, aligned_zeros
 from delam_fem.numerics.types import FloatArray, IntArray
 
@@ -233,7 +233,7 @@ class Memory(NamedTuple):
     rate: FloatArray
     present_gap: FloatArray
     present_rate: FloatArray
-    hits: Hits
+    hits: HitPairs
     forces: FloatArray
     residual: FloatArray
     direction: FloatArray
@@ -351,7 +351,7 @@ def memory(size: int, n_pairs: int, n_forces: int = 0) -> Memory:
         rate=np.zeros(n_pairs),
         present_gap=np.zeros(n_pairs),
         present_rate=np.zeros(n_pairs),
-        hits=Hits.room(n_pairs),
+        hits=HitPairs.room(n_pairs),
         forces=np.zeros(n_pairs),
         residual=np.zeros(n_pairs),
         direction=np.zeros(n_pairs),
