@@ -1,4 +1,4 @@
-"""`sweep` and `show diagram basins`: which starts reach the same attractor.
+"""`show diagram basins`: attractors.
 
 25 starts of the thin lamina of `paper` and `default`, 200 periods, 3.49 to 3.56 Hz, where two
 motions live; the truth is that of 1000 periods. No share is printed; 95 % is the aim.

@@ -1,4 +1,4 @@
-"""`orbit follow`: intervals of doublings, folds and Neimark–Sacker points.
+"""`orbit follow`: branch points.
 
 Maps whose events are known in closed form; jumps are 1e-4 … 1e-3 of the state.
 

@@ -1,4 +1,4 @@
-"""`converge`: intervals about the limit, beside finer runs.
+"""`converge`: distance from the limit.
 
 Two strips, drawn, under a harmonic base. The truth is the distance from a run with eight times as
 many steps, or four times as many elements, as the finest of the study.

@@ -1,4 +1,4 @@
-"""`detect`: calls of healthy plates.
+"""`detect scan`: healthy plates.
 
 Exact motions of uniform beams at 40 to 400 Hz, scanned at 39 points with 40 dB.
 

@@ -1,4 +1,4 @@
-"""`detect`: bounds of the ends of a delamination.
+"""`detect scan`: ends of a delamination.
 
 Delaminations of `embedded` from the prior of `infer`, at 60 to 400 Hz, scanned every 10 mm with 40
 dB. Those that are called count.

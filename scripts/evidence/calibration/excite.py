@@ -1,4 +1,4 @@
-"""`detect excite`: calls at the recommended frequency.
+"""`detect excite`: recommended frequency.
 
 Delaminations of `embedded` from the prior of `infer`. The command maps 100, 120 … 300 Hz with 40
 dB; a scan at the frequency that it recommends is called or not.

@@ -1,4 +1,4 @@
-"""`identify keys`: a delamination's end, damping and a spring from frequency responses.
+"""`identify keys`: frequency responses.
 
 A clamped stack of two laminae with an open delamination and a spring at its tip; a laser at the tip
 and an accelerometer measure 400 lines from 20 to 1,020 Hz with noise of 1 or 5 % of each. *As

@@ -1,4 +1,4 @@
-"""`measure response --free`: frequency and damping of a free vibration.
+"""`measure response --free`.
 
 The first ten cycles of decays of a mode of 2 … 20 Hz, damping ratios from 0.002 to 0.03, noise of
 0.1 … 3 % of the first amplitude.

@@ -1,4 +1,4 @@
-"""`identify`: gap, restitution, damping and stiffness from clapping motions.
+"""`identify keys`: clapping motions.
 
 The rig and the four unknowns of [identification](../identification.md): `paper`, 10 elements, 300
 steps per period, tips at 1.25 and 3.25 Hz with noise of 0.1 mm, 1,000 simulations.

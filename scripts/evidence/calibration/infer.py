@@ -1,4 +1,4 @@
-"""`infer`: start, end and depth of a delamination.
+"""`detect infer`.
 
 Scans of `embedded` with other delaminations at 92 and 250 Hz, 40 dB. Stiffness (± 10 %), damping (×
 ½ … × 2) and clamps of the table of structures are drawn, too.

@@ -1,4 +1,4 @@
-"""Sweeps: the largest Lyapunov exponent ± two of its errors, and its sign.
+"""`sweep`: Lyapunov exponent.
 
 Oscillators with one stop, periodic and chaotic, 200 periods of 1000 steps; the truth is that of
 4000 periods of exact flights. The sign is said if the exponent is more than two errors from 0.

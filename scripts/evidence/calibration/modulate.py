@@ -1,4 +1,4 @@
-"""`detect modulate`: calls of healthy plates.
+"""`detect modulate`: healthy plates.
 
 `embedded` without its delamination under five pairs of a probe and a pump of 0.1 m/s2, scanned at
 39 points with 40 dB for four common periods.

@@ -1,4 +1,4 @@
-"""`orbit find`: intervals of multipliers.
+"""`orbit find`: multipliers.
 
 Oscillators with one stop and Hénon's maps whose multipliers are known in closed form. Other rigs
 are oscillators as the program steps them.

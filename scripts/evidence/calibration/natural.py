@@ -1,4 +1,4 @@
-"""`identify natural`: a key from a natural frequency.
+"""`identify natural`.
 
 A clamped beam of 0.5 m; the place of a second clamp is sought. The first frequency has an error of
 0.2 or 1 Hz; stiffness (± 10 %), damping and clamps are drawn.

@@ -1,4 +1,4 @@
-"""`overlay`: where a record begins on the clock of a run, "agrees" and "differs".
+"""`measure overlay`.
 
 Records of 2 s of both tips of `paper`, near 3.25 and 3.65 Hz, after the end of the run, with noise
 of 0.05 … 0.3 mm. No share of "differs" is printed; 100 % is the aim.

@@ -1,7 +1,7 @@
-"""`detect pod`: a90/95, the length from which at least 90 % are detected.
+"""`detect pod`: a90/95.
 
-Hits drawn from known curves of detection, at eight lengths of 15 structures each. *As modelled*:
-the logit is linear in ln a. The other rigs have curves of another form.
+Hits drawn from known curves of detection, at eight lengths of 15 structures each. a90: the length
+from which 90 % are detected. *As modelled*: the logit is linear in ln a.
 
 Hits drawn from curves of detection that are known, at the eight lengths of the grid, 15 structures
 each. The true a90 lies at 0.06 … 0.3 of the beam or near it. *As modelled*: the logit is linear in

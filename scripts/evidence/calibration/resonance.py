@@ -1,4 +1,4 @@
-"""`resonance`: frequency and damping from swept sines.
+"""`identify resonance`.
 
 Records of one mode under a swept base, solved exactly: 1.2 … 3.5 Hz, damping ratio 0.004 … 0.02.
 

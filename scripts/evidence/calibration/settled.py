@@ -1,4 +1,4 @@
-"""`run`: settled, with its period, and the means of irregular motions.
+"""`run`: settled or not.
 
 `default` with 10 elements, 400 steps per period and a soft contact, at 2.6 to 3.9 Hz. The verdict
 after 300 periods is beside what the same run does from period 1500 to 3000.

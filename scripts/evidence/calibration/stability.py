@@ -1,4 +1,4 @@
-"""`orbit`: stable or not.
+"""`orbit find`: stable or not.
 
 Orbits of `default`, `paper` and two aluminium strips of 400 mm on both sides of doublings, folds
 and grazings, beside a motion that begins 0.1 % of the state away, with steps ten times finer. Of

@@ -1,4 +1,4 @@
-"""`detect tap`: calls of healthy plates.
+"""`detect tap`: healthy plates.
 
 The plate of `docs/examples/tap.py` without its delamination, tapped at 19 points with noise of 40,
 30 and 20 dB below the largest force of each tap.
