@@ -1044,7 +1044,7 @@ class Case(Section):
             turns = any(table.rotational_stiffness for table in tables)
             for x, z in ends.get(side, corners):
                 u = np.array([[1, 0, 0, 0, z, 0], [0, 1, 0, -z, 0, x], [0, 0, 1, 0, -x, 0]])
-                if kind in ("clamped", "pinned"):
+                if self.support.holds(side):
                     rows += [*u]
                 elif any(table.stiffness for table in tables):
                     rows.append(u[1])

@@ -17,6 +17,7 @@ from delam_fem.cli.console import (
     Overrides,
     Overwrite,
     Quiet,
+    Resume,
     Workers,
     Yes,
     error_console,
@@ -146,7 +147,6 @@ def print_script(
     typer.echo(text, nl=False)
 
 
-Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted sweep.")]
 ExecutorOption = Annotated[
     Literal["process", "mpi", "serial"] | None,
     typer.Option(

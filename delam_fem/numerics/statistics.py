@@ -195,6 +195,11 @@ def block_means(values: FloatArray, blocks: int = BLOCKS) -> FloatArray:
     return np.asarray(recent.reshape(*values.shape[:-1], blocks, length).mean(axis=-1))
 
 
+def white_noise(values: FloatArray) -> float:
+    """Return the standard deviation of white noise by third differences, small for motions."""
+    return float(np.std(np.diff(values, 3))) / math.sqrt(20.0)
+
+
 def interval(means: FloatArray, confidence: float = CONFIDENCE) -> tuple[FloatArray, FloatArray]:
     """Return the mean of independent values and half the width of its confidence interval.
 

@@ -45,6 +45,7 @@ from delam_fem.api import (
     harmonics,
     of_references,
     session_of,
+    statistics,
     style,
     swept_motion,
 )
@@ -255,7 +256,7 @@ def fit(
             bounds=([0.0, LEAST_DAMPING, *[-np.inf] * 2], [np.inf, MOST_DAMPING, *[np.inf] * 2]),
         )  # fmt: skip
         ends.append(solution)
-        if np.std(solution.fun) < NOT_NOISE * _noise(solution.fun):
+        if np.std(solution.fun) < NOT_NOISE * statistics.white_noise(solution.fun):
             break
     solution = min(ends, key=lambda end: float(end.cost))
     model, weights = band.explained(solution.x)
@@ -353,11 +354,6 @@ def _covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
     return np.asarray(white * np.outer(widened, widened))
 
 
-def _noise(values: FloatArray) -> float:
-    """Return the standard deviation of white noise by third differences, small for motions."""
-    return float(np.std(np.diff(values, 3))) / math.sqrt(20.0)
-
-
 def _judged(
     band: _Band, p: FloatArray, covariance: FloatArray, residual: FloatArray, weights: FloatArray,
     peak: float, cycles: FloatArray,
@@ -374,7 +370,7 @@ def _judged(
     late_error = math.sqrt(at_zero @ covariance @ at_zero)
     rms = float(np.std(residual))
     top = float(abs(band.displacement).max())
-    noise = _noise(residual)
+    noise = statistics.white_noise(residual)
     remarks = []
     if rms > max(NOT_NOISE * noise, NOTHING_LEFT * top):
         remarks.append(

@@ -12,7 +12,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.optimize import minimize_scalar
 from scipy.signal import czt
 
-from delam_fem.api import FloatArray, beams, harmonics
+from delam_fem.api import FloatArray, beams, harmonics, statistics
 from delam_fem.studies.signals.alignment import (
     COARSE,
     Alignment,
@@ -362,8 +362,8 @@ def compared(
         "mean_difference": float(residual.mean()),
         "residual": float(np.std(residual)),
     }  # fmt: skip
-    if period is None:  # noise by third differences, in which a motion leaves little
-        noise = float(np.std(np.diff(values[0], 3))) / np.sqrt(20.0)
+    if period is None:
+        noise = statistics.white_noise(values[0])
         return ChannelComparison(
             **about, unlike=_unlike(values[0], gain * own_course + mean, noise)
         )

@@ -14,6 +14,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -315,18 +316,17 @@ def _sheets(tree: Tree, label: str, outer: Tree) -> Iterator[Sheet]:
     if not axes and own_rate is None:
         axes = _axes(outer, outer.get(UNITS) or {})
     sheets = []
-    for axis in axes:
-        columns = _columns_of_tree(tree, units, len(axis.values), names)
-        names |= {name for name, _ in columns}
-        if columns:
-            every = [column for _, group in columns for column in group]
-            sheets.append(Sheet(label, (axis, *every), axis=axis_of(axis.name, None)))
+    heads: list[tuple[Column, ...]] = [(axis,) for axis in axes]
     if not axes and rate is not None:
-        columns = _columns_of_tree(tree, units, _longest(tree), names)
-        names |= {name for name, _ in columns}
-        if columns:
-            every = [column for _, group in columns for column in group]
-            sheets.append(Sheet(label, tuple(every), rate=rate))
+        heads.append(())
+    for head in heads:
+        n = len(head[0].values) if head else _longest(tree)
+        groups = _columns_of_tree(tree, units, n, names)
+        names |= groups.keys()
+        if groups:
+            columns = (*head, *chain(*groups.values()))
+            kind = axis_of(head[0].name, None) if head else ""
+            sheets.append(Sheet(label, columns, rate=None if head else rate, axis=kind))
     if sheets:
         left = [
             name for name, values in tree.items()
@@ -377,9 +377,9 @@ def _rate(tree: Tree) -> float | None:
 
 def _columns_of_tree(
     tree: Tree, units: Mapping[str, Any], n: int, taken: set[str]
-) -> list[tuple[str, list[Column]]]:
-    """Return the names of vectors and matrices of n samples, with their columns."""
-    groups = []
+) -> dict[str, list[Column]]:
+    """Return the columns of vectors and matrices of n samples, by their names."""
+    groups = {}
     for name, values in tree.items():
         if name in taken or not isinstance(values, np.ndarray):
             continue
@@ -390,8 +390,8 @@ def _columns_of_tree(
         n_rows = len(np.atleast_2d(rows))  # a list of that many texts beside it names them
         lists = [v for v in tree.values() if isinstance(v, list) and len(v) == n_rows]
         names = [f"{name} {text}" for text in lists[0]] if lists and n_rows > 1 else None
-        columns = matrix_columns(name, rows, names, unit if isinstance(unit, str) else None)
-        groups.append((name, columns))
+        unit_text = unit if isinstance(unit, str) else None
+        groups[name] = matrix_columns(name, rows, names, unit_text)
     return groups
 
 

@@ -38,7 +38,7 @@ DECAYED, WINDOWED, FILLED = 0.005, 0.001, 4
 """Share of the response that may be left at the end without a window, and with one; such segments
 are filled with zeros to that many times their length, to show peaks narrower than 1/length."""
 IN_NOISE, FAINT = 5.0, 1e-3
-"""Spectral lines that show what is left: multiple of the median and share of the largest line."""
+"""Lines of a spectrum that show something: multiple of the median, share of the largest line."""
 RESONANT, DRIVEN, EXPLAINED = 0.3, 0.1, 0.99
 """Peaks that are led back: least height in decades of |H|^2, least share of the largest force,
 least share of the peak that its pole explains."""
@@ -66,9 +66,9 @@ STEPS, CONVERGED, LARGEST_STEP = 30, 1e-6, 0.02
 """Most steps of the roots; relative gain that ends them; their largest relative length."""
 PASSES = 5
 """Passes over the peaks; each subtracts what the other modes add to a peak."""
-FAINT, COHERENT = 1e-3, 0.5
-"""Density of the excitation over its largest one, and coherence, below which a line is noise over
-noise, which a window taken out would spread over the others."""
+COHERENT = 0.5
+"""Coherence below which a line of a faint excitation is noise over noise, which a window taken out
+would spread over the others."""
 
 
 def pulses(force: FloatArray) -> list[tuple[int, int]]:
@@ -205,10 +205,7 @@ def on_axis(
         pole, residue = modes[k]
         h = response[:, near] - sum(_terms(s[near], *mode) for mode in modes.values())
         h = h + np.outer(residue, 1.0 / (s[near] - pole))
-        line, _ = np.linalg.qr(np.array([np.ones(s[near].size), s[near] - s[k]]).T)
-        h, sh = (v - (v @ line.conj()) @ line.T for v in (h, s[near] * h))
-        # (s - λ) h = r beside a straight line, which is projected out, and r with it: s h = λ h
-        pole = complex(np.vdot(h, sh) / np.vdot(h, h))
+        pole, h, line = _pole_beside_a_line(s[near], h, s[k])
         term = 1.0 / (s[near] - pole)
         term = term - (term @ line.conj()) @ line.T
         residue = h @ term.conj() / np.vdot(term, term)
@@ -221,6 +218,26 @@ def on_axis(
     return response_without_decay, frequency[
         [k for k, (_, residue) in sorted(modes.items()) if residue.any()]
     ]
+
+
+def _pole_beside_a_line(
+    s: Values, values: Values, middle: complex
+) -> tuple[complex, Values, Values]:
+    """Return the pole λ of r / (s - λ) beside a straight line, which is projected out.
+
+    As (s - λ) h = r is projected out with it, s h = λ h is left, by linear least squares.
+
+    Args:
+        s: where the responses are known, shape (n,) [1/s].
+        values: responses, shape (n_outputs, n).
+        middle: about which the line is [1/s].
+
+    Returns:
+        The pole; the responses without the line; an orthonormal basis of lines, shape (n, 2).
+    """
+    line, _ = np.linalg.qr(np.array([np.ones(s.size), s - middle]).T)
+    h, sh = (v - (v @ line.conj()) @ line.T for v in (values, s * values))
+    return complex(np.vdot(h, sh) / np.vdot(h, h)), h, line
 
 
 def _terms(s: Values, pole: complex, residue: Values) -> Values:
@@ -714,8 +731,6 @@ def _at_peak(roots: Sequence[Values], peak: float) -> complex | None:
 def _of_lines(s: Values, values: Values, frequency: FloatArray, peak: float) -> complex | None:
     """Return the root of the lines about a peak, of any distances; None: they show none.
 
-    There H is r/(s - λ) and a straight line, which is projected out: s H = λ H; see `on_axis`.
-
     Args:
         s: where the responses are known, shape (n,) [1/s].
         values: responses, shape (n_outputs, n).
@@ -724,9 +739,7 @@ def _of_lines(s: Values, values: Values, frequency: FloatArray, peak: float) -> 
     """
     k = int(np.argmin(np.abs(frequency - peak)))
     near = slice(max(0, k - ABOUT), k + ABOUT + 1)
-    line, _ = np.linalg.qr(np.array([np.ones(s[near].size), s[near] - s[k]]).T)
-    h, sh = (v - (v @ line.conj()) @ line.T for v in (values[:, near], s[near] * values[:, near]))
-    root = complex(np.vdot(h, sh) / np.vdot(h, h))
+    root, _, _ = _pole_beside_a_line(s[near], values[:, near], s[k])
     size = abs(root)
     if abs(size / (2.0 * np.pi) - peak) > NEAR * peak or root.imag < 0.0:
         return None
