@@ -393,7 +393,7 @@ TRIALS = [
 
 def bases_with(table: KeyTable, key: Key) -> list[str]:
     """Return the bases that have a table, the one that shows the effect of a key first."""
-    names = [name for name in BASES if entries_of(deepcopy(tables_of_base(name)), table)]
+    names = [name for name in BASES if entries_of({**tables_of_base(name)}, table)]
     first = SHOWN_BY.get(f"{table.name}.{key.name}")
     return sorted(names, key=lambda name: name != first)
 

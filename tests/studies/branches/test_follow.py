@@ -28,10 +28,17 @@ FEW = Perturbations(copies=4)
 STEP = 0.2
 
 
-def small(folder: Path, *, resume: bool = False, stop: float = 4.0, **options: Any) -> xr.Dataset:
+def small(
+    folder: Path,
+    *,
+    resume: bool = False,
+    stop: float = 4.0,
+    step: float = STEP,
+    **options: Any,
+) -> xr.Dataset:
     case = df.preset("paper", {**SMALL, "contact.law": "none"})
     return follow(
-        case, "excitation.frequency", 3.7, stop, folder, settle=400, perturbations=FEW, step=STEP,
+        case, "excitation.frequency", 3.7, stop, folder, settle=400, perturbations=FEW, step=step,
         resume=resume, **options,
     )  # fmt: skip
 
@@ -94,18 +101,37 @@ def test_a_branch_that_is_broken_off_goes_on_the_same(
         small(tmp_path / "cut", resume=True, stop=4.1)
 
 
+SHORT = 3.72
+"""Where a branch of few steps ends [Hz]."""
+LONG_STEP = 5.0
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a branch of few steps."""
+    folder = tmp_path_factory.mktemp("short")
+    small(folder, stop=SHORT, step=LONG_STEP)
+    return folder
+
+
 @pytest.mark.parametrize(("key", "is_same"), [('motion = "lateral"', True), ("width", False)])
 def test_a_branch_goes_on_if_its_case_lacks_a_default(
-    key: str, is_same: bool, linear: Path, tmp_path: Path
+    key: str, is_same: bool, short: Path, tmp_path: Path
 ) -> None:
-    shutil.copytree(linear, tmp_path / "kept")
+    shutil.copytree(short, tmp_path / "kept")
     about = tmp_path / "kept" / FOLDER / "identity.json"
     content = json.loads(about.read_text("utf-8"))
     lines = [line for line in content["case"].splitlines() if not line.startswith(key)]
     about.write_text(json.dumps({**content, "case": "\n".join(lines)}), "utf-8")
     counted: list[int] = []
     with nullcontext() if is_same else pytest.raises(CaseError, match="belongs to another"):
-        small(tmp_path / "kept", resume=True, report=lambda *now: counted.append(now[1]))
+        small(
+            tmp_path / "kept",
+            resume=True,
+            stop=SHORT,
+            step=LONG_STEP,
+            report=lambda *now: counted.append(now[1]),
+        )
     assert not counted
 
 
