@@ -142,15 +142,21 @@ SUMMARIES = (
 )  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def of_run(tmp_path_factory: pytest.TempPathFactory, history: xr.Dataset) -> Path:
+    """Return a folder with a case and its result."""
+    folder = tmp_path_factory.mktemp("run")
+    save_case(small_case(), folder)
+    write_dataset(history, folder / "result.nc")
+    load_numbers(folder)
+    return folder
+
+
 @pytest.mark.parametrize("text", SUMMARIES)
-def test_a_summary_of_another_form_is_refused(
-    tmp_path: Path, history: xr.Dataset, text: str
-) -> None:
-    save_case(small_case(), tmp_path)
-    write_dataset(history, tmp_path / "result.nc")
-    (tmp_path / "summary.json").write_text(text)
+def test_a_summary_of_another_form_is_refused(of_run: Path, text: str) -> None:
+    (of_run / "summary.json").write_text(text)
     with pytest.raises(CaseError, match=r"summary\.json"):
-        load_numbers(tmp_path)
+        load_numbers(of_run)
 
 
 def test_a_text_that_is_no_text_is_refused(tmp_path: Path, history: xr.Dataset) -> None:

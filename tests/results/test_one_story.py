@@ -124,7 +124,7 @@ def test_a_summary_that_was_changed_or_is_of_another_result_is_refused(
 @pytest.mark.parametrize(
     "identity", ["", "[]", "3", "{}", '{"case": 3}', '{"case": "a = 1"}', "[" * 5000]
 )
-@pytest.mark.parametrize("is_beside", [True, False])
+@pytest.mark.parametrize("is_beside", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_result_that_does_not_say_of_what_it_is_is_refused(
     run: Path, identity: str, is_beside: bool
 ) -> None:
