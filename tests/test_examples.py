@@ -60,6 +60,7 @@ def printed(path: Path, folder: Path, *launcher: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", [path for path in SCRIPTS if path.stem not in ALONE], ids=lambda path: path.stem
 )
@@ -72,6 +73,7 @@ def test_example_runs_and_says_its_numbers(
     assert re.search(SAID.get(path.stem, r"\d"), capsys.readouterr().out, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_a_sweep_in_a_script_runs_and_says_its_numbers(tmp_path: Path) -> None:
     assert re.search(SAID["sweep"], printed(FOLDER / "sweep.py", tmp_path), re.MULTILINE)
 

@@ -31,6 +31,7 @@ def executed(page: Path, folder: Path, *, whole: bool) -> int:
     return n_run
 
 
+@pytest.mark.slow
 @pytest.mark.once
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if page.stem not in LONG], ids=lambda page: page.stem

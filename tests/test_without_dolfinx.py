@@ -10,6 +10,7 @@ import pytest
 
 import delam_fem as df
 
+pytestmark = pytest.mark.slow
 KEYS = {
     "time.periods": 4, "time.steps_per_period": 200, "mesh.elements": 8,
     "output.window_periods": 2, "output.fields_per_period": 4,

@@ -28,9 +28,18 @@ values = {schemes}
 """Forty steps a period are too few for the central difference: its points fail."""
 
 
-@pytest.mark.parametrize("quiet", [[], ["-q"]])
+WITHOUT = '["newmark"]'
+WITH = '["newmark", "central-difference"]'
+
+
 @pytest.mark.parametrize(
-    ("schemes", "status"), [('["newmark"]', 0), ('["newmark", "central-difference"]', 1)]
+    ("schemes", "status", "quiet"),
+    [
+        (WITHOUT, 0, ["-q"]),
+        (WITH, 1, []),
+        pytest.param(WITHOUT, 0, [], marks=pytest.mark.slow),
+        pytest.param(WITH, 1, ["-q"], marks=pytest.mark.slow),
+    ],
 )
 def test_the_number_of_failed_points_is_told(
     schemes: str, status: int, quiet: list[str], tmp_path: Path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,7 @@ def course(rate: Rate, t: float, y: np.ndarray, end: float, level: float, way: f
     return solve_ivp(rate, (t, end), y, events=reaches, rtol=1e-10, atol=1e-13, max_step=0.01)
 
 
+@cache
 def on_springs(sides: tuple[float, ...]) -> tuple[float, float, float, float, float]:
     """Return strikes per period, their speed, impulse and largest force, and the closed share."""
 

@@ -108,6 +108,7 @@ def test_the_page_shows_itself_and_plays(
     page.close()
 
 
+@pytest.mark.slow
 def test_the_film_pauses_scrubs_and_slows(browser: Any, address: str) -> None:
     visit = Visit(browser, address, reduced_motion="reduce")
     page = visit.page

@@ -67,6 +67,7 @@ def test_200_intact_beams_are_called_in_at_most_5_percent(support: str, noise: f
     assert (scores > 1.0).sum() <= 10
 
 
+@pytest.mark.slow
 def test_a_small_study(tmp_path: Path) -> None:
     case = preset("embedded")
     specimens = [

@@ -102,6 +102,7 @@ def of_study(seeds: range) -> np.ndarray:
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_errors_of_blows_are_within_what_is_printed() -> None:
     """Ten of the two hundred blows of the long form: about forty modes."""
     scores = of_study(range(10))
