@@ -12,6 +12,7 @@ The edge of a patch is elastic: the skin goes on as if the plate were larger by 
 and k follows from the frequency. It prints a table in Markdown.
 
     python scripts/evidence/defect_resonance.py [--cells 6 9 12] [--depths 80 40 20]
+        [--shapes ellipse rectangle]
 """
 
 from __future__ import annotations
@@ -84,11 +85,12 @@ def main(arguments: Sequence[str] | None = None) -> list[tuple[str, float, int, 
     parser.add_argument("--cells", type=int, nargs="+", default=[6, 9, 12])
     parser.add_argument("--depths", type=float, nargs="+", default=[80.0, 40.0, 20.0])
     parser.add_argument("--degree", type=int, default=3)
+    parser.add_argument("--shapes", nargs="+", choices=LAMBDA, default=list(LAMBDA))
     options = parser.parse_args(arguments)
     rows = []
     print("| patch | size / h | cells | f over that of the clamped plate | k |")
     print("|---|---|---|---|---|")
-    for shape in LAMBDA:
+    for shape in options.shapes:
         for slenderness in options.depths:
             for cells in options.cells:
                 share = frequency(shape, slenderness, cells, options.degree)
