@@ -19,6 +19,7 @@ from delam_fem.case.sections import Model
 from delam_fem.model.component_modes import Basis, basis_of, projected
 from delam_fem.model.discretise import assemble, require_bending, require_mass
 from delam_fem.model.layout import Structure
+from delam_fem.model.places import places_of_case
 from delam_fem.model.reduction_file import require_coupled, write
 from delam_fem.model.stops_sensors import striking_rows, with_start
 from delam_fem.numerics.types import FloatArray
@@ -119,8 +120,9 @@ def reduced_case(
     if full is None or case.stop or case.impactor or case.initial or case.is_loaded:
         full = assemble(case.without_strikes.before_loads)
     if case.is_plate and full.body is not None:
-        from delam_fem.model.solids.body import sheets_of  # needs dolfinx
+        from delam_fem.model.solids.body import sheets_of, with_places  # need dolfinx
 
+        full = with_places(full, places_of_case(case))  # those of stops and initial states too
         full = replace(full, layout=replace(full.layout, sheets=sheets_of(full.body)))
     start = with_start(full, case).operators.start
     assembled = time.perf_counter()

@@ -12,7 +12,7 @@ part p at its point k, of n points; the next one is the slope ∂u_y/∂x there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.model import _dolfinx
 from delam_fem.model.beams.network import network
-from delam_fem.model.layout import Place, Sheets
+from delam_fem.model.layout import Place, Sheets, Structure
 from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.facing import Pairs, pressure
 from delam_fem.model.solids.forms import SAME, Elasticity, Recovery, Solid, evaluate
@@ -327,6 +327,28 @@ def place_rows(solid: Solid, places: Sequence[Place]) -> sp.csr_matrix:
         points[chosen] = middle_line(mesh, part, x, z, height_of(side))
     cells = locate(mesh, points, table[:, 0].astype(np.int64))
     return evaluate(solid, points, cells).displacement(UP)
+
+
+def with_places(structure: Structure, places: Sequence[Place]) -> Structure:
+    """Return the structure of a plate on one rank with readings of further places, after its own.
+
+    Raises:
+        CaseError: a place is outside of its lamina.
+    """
+    layout = structure.layout
+    body = structure.body
+    further = tuple(place for place in places if place not in layout.places)
+    if not further:
+        return structure
+    assert body is not None and layout.reading is not None
+    rows = place_rows(body.solid, further)
+    reading = replace(
+        layout.reading,
+        matrix=sp.vstack([layout.reading.matrix, rows @ body.free], format="csr"),
+        base=np.append(layout.reading.base, rows @ body.base),
+    )
+    layout = replace(layout, reading=reading, places=(*layout.places, *further))
+    return replace(structure, layout=layout)
 
 
 def sheets_of(body: Body) -> Sheets | None:

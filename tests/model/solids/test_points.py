@@ -183,6 +183,23 @@ def test_an_initial_state_at_a_point_is_static():
     )
 
 
+def test_a_reduced_plate_keeps_places_of_stops_and_initial_states():
+    """Nothing else reads there."""
+    initial = {"lamina": "upper", "shape": "force", "position": [0.08, 0.01], "displacement": 1e-4}
+    stop = {"lamina": "upper", "position": [0.1, 0.03], "side": "above", "gap": 1e-4}
+    case = patched(initial=[initial], stop=[stop])
+    reduction = reduced_case(case, 6)
+    full, small = reduction.full, reduction.structure
+    o = full.operators
+    for place in (Place(1, 0.08, 0.01, 0), Place(1, 0.1, 0.03, 1)):
+        rows = [one.layout.of_dofs(one.layout.row_of(place)).toarray()[0] for one in (full, small)]
+        row = rows[0][:-1]
+        exact = row @ scipy.sparse.linalg.spsolve(o.stiffness.tocsc(), row)
+        kept = rows[1][:-1]
+        static = kept @ (kept / small.operators.stiffness.diagonal())
+        assert static == pytest.approx(exact, rel=1e-6)  # a residual shape is of this place
+
+
 def test_an_initial_state_of_a_lamina_leaves_the_other_in_the_patch():
     initial = {"lamina": "upper", "shape": "force", "position": [0.065, 0.0], "displacement": 1e-4}
     structure = assemble(patched(initial=[initial]))
