@@ -157,6 +157,7 @@ if TYPE_CHECKING:
     )
     from delam_fem.model.linear import (
         at_start as at_start,
+        closed_by as closed_by,
         elastic as elastic,
         first_mode as first_mode,
         first_shapes as first_shapes,
@@ -171,10 +172,17 @@ if TYPE_CHECKING:
     from delam_fem.model.loads import springs_of as springs_of
     from delam_fem.model.massless import Reduced as Reduced, reduce as reduce
     from delam_fem.model.mesh import node_coordinates as node_coordinates
-    from delam_fem.model.operators import BaseCoupling as BaseCoupling, Operators as Operators
+    from delam_fem.model.operators import (
+        BaseCoupling as BaseCoupling,
+        Operators as Operators,
+        n_columns as n_columns,
+        restricted as restricted,
+        times as times,
+    )
     from delam_fem.model.places import scanned_places as scanned_places
     from delam_fem.model.reduction import reduced_case as reduced_case
     from delam_fem.model.responses import of_channels as of_channels
+    from delam_fem.model.sharing import together as together
     from delam_fem.model.solids.body import Body as Body
     from delam_fem.model.solids.mesh import volumes as volumes
     from delam_fem.model.solids.meshing import cells_along as cells_along, solid_mesh as solid_mesh
@@ -324,18 +332,19 @@ _HOMES = {
         "CURVATURE Layout Part Place Structure columns_of interpolation nodal place_of selection"
     ),
     "model.linear": (
-        "at_start elastic first_mode first_shapes keeping_closed largest_stable_time_step "
-        "lowest n_rigid opening_amplitude openings response"
+        "at_start closed_by elastic first_mode first_shapes keeping_closed "
+        "largest_stable_time_step lowest n_rigid opening_amplitude openings response"
     ),
     "model.loads": "springs_of",
     "model.mesh": "node_coordinates",
     "model.beams.closed_form": "beam",
     "model.beams.network": "network",
-    "model.operators": "BaseCoupling Operators",
+    "model.operators": "BaseCoupling Operators n_columns restricted times",
     "model.massless": "Reduced reduce",
     "model.places": "scanned_places",
     "model.reduction": "reduced_case",
     "model.responses": "of_channels",
+    "model.sharing": "together",
     "model.solids.body": "Body",
     "model.solids.mesh": "volumes",
     "model.solids.meshing": "cells_along solid_mesh",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import TYPE_CHECKING, NoReturn
@@ -12,17 +11,13 @@ from typing import TYPE_CHECKING, NoReturn
 import typer
 
 from delam_fem.system.errors import CaseError
+from delam_fem.system.mpi import have_arrived
 
 if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses of the command."""
-
-LOOK = 0.02
-"""Time between two looks whether the other processes have ended their work [s]."""
-PATIENCE = 5.0
-"""Time for which a process with an error waits for the others to end, too [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -68,12 +63,9 @@ def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
         yield
     except BaseException as error:
         failure = error
-    request = at_end.Ibarrier()
-    last = time.monotonic() + PATIENCE
-    while not request.Test():  # without keeping a core busy
-        if failure is not None and time.monotonic() > last:
-            _abort(comm, failure)
-        time.sleep(LOOK)
+    if not have_arrived(at_end, has_failed=failure is not None):
+        assert failure is not None
+        _abort(comm, failure)
     statuses = at_end.allgather(None if failure is None else _explained(failure)[1])
     at_end.Free()
     failed = [rank for rank, status in enumerate(statuses) if status is not None]

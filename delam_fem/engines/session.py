@@ -525,12 +525,12 @@ def start_of(
         has_springs: whether pairs that are pressed together at rest carry springs, all of them or
             each, shape (n_pairs,).
     """
-    start = getattr(operators, "start", None)
+    start = operators.start
     shift = operators.base.shift
     if start is None and shift is None:
         return None
-    if shift is not None and isinstance(operators, DistributedOperators):
-        shift = operators.of_all(shift)
+    if isinstance(operators, DistributedOperators):
+        start, shift = (v if v is None else operators.of_all(v) for v in (start, shift))
     motion = np.zeros((3, operators.n_dofs))
     if start is not None:
         motion[:2] = start

@@ -1,5 +1,8 @@
 """Structures in modes: a few modes of each body, and the flexibility of those that are left out.
 
+On several ranks (collective) vectors are those of the own dofs, all small matrices are sums over
+the ranks, and every rank has them.
+
 The bodies of a structure are groups of dofs that M, C and K do not couple. A body is factorised
 once (`factors.py`). The factors give its lowest modes, by inverse iteration in a Krylov space, and
 the static shapes of its loads.
@@ -39,6 +42,7 @@ H V is dense. Deflections and slopes of the parts are readings of q.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -47,7 +51,18 @@ from scipy.linalg import block_diag, eigh
 from delam_fem.model.factors import Factor, Solve, factored
 from delam_fem.model.layout import Layout, Reading, Structure
 from delam_fem.model.linear import lowest, normalised
-from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.operators import (
+    BaseCoupling,
+    DistributedOperators,
+    Operators,
+    agreed,
+    diagonal,
+    n_rows,
+    of_ranks,
+    own_rows,
+    summed,
+    times,
+)
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 NOT_RAYLEIGH = 1e-12
@@ -63,18 +78,18 @@ class Component:
     """A group of dofs that nothing couples to the others, with the factors of its K + s M.
 
     Attributes:
-        dofs: its dofs, shape (n,).
-        mass: M, CSC (n, n).
-        damping: C, CSC (n, n).
-        stiffness: K, CSC (n, n).
+        dofs: its own dofs, shape (n,).
+        mass: M, CSC (n, n), or a matrix of PETSc on several ranks.
+        damping: C, likewise.
+        stiffness: K, likewise.
         factor: factors of K + s M; s = 0 [1/s2]: the body is held.
         rayleigh: α and β, if the operators say them.
     """
 
     dofs: IntArray
-    mass: sp.csc_matrix
-    damping: sp.csc_matrix
-    stiffness: sp.csc_matrix
+    mass: Any
+    damping: Any
+    stiffness: Any
     factor: Factor
     rayleigh: tuple[float, float] | None = None
 
@@ -94,7 +109,7 @@ class Component:
         Args:
             n: number of modes; m is n, or the number of dofs where there are fewer.
         """
-        n = min(n, self.dofs.size)
+        n = min(n, n_rows(self.mass))
         frequencies, vectors = lowest(self.stiffness, self.mass, n, factor=self.factor)
         return (2.0 * np.pi * frequencies) ** 2, normalised(vectors, self.mass)
 
@@ -114,11 +129,11 @@ class Component:
             fᵀ(K + s M)⁻¹f of each load, shape (k,) [m/N], and X, shape (n_dofs, k).
         """
         shapes = self.solve(loads.toarray())
-        flexibility = np.asarray(loads.T @ shapes).diagonal().copy()
+        flexibility = summed(self.mass, np.asarray(loads.T @ shapes).diagonal())
         self._remove(modes, shapes)
         first = shapes
         for _ in range(CORRECTIONS if self.shift else 0):
-            shapes = self.solve(self.mass @ shapes)
+            shapes = self.solve(times(self.mass, shapes))
             self._remove(modes, shapes)
             shapes = first + self.shift * shapes
         return flexibility, shapes
@@ -133,37 +148,52 @@ class Component:
             squares: ω² of the shapes, shape (m,) [1/s2].
             shapes: V, with VᵀMV = 1 and VᵀKV = ω², shape (n_dofs, m).
         """
-        C = self.damping
-        alpha, beta = self.rayleigh or self._fitted(shapes[:, 0])
-        beside = sp.coo_matrix(C - alpha * self.mass - beta * self.stiffness)
-        scale = np.sqrt(np.maximum(C.diagonal(), 0.0))
-        if (abs(beside.data) <= NOT_RAYLEIGH * scale[beside.row] * scale[beside.col]).all():
+        if self.rayleigh is not None:
+            alpha, beta = self.rayleigh
             return np.diag(alpha + beta * squares)
-        return _gram(shapes, C @ shapes)
+        M, C, K = (own_rows(A) for A in (self.mass, self.damping, self.stiffness))
+        alpha, beta = self._fitted(M, C, K, shapes[:, 0])
+        beside = sp.coo_matrix(C - alpha * M - beta * K)
+        scale = np.sqrt(np.maximum(diagonal(self.damping), 0.0))
+        of_columns = np.concatenate(of_ranks(self.damping, scale))
+        limits = NOT_RAYLEIGH * scale[beside.row] * of_columns[beside.col]
+        if all(of_ranks(self.damping, bool((abs(beside.data) <= limits).all()))):
+            return np.diag(alpha + beta * squares)
+        return self.gram(shapes, self.damping)
 
-    def _fitted(self, slowest: FloatArray) -> tuple[float, float]:
+    def _fitted(
+        self, M: sp.csr_matrix, C: sp.csr_matrix, K: sp.csr_matrix, slowest: FloatArray
+    ) -> tuple[float, float]:
         """Return α and β for which α M + β K is near C: by its entries, and by the slowest mode.
 
         Args:
+            M: own rows of the mass.
+            C: own rows of the damping.
+            K: own rows of the stiffness.
             slowest: φ of the lowest mode, with φᵀMφ = 1, shape (n_dofs,).
         """
-        M, C, K = self.mass, self.damping, self.stiffness
-        size = K.multiply(K).sum()
+        size = summed(self.mass, K.multiply(K).sum())
+        everywhere = np.concatenate(of_ranks(self.mass, slowest))
         alpha = 0.0
         beta = 0.0
         for _ in range(FITS):
-            beta = float((C - alpha * M).multiply(K).sum() / size)
-            alpha = float(slowest @ ((C - beta * K) @ slowest))
+            beta = float(summed(self.mass, (C - alpha * M).multiply(K).sum()) / size)
+            alpha = float(summed(self.mass, slowest @ ((C - beta * K) @ everywhere)))
         return alpha, beta
+
+    def gram(self, shapes: FloatArray, matrix: Any) -> FloatArray:
+        """Return the symmetric matrix XᵀA X of shapes X, shape (k, k)."""
+        product = summed(matrix, shapes.T @ times(matrix, shapes))
+        return np.asarray(0.5 * (product + product.T))
 
     def _remove(self, modes: FloatArray, shapes: FloatArray) -> None:
         """Make shapes orthogonal to the modes with M, in place; twice, because of round-off."""
-        dual = self.mass @ modes
+        dual = times(self.mass, modes)
         for _ in range(2):
-            shapes -= modes @ (dual.T @ shapes)
+            shapes -= modes @ summed(self.mass, dual.T @ shapes)
 
 
-def bodies(o: Operators, shift: float = 0.0) -> list[Component]:
+def bodies(o: Operators | DistributedOperators, shift: float = 0.0) -> list[Component]:
     """Return the bodies of a structure.
 
     Args:
@@ -176,7 +206,11 @@ def bodies(o: Operators, shift: float = 0.0) -> list[Component]:
     """
     result = []
     for dofs, M, C, K in o.bodies():
-        rayleigh = o.rayleigh and (float(o.rayleigh[0][dofs[0]]), float(o.rayleigh[1][dofs[0]]))
+        rayleigh = None
+        if o.rayleigh is not None:
+            local = None if not dofs.size else [float(values[dofs[0]]) for values in o.rayleigh]
+            alpha, beta = next(filter(None, of_ranks(K, local)))
+            rayleigh = alpha, beta
         result.append(Component(dofs, M, C, K, factored(K, M, shift), rayleigh))
     return result
 
@@ -195,12 +229,12 @@ class Basis:
     """The basis of a reduced structure; m coordinates.
 
     Attributes:
-        vectors: V, shape (n_dofs, m).
+        vectors: V, shape (n_own, m).
         squares: ω² of each coordinate, body by body and increasing within each, shape (m,) [1/s2].
         damping: VᵀCV, shape (m, m) [1/s].
         is_mode: whether a coordinate is a normal mode of a body, shape (m,).
         body: number of the body of each coordinate, shape (m,).
-        body_of_dof: number of the body of each dof, shape (n_dofs,).
+        body_of_dof: number of the body of each own dof, shape (n_own,).
         dropped: number of shapes left out as dependent on others, or beyond the largest number.
         compliance_error: largest relative error of the flexibility of the omitted modes to a load
             [-].
@@ -246,7 +280,7 @@ class _Piece:
 
 
 def basis_of(
-    o: Operators,
+    o: Operators | DistributedOperators,
     modes: int,
     *,
     shift: float = 0.0,
@@ -285,15 +319,16 @@ def basis_of(
     damping = []
     is_mode = []
     numbers = []
-    body_of_dof = np.empty(o.n_dofs, dtype=np.int64)
+    body_of_dof = np.empty(o.n_own, dtype=np.int64)
     error = 0.0
     for number, (piece, k) in enumerate(zip(pieces, counts, strict=True)):
         high, shapes = _ritz(piece.body, piece.shapes[:, :k])
-        reached = np.sum((piece.loads.T @ shapes) ** 2 / high, axis=1)
+        worked = summed(piece.body.mass, np.asarray(piece.loads.T @ shapes))
+        reached = np.sum(worked**2 / high, axis=1)
         if piece.compliance.size:
             error = float(np.maximum(error, np.max(1.0 - reached / piece.compliance)))
         n = piece.squares.size + high.size
-        block = np.zeros((o.n_dofs, n))
+        block = np.zeros((o.n_own, n))
         block[piece.body.dofs] = np.hstack([piece.modes, shapes])
         columns.append(block)
         squares.append(np.append(piece.squares, high))
@@ -314,7 +349,9 @@ def basis_of(
     )
 
 
-def _piece(o: Operators, rows: sp.csr_matrix, body: Component, modes: int) -> _Piece:
+def _piece(
+    o: Operators | DistributedOperators, rows: sp.csr_matrix, body: Component, modes: int
+) -> _Piece:
     """Return a body with its modes and residual shapes for loads at the rows of pairs."""
     lowest, mode_shapes = body.modes(max(modes, COMPARED))
     squares = lowest[:modes]
@@ -324,11 +361,12 @@ def _piece(o: Operators, rows: sp.csr_matrix, body: Component, modes: int) -> _P
     inertia = o.base.mass[body.dofs]
     columns = [stiff, *o.forces[body.dofs].T]
     if not o.base.is_force:
-        columns.append(inertia - body.mass @ body.solve(stiff))
+        columns.append(inertia - times(body.mass, body.solve(stiff)))
     loads = sp.hstack([H.T, sp.csc_matrix(np.column_stack(columns))], format="csc")
-    loads = loads[:, np.flatnonzero(abs(loads).sum(axis=0))]
+    loads = loads[:, np.flatnonzero(summed(body.mass, np.asarray(abs(loads).sum(axis=0))))]
     flexibility, shapes = body.static(loads, vectors)
-    energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
+    energy = np.einsum("ij,ij->j", shapes, times(body.stiffness, shapes))
+    energy = summed(body.stiffness, energy)
     there = energy > NOTHING * flexibility
     energy, shapes = energy[there], shapes[:, there] / np.sqrt(energy[there])
     independent, weights = _independent(body, shapes)
@@ -349,13 +387,14 @@ def _independent(body: Component, shapes: FloatArray) -> tuple[FloatArray, Float
     """Return independent shapes, orthonormal with K, and their weights, decreasing."""
     if not shapes.shape[1]:
         return shapes, np.zeros(0)
-    weights, turn = eigh(_gram(shapes, body.stiffness @ shapes))
+    K = body.stiffness
+    weights, turn = agreed(K, eigh(body.gram(shapes, K)))
     is_kept = weights > DEPENDENT * weights[-1]
     weights = weights[is_kept][::-1]
     turn = turn[:, is_kept][:, ::-1]
     result = shapes @ (turn / np.sqrt(weights))
     for _ in range(2):  # round-off of the eigenvalues is that of the largest
-        factor = np.linalg.cholesky(_gram(result, body.stiffness @ result))
+        factor = np.linalg.cholesky(body.gram(result, K))
         result = result @ np.linalg.inv(factor).T  # the factor is nearly 1
     return result, weights
 
@@ -364,16 +403,10 @@ def _ritz(body: Component, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return ω², increasing, and shapes with VᵀMV = 1 and VᵀKV = ω² in the space of some shapes."""
     if not shapes.shape[1]:
         return np.zeros(0), shapes
-    inverse, turn = eigh(_gram(shapes, body.mass @ shapes))
+    inverse, turn = agreed(body.mass, eigh(body.gram(shapes, body.mass)))
     inverse = inverse[::-1]
     turn = turn[:, ::-1]
     return 1.0 / inverse, np.asarray(shapes @ (turn / np.sqrt(inverse)))
-
-
-def _gram(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the symmetric matrix leftᵀ right."""
-    product = left.T @ right
-    return np.asarray(0.5 * (product + product.T))
 
 
 def projected(structure: Structure, basis: Basis) -> Structure:
@@ -393,9 +426,9 @@ def projected(structure: Structure, basis: Basis) -> Structure:
     if o.pair_numbers is not None:
         shares = o.pair_numbers.shares
     base = BaseCoupling(
-        V.T @ o.base.mass,
-        V.T @ o.base.damping,
-        V.T @ o.base.stiffness,
+        o.total(V.T @ o.base.mass),
+        o.total(V.T @ o.base.damping),
+        o.total(V.T @ o.base.stiffness),
         o.base.corner,
         o.base.is_force,
     )
@@ -404,23 +437,24 @@ def projected(structure: Structure, basis: Basis) -> Structure:
         damping=sp.csr_matrix(basis.damping),
         stiffness=sp.diags(basis.squares, format="csr"),
         base=base,
-        gap_matrix=sp.csr_matrix(o.gap_matrix @ V),
+        gap_matrix=sp.csr_matrix(o.total(o.gap_matrix @ V)),
         gap0=o.gap0,
         pair_weights=shares,
-        probes=sp.csr_matrix(o.probes @ V),
-        load=None if o.load is None else o.load @ V,
+        probes=sp.csr_matrix(o.total(o.probes @ V)),
+        load=None if o.load is None else o.total(o.load @ V),
         buckling_factor=o.buckling_factor,
     )
     layout, reading = structure.layout, structure.layout.reading
     sheets = layout.sheets
     if sheets is not None:
-        sheets = replace(sheets, matrix=np.asarray(sheets.matrix @ V))
+        sheets = replace(sheets, matrix=o.total(np.asarray(sheets.matrix @ V)))
     rows, moved = (V, np.zeros(len(V))) if reading is None else (reading.matrix @ V, reading.base)
+    parts = _parts(layout, basis, o)
     return Structure(
         operators,
         replace(
             layout,
-            reading=Reading(sp.csr_matrix(rows), moved, _parts(layout, basis)),
+            reading=Reading(sp.csr_matrix(o.total(rows)), moved, parts),
             sensors=(),
             gap_row=None,
             sheets=sheets,
@@ -428,10 +462,11 @@ def projected(structure: Structure, basis: Basis) -> Structure:
     )
 
 
-def _parts(layout: Layout, basis: Basis) -> IntArray:
+def _parts(layout: Layout, basis: Basis, o: Operators | DistributedOperators) -> IntArray:
     """Return the part to which each coordinate belongs, -1 where bonded parts share it."""
-    of_body = np.full(1 + int(basis.body_of_dof.max()), -2)  # -2: of no part yet
+    of_body = np.full(1 + int(basis.body.max()), -2)  # -2: of no part yet
     for number in range(len(layout.parts)):
-        body_numbers = np.unique(basis.body_of_dof[layout.own_dofs(number)])
-        of_body[body_numbers] = np.where(of_body[body_numbers] == -2, number, -1)
+        local_bodies = basis.body_of_dof[layout.own_dofs(number)].tolist()
+        bodies_of_part = sorted(set().union(*of_ranks(o.mass, set(local_bodies))))
+        of_body[bodies_of_part] = np.where(of_body[bodies_of_part] == -2, number, -1)
     return np.maximum(of_body, -1)[basis.body]

@@ -6,8 +6,8 @@
 | large          | CHOLMOD, through PETSc   | ARPACK with the factors |
 | on ranks       | MUMPS, through PETSc     | SLEPc with the factors  |
 
-Without PETSc all factors are SuperLU's, without SLEPc all eigenpairs of large matrices are
-ARPACK's. Which ranks share factors is said by `sharing.py`.
+Without PETSc all factors are SuperLU's. Matrices of PETSc are spread over ranks (`sharing.py`);
+vectors are then those of the own dofs.
 """
 
 from __future__ import annotations
@@ -15,16 +15,19 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from delam_fem.model import sharing
-from delam_fem.model.operators import matrix
+from delam_fem.model.operators import matrix, summed, times
+from delam_fem.model.sharing import Share
 from delam_fem.numerics.types import FloatArray
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
 
 Solve = Callable[[FloatArray], FloatArray]
 """Function of right-hand sides, shape (n,) or (n, k), that returns solutions of the same shape."""
@@ -45,15 +48,15 @@ class Factor:
     """Factors of K + s M, symmetric and positive definite.
 
     Attributes:
-        stiffness: K, shape (n, n).
-        mass: M, shape (n, n); None: there are no eigenpairs.
+        stiffness: K, shape (n, n), of SciPy, or of PETSc on several ranks.
+        mass: M, likewise; None: there are no eigenpairs.
         shift: s [1/s2].
         solve: applies (K + s M)⁻¹.
         of_ranks: function of a number of eigenpairs, which ranks find together; None: no ranks.
     """
 
-    stiffness: sp.spmatrix
-    mass: sp.spmatrix | None
+    stiffness: Any
+    mass: Any
     shift: float
     solve: Solve
     of_ranks: Callable[[int], tuple[FloatArray, FloatArray]] | None = None
@@ -72,38 +75,53 @@ class Factor:
         return squares[order], vectors[:, order]
 
 
-def factored(K: sp.spmatrix, M: sp.spmatrix | None = None, shift: float = 0.0) -> Factor:
+def factored(K: Any, M: Any = None, shift: float = 0.0) -> Factor:
     """Factorise K + s M, symmetric and positive definite.
 
     Args:
-        K: stiffness.
-        M: mass; None: none is needed.
+        K: stiffness, a matrix of SciPy, or one of PETSc on several ranks (collective).
+        M: mass, likewise; None: none is needed.
         shift: s [1/s2].
 
     Raises:
         ValueError: the matrix is singular.
         MemoryError: the factors need more memory than there is.
     """
+    if not sp.issparse(K):
+        factor = _by_ranks(K, M, shift)
+        ones = np.ones(K.getLocalSize()[0])
+    else:
+        factor = _by_one(K, M, shift)
+        ones = np.ones(K.shape[0])
+    x = factor.solve(ones)
+    image = times(K, x) if not shift else times(K, x) + shift * times(M, x)
+    work, energy = summed(K, np.array([ones @ x, x @ image]))
+    if not abs(energy - work) <= UNSOLVED * work:  # true of NaN, too
+        raise ValueError(NOT_HELD)
+    return factor
+
+
+def _by_one(K: sp.spmatrix, M: sp.spmatrix | None, shift: float) -> Factor:
+    """Return the factors of a single process.
+
+    Raises:
+        ValueError: the matrix is singular to the last bit.
+    """
+    factor = None
     if is_large := K.shape[0] >= LARGE:
         K = _rows(K)
         M = None if M is None else _rows(M)
     A = K if M is None or not shift else K + shift * M
-    factor = None
     if is_large:
-        factor = _by_ranks(K, M, shift) or _by_petsc(K, M, shift, A)
+        factor = _by_petsc(K, M, shift, A)
     if factor is None:
-        A = sp.csc_matrix(A)
         symmetric = {"SymmetricMode": True}
+        A = sp.csc_matrix(A)
         try:
             solve = splu(A, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric).solve
         except RuntimeError:
             raise ValueError(NOT_HELD) from None
         factor = Factor(K, M, shift, solve)
-    ones = np.ones(A.shape[0])
-    x = factor.solve(ones)
-    work = float(ones @ x)
-    if not abs(float(x @ (A @ x)) - work) <= UNSOLVED * work:  # true of NaN, too
-        raise ValueError(NOT_HELD)
     return factor
 
 
@@ -164,24 +182,22 @@ def _rows(A: sp.spmatrix) -> sp.csr_matrix:
     return by_rows
 
 
-def _by_ranks(K: sp.csr_matrix, M: sp.csr_matrix | None, shift: float) -> Factor | None:
-    """Return factors of MUMPS; None: no ranks share them."""
-    ranks = sharing.sharing()
-    if ranks is None:
-        return None
+def _by_ranks(K: PETSc.Mat, M: PETSc.Mat | None, shift: float) -> Factor:
+    """Return factors of MUMPS (collective).
+
+    Raises:
+        ValueError: the matrix is singular.
+    """
     try:
-        number = ranks.factored(K, M, shift)
+        share = Share(K, M, shift)
     except ValueError:
         raise ValueError(NOT_HELD) from None
 
     def solve(b: FloatArray) -> FloatArray:
-        return ranks.solve(number, b)
+        return share.solve(b)
 
-    def lowest(n: int) -> tuple[FloatArray, FloatArray]:
-        return ranks.lowest(number, n)
-
-    weakref.finalize(solve, ranks.forget, number)
-    return Factor(K, M, shift, solve, lowest if ranks.has_eigenpairs(number) else None)
+    weakref.finalize(solve, share.destroy).atexit = False
+    return Factor(K, M, shift, solve, share.lowest)
 
 
 def _by_petsc(

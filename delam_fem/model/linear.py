@@ -7,18 +7,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh, null_space
 from scipy.sparse.csgraph import connected_components
 
+from delam_fem.model import operators as distributed
 from delam_fem.model.factors import DENSE_DOFS, Factor, factored, largest, regular
 from delam_fem.model.layout import Layout, Structure
-from delam_fem.model.operators import Operators
+from delam_fem.model.operators import (
+    Operators,
+    diagonal,
+    n_rows,
+    of_ranks,
+    scaled_by,
+    summed,
+    times,
+)
 from delam_fem.numerics.beams import ComplexArray
-from delam_fem.numerics.types import FloatArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
@@ -42,14 +51,16 @@ NO_MASS = 1e-15
 
 
 def lowest(
-    K: sp.csr_matrix,
-    M: sp.csr_matrix,
+    K: Any,
+    M: Any,
     n: int,
     *,
     is_floating: bool = False,
     factor: Factor | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the n lowest frequencies [Hz] and vectors, shape (n_dofs, n).
+
+    Of matrices that are spread over ranks (collective) the vectors are those of the own dofs.
 
     M v = mu (K + s M) v is solved for the largest mu = 1/(omega^2 + s): the other way round, the
     lowest frequencies would drown in the round-off of the highest. What has no mass has an
@@ -63,9 +74,9 @@ def lowest(
             is 0.
         factor: factors of K + s M, if there are any; None: they are computed where they are needed.
     """
-    dofs = K.shape[0]
+    dofs = n_rows(K)
     shift = factor.shift if factor else _shift(K, M) if is_floating else 0.0
-    if dofs <= DENSE_DOFS or 2 * n >= dofs:
+    if sp.issparse(K) and (dofs <= DENSE_DOFS or 2 * n >= dofs):
         stiff = K.toarray() + shift * M.toarray() if shift else K.toarray()
         mu, vectors = eigh(M.toarray(), stiff, subset_by_index=(dofs - n, dofs - 1))
         mu = np.where(mu > NO_MASS * mu[-1], mu, 0.0)[::-1]
@@ -78,18 +89,21 @@ def lowest(
     return omega / (2.0 * np.pi), vectors
 
 
-def n_rigid(K: sp.csr_matrix) -> int:
+def n_rigid(K: Any) -> int:
     """Return the number of motions against which a structure has no stiffness.
 
     They are the eigenvalues of K, scaled to a unit diagonal, that are round-off.
 
     Args:
-        K: stiffness, symmetric and positive semidefinite.
+        K: stiffness, symmetric and positive semidefinite; may be spread over ranks (collective).
     """
-    diagonal = K.diagonal()
-    is_held = diagonal > 0.0
-    scale = sp.diags(1.0 / np.sqrt(np.where(is_held, diagonal, 1.0)))
-    scaled = sp.csc_matrix(scale @ K @ scale)
+    sizes = diagonal(K)
+    scale = 1.0 / np.sqrt(np.where(sizes > 0.0, sizes, 1.0))
+    if not sp.issparse(K):
+        scaled, ones = scaled_by(K, scale)
+        values = factored(scaled, ones, NEAR_ZERO).lowest(MOST_RIGID)[0]
+        return int(np.count_nonzero(np.abs(values) <= NO_STIFFNESS))
+    scaled = sp.csc_matrix(sp.diags(scale) @ K @ sp.diags(scale))
     if K.shape[0] <= DENSE_DOFS:
         values = eigh(scaled.toarray(), eigvals_only=True)
     else:
@@ -97,8 +111,8 @@ def n_rigid(K: sp.csr_matrix) -> int:
     return int(np.count_nonzero(np.abs(values) <= NO_STIFFNESS))
 
 
-def mode_of(K: sp.csr_matrix, M: sp.csr_matrix, n: int, translation: FloatArray) -> FloatArray:
-    """Return mode n of a structure that may float, shape (n_dofs,).
+def mode_of(K: Any, M: Any, n: int, translation: FloatArray) -> FloatArray:
+    """Return mode n of a structure that may float, shape (n_dofs,); see `lowest`.
 
     Rigid motions have the frequency 0 and are the first modes. As any mixture of several of them
     would do, the first one is the translation, or what they have of it.
@@ -114,15 +128,23 @@ def mode_of(K: sp.csr_matrix, M: sp.csr_matrix, n: int, translation: FloatArray)
     if n > count or count == 1:
         return np.asarray(vectors[:, n - 1])
     rigid = vectors[:, :count]  # of equal size and orthogonal, by M
-    turn, _ = np.linalg.qr(np.column_stack([rigid.T @ (M @ translation), np.eye(count)]))
+    along = summed(M, rigid.T @ times(M, translation))
+    turn, _ = np.linalg.qr(np.column_stack([along, np.eye(count)]))
     return np.asarray(rigid @ turn[:, n - 1])
 
 
-def normalised(vectors: FloatArray, M: sp.spmatrix) -> FloatArray:
+def normalised(vectors: FloatArray, M: Any) -> FloatArray:
     """Return modes with φᵀ M φ = 1 and a positive largest entry: similar modes have one sign."""
-    masses = np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
-    signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
-    return np.asarray(vectors / (masses * signs))
+    masses = np.sqrt(summed(M, np.einsum("ij,ij->j", vectors, times(M, vectors))))
+    return np.asarray(vectors / (masses * np.sign(largest_entries(vectors, M))))
+
+
+def largest_entries(vectors: FloatArray, like: Any) -> FloatArray:
+    """Return the entry of largest size of each vector whose dofs are those of a matrix, (n,)."""
+    columns = np.arange(vectors.shape[1])
+    local = vectors[np.abs(vectors).argmax(axis=0), columns] if len(vectors) else 0.0 * columns
+    entries = np.array(of_ranks(like, local))
+    return np.asarray(entries[np.abs(entries).argmax(axis=0), columns])
 
 
 def elastic(
@@ -314,22 +336,27 @@ def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
     return sp.csr_matrix((np.ones(n_dofs), (np.arange(n_dofs), place)), shape=(n_dofs, count))
 
 
-def keeping_closed(structure: Structure) -> sp.csr_matrix:
+def keeping_closed(structure: Structure) -> Any:
     """Return S of u = S u_closed for any structure, with equal motion on both sides of every pair.
 
     For beams see `kept_closed`. For others S spans the solutions of H u = 0; if there are many
-    dofs, each row of H gives one dof through the others, so that S stays sparse.
+    dofs, each row of H gives one dof through the others, so that S stays sparse. On several ranks S
+    is a matrix of PETSc (collective).
 
     Raises:
         ValueError: there are more pairs than dofs that they can tie.
     """
     layout = structure.layout
-    H = structure.operators.gap_matrix
-    n = structure.operators.n_dofs
-    H = H[: sum(interface.places.size for interface in layout.interfaces)]  # stops stay open
-    if layout.reading is None or not H.shape[0]:
-        return kept_closed(layout, n)
-    return tied(H)
+    o = structure.operators
+    H = o.gap_matrix[: sum(interface.places.size for interface in layout.interfaces)]
+    if layout.reading is None or not H.shape[0]:  # the rows of stops are left out, they stay open
+        return kept_closed(layout, o.n_dofs)
+    if sp.issparse(o.mass):
+        return tied(H)
+    S, remaining = _tied_sparsely(sp.hstack(of_ranks(o.mass, H), format="csr"))
+    first, stop = o.mass.getOwnershipRange()
+    n_own = np.count_nonzero((remaining >= first) & (remaining < stop))
+    return distributed.matrix(S[first:stop], o.mass.comm.tompi4py(), n_own)
 
 
 def tied(H: sp.csr_matrix) -> sp.csr_matrix:
@@ -341,8 +368,16 @@ def tied(H: sp.csr_matrix) -> sp.csr_matrix:
     n = H.shape[1]
     if not H.shape[0]:
         return sp.identity(n, format="csr")
-    if n <= DENSE_DOFS:
-        return sp.csr_matrix(null_space(H.toarray()))
+    return sp.csr_matrix(null_space(H.toarray())) if n <= DENSE_DOFS else _tied_sparsely(H)[0]
+
+
+def _tied_sparsely(H: sp.csr_matrix) -> tuple[sp.csr_matrix, IntArray]:
+    """Return S with a row of the identity for each dof that remains, and the numbers of these.
+
+    Raises:
+        ValueError: there are more rows than dofs that they can tie.
+    """
+    n = H.shape[1]
     pivots = np.empty(H.shape[0], dtype=np.int64)
     is_free = np.ones(n, dtype=np.bool_)
     for k in range(H.shape[0]):
@@ -366,19 +401,25 @@ def tied(H: sp.csr_matrix) -> sp.csr_matrix:
     rows = np.concatenate([remaining, pivots[tied_rows.row]])
     columns = np.concatenate([np.arange(remaining.size), tying[tied_rows.col]])
     values = np.concatenate([np.ones(remaining.size), tied_rows.data])
-    return sp.csr_matrix((values, (rows, columns)), shape=(n, remaining.size))
+    return sp.csr_matrix((values, (rows, columns)), shape=(n, remaining.size)), remaining
 
 
-def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
+def closed_by(S: Any, A: Any) -> Any:
+    """Return Sᵀ A S, both of SciPy, or of PETSc on several ranks (collective)."""
+    return S.T @ A @ S if sp.issparse(S) else distributed.congruent(A, S)
+
+
+def _shift(K: Any, M: Any) -> float:
     """Return a shift for floating bodies, about the square of an elastic frequency [1/s2].
 
     A large body has no dense matrix. Its frequencies are then found with a far smaller shift.
     """
-    few = min(K.shape[0], MOST_RIGID + 1)
-    if K.shape[0] <= DENSE_DOFS:
+    few = min(n_rows(K), MOST_RIGID + 1)
+    if sp.issparse(K) and n_rows(K) <= DENSE_DOFS:
         squares = eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few]
     else:
-        shift = ABOVE_ROUND_OFF * float(K.diagonal().sum() / M.diagonal().sum())
+        stiffness, mass = (summed(A, diagonal(A).sum()) for A in (K, M))
+        shift = ABOVE_ROUND_OFF * float(stiffness / mass)
         squares = factored(K, M, shift).lowest(few)[0]
     return float(squares.max()) or 1.0
 

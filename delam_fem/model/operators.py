@@ -114,6 +114,7 @@ class Equilibrium:
 
 
 _Matrix = TypeVar("_Matrix")
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +138,8 @@ class Recorded(Generic[_Matrix]):
     equilibrium: Equilibrium | None = None
     n_forces: int = 0
     near_null: FloatArray | None = None
+    start: FloatArray | None = None
+    buckling_factor: float | None = None
 
     def total(self, share: FloatArray) -> FloatArray:
         """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
@@ -160,6 +163,7 @@ class Recorded(Generic[_Matrix]):
             **further,
             "lumped_mass": (n,),
             "load": (n,),
+            "start": (2, n),
             "base.mass": (n,),
             "base.damping": (n,),
             "base.stiffness": (n,),
@@ -282,9 +286,6 @@ class Operators(Recorded[sp.csr_matrix]):
             there are none, or none that it buckles at.
     """
 
-    start: FloatArray | None = None
-    buckling_factor: float | None = None
-
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
 
@@ -307,17 +308,20 @@ class Operators(Recorded[sp.csr_matrix]):
         least = float(self.mass.diagonal().min(initial=0.0))
         require(least >= 0.0, "operators: mass", "a diagonal without negative numbers", least)
         n = self.n_dofs
-        square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n), "start": (2, n)}
+        square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n)}
         self._complete(n, square, "operators: {name} has shape {given}, expected {expected}")
 
     def bodies(self) -> Iterator[tuple[IntArray, sp.csc_matrix, sp.csc_matrix, sp.csc_matrix]]:
         """Yield the dofs that M, C and K do not couple to others, with M, C and K of these."""
-        matrices = self.mass, self.damping, self.stiffness
-        count, label = connected_components(sum(map(abs, matrices)), False)
+        M, C, K = self.mass, self.damping, self.stiffness
+        if C.data.all() and connected_components(C, directed=False)[0] == 1:  # as of Rayleigh
+            yield np.arange(self.n_dofs), M.tocsc(), C.tocsc(), K.tocsc()
+            return
+        count, label = connected_components(abs(M) + abs(C) + abs(K), directed=False)
         for number in range(count):
             dofs = np.flatnonzero(label == number)
-            M, C, K = (A[dofs][:, dofs].tocsc() for A in matrices)
-            yield dofs, M, C, K
+            M_b, C_b, K_b = (A[dofs][:, dofs].tocsc() for A in (M, C, K))
+            yield dofs, M_b, C_b, K_b
 
     @cached_property
     def pair_mass(self) -> FloatArray:
@@ -528,16 +532,21 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         equilibrium: see `Operators`; its displacements are those of all dofs.
         n_forces: see `Operators`.
         near_null: values of these motions at the own dofs, shape (n_own, k); see `Operators`.
+        start: see `Operators`, at the own dofs, shape (2, n_own).
+        buckling_factor: see `Operators`.
         comm: the communicator.
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
         order: number of each own dof in an order that does not depend on the number of ranks, shape
             (n_own,); None: there is none.
+        body: number of the body of each own dof, which M, C and K do not couple to others, shape
+            (n_own,); None: all are one.
     """
 
     comm: MPI.Intracomm = field(kw_only=True)
     is_uncoupled: bool = False
     order: IntArray | None = None
+    body: IntArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
@@ -582,6 +591,19 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         result = np.empty_like(values)
         result[..., np.concatenate(self.comm.allgather(self.order))] = values
         return result
+
+    def bodies(self) -> Iterator[tuple[IntArray, PETSc.Mat, PETSc.Mat, PETSc.Mat]]:
+        """Yield own dofs that M, C and K do not couple to others, with M, C, K of them.
+
+        The call is collective. A rank may have no dofs of a body.
+        """
+        matrices = self.mass, self.damping, self.stiffness
+        numbers = np.zeros(self.n_own, dtype=np.int64) if self.body is None else self.body
+        count = 1 + max(self.comm.allgather(int(numbers.max(initial=0))))
+        for number in range(count):
+            dofs = np.flatnonzero(numbers == number)
+            M, C, K = matrices if count == 1 else (restricted(A, dofs) for A in matrices)
+            yield dofs, M, C, K
 
     @property
     def own(self) -> slice:
@@ -628,21 +650,24 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         else (o.rayleigh[0][local_rows], o.rayleigh[1][local_rows]),
         names=o.names,
         load=None if o.load is None else o.load[local_rows],
+        start=None if o.start is None else o.start[:, local_rows],
         equilibrium=o.equilibrium,
+        buckling_factor=o.buckling_factor,
         n_forces=o.n_forces,
         comm=comm,
         order=np.arange(local_rows.start, local_rows.stop),
     )
 
 
-def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
-    """Return a PETSc matrix from the rows of each rank (collective); on several ranks a square one.
+def matrix(rows: sp.spmatrix, comm: MPI.Intracomm, n_columns: int | None = None) -> PETSc.Mat:
+    """Return a PETSc matrix from the rows of each rank (collective).
 
     On one rank the matrix is in the memory of the rows, so that nobody may write to them.
 
     Args:
         rows: the own rows with all columns, CSR (n_own, n).
         comm: communicator over which the rows are spread in the order of the ranks.
+        n_columns: number of columns of this rank on several ranks; None: that of its rows.
     """
     from petsc4py import PETSc  # after MPI has started
 
@@ -657,23 +682,133 @@ def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
     if comm.size == 1:
         return PETSc.Mat().createAIJWithArrays(rows.shape, arrays, comm=comm)
     result = PETSc.Mat().create(comm)
-    result.setSizes((rows.shape, rows.shape))
+    columns = rows.shape[0] if n_columns is None else n_columns
+    result.setSizes(((rows.shape[0], PETSc.DETERMINE), (columns, rows.shape[1])))
     result.setType(PETSc.Mat.Type.AIJ)
     result.setPreallocationCSR(arrays)
     result.assemble()
     return result
 
 
-def times(matrix: Any, vector: FloatArray) -> FloatArray:
-    """Return a matrix of SciPy, or one of PETSc (collective), times a vector of the own dofs."""
+AT_ONCE = 64
+"""Columns that are multiplied, or solved for, at once on ranks: a bound for the memory."""
+
+
+def times(matrix: Any, vectors: FloatArray) -> FloatArray:
+    """Return a matrix of SciPy, or one of PETSc (collective), times vectors of the own dofs.
+
+    Args:
+        matrix: the matrix.
+        vectors: shape (n_own,) or (n_own, k).
+    """
     if sp.issparse(matrix):
-        return np.asarray(matrix @ vector)
-    right, left = matrix.createVecs()
-    right.array[:] = vector
-    matrix.mult(right, left)
-    result = np.array(left.array)
-    for handle in (right, left):
-        handle.destroy()
+        return np.asarray(matrix @ vectors)
+    columns = vectors.reshape(len(vectors), *vectors.shape[1:] or (1,))
+    result = np.empty((matrix.getLocalSize()[0], columns.shape[1]))
+    for first in range(0, columns.shape[1], AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        right = dense(columns[:, some], matrix.comm)
+        left = matrix.matMult(right)
+        result[:, some] = left.getDenseArray()
+        left.destroy()
+        right.destroy()
+    return np.asarray(result.reshape(len(result), *vectors.shape[1:]))
+
+
+def dense(columns: FloatArray, comm: Any) -> PETSc.Mat:
+    """Return a dense matrix of PETSc with the own rows of some columns (collective)."""
+    from petsc4py import PETSc
+
+    n, k = columns.shape
+    result = PETSc.Mat().createDense(((n, PETSc.DETERMINE), k), comm=comm)
+    result.setUp()
+    result.getDenseArray()[:] = columns
+    result.assemble()
+    return result
+
+
+def summed(matrix: Any, share: Any) -> FloatArray:
+    """Return the sum over the ranks of a matrix, with the same bits on each (collective)."""
+    if sp.issparse(matrix):
+        return np.asarray(share)
+    comm = matrix.comm.tompi4py()
+    local = np.array(share, order="C")
+    total: FloatArray = np.empty_like(local)
+    comm.Reduce(local, total)
+    comm.Bcast(total)
+    return total
+
+
+def agreed(matrix: Any, value: _Value) -> _Value:
+    """Return what the first rank of a matrix has, on all (collective): round-off may differ."""
+    return value if sp.issparse(matrix) else matrix.comm.tompi4py().bcast(value)
+
+
+def of_ranks(matrix: Any, value: _Value) -> list[_Value]:
+    """Return what each rank of a matrix has, on all (collective)."""
+    return [value] if sp.issparse(matrix) else matrix.comm.tompi4py().allgather(value)
+
+
+def n_rows(matrix: Any) -> int:
+    """Return the number of rows of a matrix of SciPy or of PETSc, those of all ranks."""
+    return int(matrix.shape[0] if sp.issparse(matrix) else matrix.getSize()[0])
+
+
+def n_columns(matrix: Any) -> int:
+    """Return the number of columns of a matrix of SciPy or of PETSc, those of all ranks."""
+    return int(matrix.shape[1] if sp.issparse(matrix) else matrix.getSize()[1])
+
+
+def diagonal(matrix: Any) -> FloatArray:
+    """Return the own part of the diagonal of a matrix of SciPy or of PETSc."""
+    if sp.issparse(matrix):
+        return np.asarray(matrix.diagonal())
+    vector = matrix.getDiagonal()
+    result = np.array(vector.array)
+    vector.destroy()
+    return result
+
+
+def scaled_by(matrix: PETSc.Mat, factors: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
+    """Return D A D of a symmetric matrix and own factors D, and the identity (collective)."""
+    scale = matrix.createVecLeft()
+    scale.array[:] = factors
+    scaled = matrix.copy()
+    scaled.diagonalScale(scale, scale)
+    identity = matrix.duplicate()
+    identity.shift(1.0)
+    scale.destroy()
+    return scaled, identity
+
+
+def congruent(matrix: PETSc.Mat, basis: PETSc.Mat) -> PETSc.Mat:
+    """Return Sᵀ A S of matrices of PETSc (collective)."""
+    from petsc4py import PETSc
+
+    options = PETSc.Options()
+    if not options.hasName("matptap_via"):
+        options["matptap_via"] = "allatonce"  # half the time of the default, and less memory
+    return matrix.ptap(basis)
+
+
+def own_rows(matrix: Any) -> Any:
+    """Return the own rows of a matrix of PETSc with all columns, CSR (n_own, n); others as is."""
+    if sp.issparse(matrix):
+        return matrix
+    shape = matrix.getLocalSize()[0], matrix.getSize()[1]
+    return sp.csr_matrix(matrix.getValuesCSR()[::-1], shape=shape)
+
+
+def restricted(matrix: Any, dofs: IntArray) -> Any:
+    """Return rows and columns of own dofs of a matrix of SciPy or of PETSc (collective)."""
+    if sp.issparse(matrix):
+        return matrix[dofs][:, dofs]
+    from petsc4py import PETSc
+
+    first, _ = matrix.getOwnershipRange()
+    where = PETSc.IS().createGeneral((first + dofs).astype(PETSc.IntType), comm=matrix.comm)
+    result = matrix.createSubMatrix(where, where)
+    where.destroy()
     return result
 
 

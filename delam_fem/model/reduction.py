@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,11 +20,16 @@ from delam_fem.case.sections import Model
 from delam_fem.model.component_modes import Basis, basis_of, projected
 from delam_fem.model.discretise import assemble, require_bending, require_mass
 from delam_fem.model.layout import Structure
+from delam_fem.model.operators import times
 from delam_fem.model.places import places_of_case
 from delam_fem.model.reduction_file import require_coupled, write
+from delam_fem.model.sharing import together
 from delam_fem.model.stops_sensors import striking_rows, with_start
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
+
+if TYPE_CHECKING:
+    from delam_fem.system.mpi import MPI
 
 NAME = "reduced.npz"
 """Name of the file of a reduced structure in its folder."""
@@ -35,9 +41,11 @@ class Reduction:
 
     Attributes:
         case: the case that was reduced.
-        full: its structure without stops, impactors and an initial state.
+        full: its structure without stops, impactors and an initial state; on several ranks, as in
+            the basis, the share of the first one.
         basis: the modes and residual shapes.
         structure: the reduced structure, without stops, impactors and sensors.
+        strains: what the strain sensors of the case read, as `reduction_file.write` takes it.
         seconds: time of the assembly, and of the reduction [s].
     """
 
@@ -45,6 +53,7 @@ class Reduction:
     full: Structure
     basis: Basis
     structure: Structure
+    strains: FloatArray
     seconds: tuple[float, float]
 
     @property
@@ -74,21 +83,9 @@ class Reduction:
             OSError: a file cannot be written.
         """
         path = (Path(directory) / NAME).absolute()
-        write(path, self.structure, self.case, self._strains())
+        write(path, self.structure, self.case, self.strains)
         model = Model(kind="modes", file=path)
         return [path, save_case(self.case.model_copy(update={"model": model}), directory)]
-
-    def _strains(self) -> FloatArray:
-        """Return what the strain sensors of the case read, as `write` takes it."""
-        sensors = self.full.operators.sensors
-        V = self.basis.vectors
-        of_case = self.case.without_strikes.sensor
-        rows = [
-            np.append(sensors[sensor.of_u].toarray()[0] @ V, sensor.of_base[0])
-            for sensor, case_sensor in zip(self.full.layout.sensors, of_case, strict=True)
-            if case_sensor.quantity == "strain" and sensor.of_u is not None
-        ]
-        return np.array(rows).reshape(len(rows), self.basis.squares.size + 1)
 
 
 def reduced_case(
@@ -100,8 +97,8 @@ def reduced_case(
         case: the case.
         modes: number of normal modes of each body.
         coordinates: largest number of coordinates; None: all shapes that are independent.
-        full: the discretised case; None, or beside stops, impactors, initial states and loads: it
-            is assembled.
+        full: the discretised case, which this process has as a whole; None, or beside stops,
+            impactors, initial states and loads: it is assembled.
 
     Raises:
         CaseError: the case has a reduced model already, its impulses act on a lumped mass, or it
@@ -115,10 +112,24 @@ def reduced_case(
         raise CaseError("lamina: reduce: expected laminae of one length, given unequal ones")
     require(modes >= 1, "modes", "at least 1", modes)
     require_coupled(case)
+    if full is None or case.stop or case.impactor or case.initial or case.is_loaded:
+        return together(_reduced, case, modes, coordinates)
+    return _reduced(case, modes, coordinates, full, comm=None)
+
+
+def _reduced(
+    case: Case,
+    modes: int,
+    coordinates: int | None,
+    full: Structure | None = None,
+    *,
+    comm: MPI.Intracomm | None,
+) -> Reduction:
+    """Reduce a case (collective); see `reduced_case`."""
     slowest = min(float(lamina.uniform.angular_frequencies(1)[0]) for lamina in case.lamina)
     begin = time.perf_counter()
-    if full is None or case.stop or case.impactor or case.initial or case.is_loaded:
-        full = assemble(case.without_strikes.before_loads)
+    if full is None:
+        full = assemble(case.without_strikes.before_loads, comm=comm)
     if case.is_plate and full.body is not None:
         from delam_fem.model.solids.body import sheets_of, with_places  # need dolfinx
 
@@ -129,7 +140,8 @@ def reduced_case(
     o = full.operators
     loads = striking_rows(full, case)
     if start is not None:
-        loads = sp.vstack([loads, sp.csr_matrix(start @ o.stiffness)], format="csr")
+        stretched = sp.csr_matrix(times(o.stiffness, start.T).T)
+        loads = sp.vstack([loads, stretched], format="csr")
     if o.load is not None:
         loads = sp.vstack([loads, sp.csr_matrix(o.load)], format="csr")
     try:
@@ -144,8 +156,21 @@ def reduced_case(
         raise CaseError(str(error)) from None
     structure = projected(full, basis)
     if start is not None:
-        projection = start @ (o.mass @ basis.vectors)
+        projection = o.total(start @ times(o.mass, basis.vectors))
         structure = replace(structure, operators=replace(structure.operators, start=projection))
-    return Reduction(
-        case, full, basis, structure, (assembled - begin, time.perf_counter() - assembled)
-    )
+    strains = _strains(case, full, basis)
+    seconds = (assembled - begin, time.perf_counter() - assembled)
+    return Reduction(case, full, basis, structure, strains, seconds)
+
+
+def _strains(case: Case, full: Structure, basis: Basis) -> FloatArray:
+    """Return what the strain sensors of a case read, shape (k, m + 1)."""
+    o = full.operators
+    rows = [
+        np.append(o.total(o.sensors[sensor.of_u].toarray()[0] @ basis.vectors), sensor.of_base[0])
+        for sensor, case_sensor in zip(
+            full.layout.sensors, case.without_strikes.sensor, strict=True
+        )
+        if case_sensor.quantity == "strain" and sensor.of_u is not None
+    ]
+    return np.array(rows).reshape(len(rows), basis.squares.size + 1)

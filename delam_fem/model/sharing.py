@@ -1,25 +1,25 @@
-"""Share factors and eigenpairs among the ranks of MPI, while the first rank does all other work.
+"""Share the work on one solid among the ranks of MPI, while the first rank does all other work.
 
-The first rank assembles, reads and writes. It hands the rows of a matrix to all ranks, which
-factorise it together (MUMPS) and find its eigenpairs together (SLEPc). Between such orders the
-others wait, without keeping a core busy. So whatever the first rank computes with the factors of
-`factors.py` is shared, an error is its error alone, and only it writes to a folder.
+The first rank reads, writes and orders functions, which all ranks do together: they assemble,
+factorise (MUMPS), find eigenpairs (SLEPc) and multiply, each with its own dofs. Between such orders
+the others wait, without keeping a core busy. So an error is told by the first rank alone, and only
+it writes to a folder.
 """
 
 from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Iterator
-from itertools import pairwise
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import scipy.sparse as sp
 
-from delam_fem.model.operators import matrix
+from delam_fem.model.operators import AT_ONCE, dense
 from delam_fem.numerics.types import FloatArray
-from delam_fem.system.mpi import hold, release, slepc, start_petsc
+from delam_fem.system.errors import CaseError
+from delam_fem.system.mpi import have_arrived, hold, release, slepc, start_petsc
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -32,8 +32,6 @@ LOOK = 0.02
 """Longest time between two looks for an order [s]; at first it is a tenth of the time waited."""
 RESIDUAL = 1e-13
 """Relative residual at which SLEPc takes an eigenpair."""
-MOST_LOADS = 64
-"""Largest number of loads that are solved for at once: their solutions fill memory."""
 SINGULAR = (-6, -10)
 """Values of MUMPS's INFOG(1) that say that a matrix is singular."""
 TOO_SMALL = (-8, -9)
@@ -94,33 +92,28 @@ def require_factors(status: int, size: int) -> None:
 
 
 class Share:
-    """What one rank has of the factors of K + s M, all calls of which are collective.
+    """What one rank has of the factors of K + s M, all calls of which are collective."""
 
-    Attributes:
-        sizes: number of rows of each rank.
-        status: MUMPS's INFOG(1); below 0 there are no factors.
-    """
-
-    def __init__(
-        self, comm: MPI.Intracomm, K: sp.csr_matrix, M: sp.csr_matrix | None, shift: float
-    ) -> None:
+    def __init__(self, K: PETSc.Mat, M: PETSc.Mat | None, shift: float) -> None:
         """Factorise K + s M.
 
         Args:
-            comm: communicator whose ranks have the rows in their order.
-            K: own rows of K.
-            M: own rows of M; None: there are no eigenpairs, and s is 0.
+            K: K, spread over the ranks.
+            M: M, spread in the same way; None: there are no eigenpairs, and s is 0.
             shift: s [1/s2].
+
+        Raises:
+            ValueError: the matrix is singular.
+            MemoryError: the factors need more memory than there is.
         """
         from petsc4py import PETSc
 
-        library = slepc()
-        self._comm, self.sizes = comm, comm.allgather(K.shape[0])
-        self._matrices = [matrix(K, comm)]
-        if M is not None and library is not None:
-            self._matrices.append(matrix(M, comm))
-            self._eigenpairs = library.EPS().create(comm)
-            self._eigenpairs.setOperators(*self._matrices)
+        library = None if M is None else slepc()
+        self._eigenpairs = None
+        self._sum: PETSc.Mat | None = None
+        if library is not None:
+            self._eigenpairs = library.EPS().create(K.comm)
+            self._eigenpairs.setOperators(K, M)
             self._eigenpairs.setProblemType(library.EPS.ProblemType.GHEP)
             self._eigenpairs.setTarget(-shift)
             self._eigenpairs.setWhichEigenpairs(library.EPS.Which.TARGET_MAGNITUDE)
@@ -130,92 +123,65 @@ class Share:
             transformation.setShift(-shift)
             self._solver = transformation.getKSP()
         else:
-            self._eigenpairs = None
-            self._solver = PETSc.KSP().create(comm)
-            if M is not None:
-                self._matrices = [matrix(sp.csr_matrix(K + shift * M), comm)]
-            self._solver.setOperators(self._matrices[0])
+            self._solver = PETSc.KSP().create(K.comm)
+            if shift:
+                self._sum = K.copy()
+                self._sum.axpy(shift, M)
+            self._solver.setOperators(self._sum or K)
         self._solver.setType(PETSc.KSP.Type.PREONLY)
         preconditioner = self._solver.getPC()
         preconditioner.setType(PETSc.PC.Type.CHOLESKY)
         preconditioner.setFactorSolverType("mumps")
-        self.status = factorise(self._solver, self._matrices[0], self._eigenpairs)
+        require_factors(factorise(self._solver, K, self._eigenpairs), K.comm.size)
         self._factor = preconditioner.getFactorMatrix()
-        self._vector = self._matrices[0].createVecRight()
+        self._vector = K.createVecRight()
 
-    def solve(self, count: int, loads: FloatArray | None) -> FloatArray | None:
-        """Return solutions for loads, one below the other, on the first rank, which has the loads.
+    def solve(self, loads: FloatArray) -> FloatArray:
+        """Return the own part of solutions for the own part of loads, shape (n_own,) or (…, k)."""
+        columns = loads.reshape(len(loads), *loads.shape[1:] or (1,))
+        result = np.empty_like(columns)
+        for first in range(0, columns.shape[1], AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            right = dense(columns[:, some], self._factor.comm)
+            left = dense(columns[:, some], self._factor.comm)
+            self._factor.matSolve(right, left)
+            result[:, some] = left.getDenseArray()
+            right.destroy()
+            left.destroy()
+        return result.reshape(loads.shape)
 
-        Args:
-            count: number of loads.
-            loads: the loads, shape (count, n); None on the other ranks.
-        """
-        from petsc4py import PETSc
-
-        comm = self._comm
-        size = (self.sizes[comm.rank], sum(self.sizes))
-        solutions = None if loads is None else np.empty_like(loads)
-        right, left = (PETSc.Mat().createDense((size, count), comm=comm) for _ in range(2))
-        share = np.empty((count, size[0]))  # a dense matrix of PETSc has column after column
-        for k in range(count):
-            comm.Scatterv(None if loads is None else self._spread(loads[k]), share[k])
-        for dense in (right, left):
-            dense.setUp()
-        right.getDenseArray()[:] = share.T
-        right.assemble()
-        left.assemble()
-        self._factor.matSolve(right, left)
-        share[:] = left.getDenseArray().T
-        for k in range(count):
-            comm.Gatherv(share[k], None if solutions is None else self._spread(solutions[k]))
-        right.destroy()
-        left.destroy()
-        return solutions
-
-    def _spread(self, values: FloatArray) -> list[Any]:
-        """Return an array of all dofs as MPI takes what it deals out or collects."""
-        from delam_fem.system.mpi import MPI
-
-        return [values, self.sizes, None, MPI.DOUBLE]
-
-    @property
-    def has_eigenpairs(self) -> bool:
-        """Whether `lowest` can be had: it needs M, and SLEPc."""
-        return self._eigenpairs is not None
-
-    def lowest(self, n: int) -> tuple[FloatArray, FloatArray | None]:
-        """Return the eigenvalues of K φ = ω² M φ nearest to -s, and φ on the first rank.
+    def lowest(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return the eigenvalues of K φ = ω² M φ nearest to -s, and the own part of φ.
 
         Args:
             n: number of eigenpairs.
 
         Raises:
+            CaseError: SLEPc is not installed.
             RuntimeError: they were not found.
         """
-        solver, comm = self._eigenpairs, self._comm
+        solver = self._eigenpairs
+        if solver is None:
+            raise CaseError("modes on several ranks need SLEPc: apt-get install python3-slepc4py")
         solver.setDimensions(n)
         solver.solve()
         if solver.getConverged() < n:
             raise RuntimeError(f"SLEPc found {solver.getConverged()} of {n} eigenpairs")
-        is_first = comm.rank == 0
-        vectors = np.empty((n, sum(self.sizes))) if is_first else None
+        vectors = np.empty((self._vector.getLocalSize(), n))
         for k in range(n):
             solver.getEigenvector(k, self._vector)
-            comm.Gatherv(
-                self._vector.array_r, None if vectors is None else self._spread(vectors[k])
-            )
-        squares = np.array([solver.getEigenvalue(k).real for k in range(n)])
-        return squares, None if vectors is None else vectors.T
+            vectors[:, k] = self._vector.array_r
+        return np.array([solver.getEigenvalue(k).real for k in range(n)]), vectors
 
     def destroy(self) -> None:
         """Free the factors."""
-        (self._eigenpairs or self._solver).destroy()
-        for each in (self._vector, *self._matrices):
-            each.destroy()
+        for handle in (self._eigenpairs or self._solver, self._vector, self._sum):
+            if handle is not None:
+                handle.destroy()
 
 
 class Ranks:
-    """The ranks that share factors. The first one orders, and takes part in what it orders.
+    """The ranks that share the work on a solid. The first one orders, and takes part.
 
     Attributes:
         comm: their communicator.
@@ -223,130 +189,98 @@ class Ranks:
     """
 
     def __init__(self, comm: MPI.Intracomm) -> None:
-        """Begin without any factors."""
+        """Begin (collective)."""
         self.comm = comm
         self.is_busy = False
-        self._shares: dict[int, Share] = {}
-        self._n_factors = 0
-        self._unused: list[int] = []
+        self._at_end = comm.Dup()
 
-    def factored(self, K: sp.csr_matrix, M: sp.csr_matrix | None, shift: float) -> int:
-        """Factorise K + s M and return the number of the factors.
+    def do(self, work: Callable[..., _T], *arguments: Any) -> _T:
+        """Do something on all ranks; the first one calls, the others get it from there.
 
-        Raises:
-            ValueError: the matrix is singular.
-            MemoryError: the factors need more memory than there is.
+        Args:
+            work: function of a module, which is called with `comm` by name.
+            arguments: its other arguments, which can be pickled.
+
+        Returns:
+            What the first rank gets.
         """
-        self._n_factors += 1
-        number = self._n_factors
-        size = self.comm.size
-        ends = [K.shape[0] * rank // size for rank in range(size + 1)]
-        pieces = (
-            (K[first:last], None if M is None else M[first:last]) for first, last in pairwise(ends)
-        )
-        status = self._together("_factor", number, shift, of_first=pieces)
-        require_factors(status, size)
-        return number
-
-    def solve(self, number: int, b: FloatArray) -> FloatArray:
-        """Return the solution for loads, shape (n,) or (n, k)."""
-        columns = np.ascontiguousarray(b.reshape(len(b), -1).T, dtype=np.float64)
-        blocks = (columns[k : k + MOST_LOADS] for k in range(0, len(columns), MOST_LOADS))
-        solutions = [
-            self._together("_solve", number, len(block), of_first=block) for block in blocks
-        ]
-        return np.asarray(np.concatenate([columns[:0], *solutions]).T.reshape(b.shape))
-
-    def has_eigenpairs(self, number: int) -> bool:
-        """Return whether SLEPc finds eigenpairs with some factors."""
-        return self._shares[number].has_eigenpairs
-
-    def lowest(self, number: int, n: int) -> tuple[FloatArray, FloatArray]:
-        """Return n eigenpairs; see `Share.lowest`."""
-        pairs: tuple[FloatArray, FloatArray] = self._together("_lowest", number, n)
-        return pairs
-
-    def forget(self, number: int) -> None:
-        """Free factors with the next order."""
-        self._unused.append(number)
+        self._order(work, arguments)
+        return self._take_part(work, arguments)
 
     def end(self) -> None:
-        """Free all factors, and let the other ranks go."""
-        self._together("_end")
+        """Let the other ranks go."""
+        self._order(None, ())
+        self._at_end.Free()
 
     def obey(self) -> None:
         """Take part in what the first rank orders, until it ends."""
-        name = ""
-        while name != "_end":
+        while True:
             request = self.comm.Ibarrier()
             begin = time.monotonic()
             while not request.Test():
                 time.sleep(min(LOOK, 0.1 * (time.monotonic() - begin)))
-            name, arguments = self.comm.bcast(None)
-            try:
-                getattr(self, name)(*arguments)
-            except BaseException:
-                traceback.print_exc()
-                self.comm.Abort(1)
+            work, arguments = self.comm.bcast(None)
+            if work is None:
+                self._at_end.Free()
+                return
+            with suppress(Exception, KeyboardInterrupt):  # the first rank tells it
+                self._take_part(work, arguments)
 
-    def _together(self, name: str, *arguments: Any, of_first: Any = None) -> Any:
-        """Do something on all ranks; the first one, which calls, has further data."""
-        self.is_busy = True
-        unused = self._unused
-        self._unused = []
-        if unused:
-            self._order("_forget", unused)
-            self._forget(unused)
-        self._order(name, *arguments)
-        further = () if of_first is None else (of_first,)
-        result = getattr(self, name)(*arguments, *further)
-        self.is_busy = False
-        return result
-
-    def _order(self, name: str, *arguments: Any) -> None:
+    def _order(self, work: Callable[..., Any] | None, arguments: tuple[Any, ...]) -> None:
         """Tell the other ranks what to take part in."""
         self.comm.Ibarrier().Wait()
-        self.comm.bcast((name, arguments))
+        self.comm.bcast((work, arguments))
 
-    def _factor(self, number: int, shift: float, pieces: Iterator[Any] | None = None) -> int:
-        """Factorise what the first rank hands out, piece by piece; return MUMPS's status."""
-        if pieces is None:
-            K, M = self.comm.recv(source=0)
-        else:
-            K, M = next(pieces)
-            for rank, piece in enumerate(pieces, start=1):
-                self.comm.send(piece, dest=rank)
-        self._shares[number] = Share(self.comm, K, M, shift)
-        return self._shares[number].status
+    def _take_part(self, work: Callable[..., _T], arguments: tuple[Any, ...]) -> _T:
+        """Do something as all ranks do, and end together.
 
-    def _solve(self, number: int, count: int, columns: FloatArray | None = None) -> Any:
-        """Solve for a few loads, which the first rank has one below the other."""
-        return self._shares[number].solve(count, columns)
+        Raises:
+            Exception: this rank, or another one, has failed.
+        """
+        failure: BaseException | None = None
+        self.is_busy = True
+        try:
+            result = work(*arguments, comm=self.comm)
+        except BaseException as error:
+            failure = error
+        if not have_arrived(self._at_end, has_failed=failure is not None):
+            traceback.print_exception(failure)
+            self.comm.Abort(1)
+        told = None if failure is None else _portable(failure)
+        if failure is not None:  # what it keeps alive ends on all ranks at one place
+            traceback.clear_frames(failure.__traceback__)
+        errors = [error for error in self._at_end.allgather(told) if error is not None]
+        release(self.comm)
+        self.is_busy = False
+        if failure is not None:
+            raise failure
+        if errors:
+            raise errors[0]
+        return result
 
-    def _lowest(self, number: int, n: int) -> Any:
-        """Find eigenpairs."""
-        return self._shares[number].lowest(n)
 
-    def _forget(self, numbers: list[int]) -> None:
-        """Free factors."""
-        for number in numbers:
-            self._shares.pop(number).destroy()
-
-    def _end(self) -> None:
-        """Free all factors."""
-        self._forget(list(self._shares))
+def _portable(failure: BaseException) -> BaseException:
+    """Return an error that other ranks can be sent."""
+    is_known = type(failure) in (CaseError, MemoryError, ValueError)
+    return failure if is_known else RuntimeError("".join(traceback.format_exception(failure)))
 
 
 _ranks: Ranks | None = None
 
 
-def sharing() -> Ranks | None:
-    """Return the ranks that share factors at present; None: this process is alone."""
-    return _ranks
+def together(work: Callable[..., _T], *arguments: Any) -> _T:
+    """Do something on all ranks that share their work; a process that is alone does it itself.
+
+    Args:
+        work: function of a module, which takes the communicator as `comm`, None: there is one
+            process.
+        arguments: its other arguments, which can be pickled.
+    """
+    return work(*arguments, comm=None) if _ranks is None else _ranks.do(work, *arguments)
 
 
 def shared(comm: MPI.Intracomm, work: Callable[[], _T]) -> _T | None:
-    """Do work on the first rank, while all ranks share its factors (collective).
+    """Do work on the first rank, while all ranks share what it does `together` (collective).
 
     Args:
         comm: communicator of the ranks.

@@ -77,7 +77,7 @@ from delam_fem.model.layout import (
 )
 from delam_fem.model.linear import mode_of, n_rigid
 from delam_fem.model.loads import loaded
-from delam_fem.model.operators import BaseCoupling, Recorded, times
+from delam_fem.model.operators import BaseCoupling, Recorded, n_rows, of_ranks, restricted, times
 from delam_fem.model.places import row_at, spot
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
@@ -97,7 +97,7 @@ def struck(structure: Structure, case: Case) -> Structure:
 
     Args:
         structure: beams, their modes, or solids, with the drive of the case; solids on several
-            ranks have stops alone.
+            ranks have stops and initial states alone.
         case: the case.
 
     Raises:
@@ -128,18 +128,19 @@ def overlap_at_start(structure: Structure, case: Case) -> str | None:
         there is no contact.
     """
     o, layout = structure.operators, structure.layout
-    start = getattr(o, "start", None)
+    start = o.start
     if start is None or case.contact.law == "none" or not o.n_pairs:
         return None
     q = float(drive(case.excitation).states(np.zeros(1))[0, 0])
     place = start[0] if o.base.shift is None else start[0] - q * o.base.shift
-    gap = o.gap_matrix @ place + o.gap0
+    gap = o.total(o.gap_matrix @ place) + o.gap0
     if o.equilibrium is not None and case.begins_at_rest:  # springs that carry a weight are closed
         gap -= np.minimum(o.gap_matrix @ o.equilibrium.displacement + o.gap0, 0.0)
     if o.pair_numbers is not None and case.contact.law != "penalty":
         gap[o.pair_numbers.is_elastic] = np.inf
     pair = int(gap.argmin())
-    if gap[pair] >= -_ROUND_OFF * np.abs(start[0]).max():
+    largest = max(of_ranks(o.mass, float(np.abs(start[0]).max(initial=0.0))))
+    if gap[pair] >= -_ROUND_OFF * largest:
         return None
     return (
         f"initial: expected displacements that leave all gaps open, given pair {pair + 1} "
@@ -170,7 +171,7 @@ def striking_rows(structure: Structure, case: Case) -> sp.csr_matrix:
         for section in ("stop", "impactor")
         for number, entry in enumerate(getattr(case, section), start=1)
     )
-    return sp.vstack([sp.csr_matrix((0, structure.operators.n_dofs)), *rows], format="csr")
+    return sp.vstack([sp.csr_matrix((0, structure.operators.n_own)), *rows], format="csr")
 
 
 def with_stops(structure: Structure, case: Case) -> Structure:
@@ -475,7 +476,7 @@ def with_start(structure: Structure, case: Case) -> Structure:
     """
     if not case.initial or structure.operators.start is not None:
         return structure
-    start = np.zeros((2, structure.operators.n_dofs))
+    start = np.zeros((2, structure.operators.n_own))
     for number, entry in enumerate(case.initial, start=1):
         size = np.array([[entry.displacement], [entry.velocity]])
         start += size * _shape(structure, case, entry, f"initial.{number}")
@@ -483,7 +484,7 @@ def with_start(structure: Structure, case: Case) -> Structure:
 
 
 def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArray:
-    """Return the shape of an initial state, whose largest deflection at a node is 1, shape (n,)."""
+    """Return the shape of an initial state, whose largest deflection at a node is 1, (n_own,)."""
     o, layout, body = structure.operators, structure.layout, structure.body
     numbers = [k for k, part in enumerate(layout.parts) if own.lamina in (None, part.name)]
     parts = [layout.parts[k] for k in numbers]
@@ -494,7 +495,7 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
         dofs = np.unique(np.concatenate([part.own_dofs for part in parts]))
     else:
         dofs = body.moving(case, numbers)
-    shape = np.zeros(o.n_dofs)
+    shape = np.zeros(o.n_own)
     if body is None:
         shape[read.indices] = 1.0
     else:
@@ -502,11 +503,10 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
         shape[dofs] = o.near_null[dofs, UP]
     if own.shape == "uniform":
         return shape
-    K = o.stiffness[dofs][:, dofs]
-    M = o.mass[dofs][:, dofs]
+    K = restricted(o.stiffness, dofs)
     if own.shape == "mode":
-        require(own.mode <= dofs.size, f"{key}.mode", f"at most {dofs.size}", own.mode)
-        shape[dofs] = mode_of(K, M, own.mode, shape[dofs])
+        require(own.mode <= n_rows(K), f"{key}.mode", f"at most {n_rows(K)}", own.mode)
+        shape[dofs] = mode_of(K, restricted(o.mass, dofs), own.mode, shape[dofs])
     else:
         assert own.position is not None
         if n_rigid(K):
@@ -516,7 +516,8 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
             )
         load = layout.of_dofs(row_at(layout, own, o.n_dofs)).toarray()[0, dofs]
         shape[dofs] = factored(K).solve(load)
-    deflection = read @ shape if body is None or not case.is_plate else body.raised(shape, numbers)
+    of_plate = body is not None and case.is_plate
+    deflection = o.total(body.raised(shape, numbers) if of_plate else read @ shape)
     size = np.abs(deflection)
     # the first of several that are equal but for round-off gives the sign
     largest = float(deflection[np.argmax(size >= (1.0 - _ROUND_OFF) * size.max())])

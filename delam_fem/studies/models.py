@@ -89,7 +89,7 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
             from delam_fem.api import reduced_case, struck, with_sensors
 
             full_variant = result[-1]
-            reduction = reduced_case(full_variant.case, modes, full=full_variant.structure)
+            reduction = reduced_case(full_variant.case, modes)
             require(
                 all(sensor.quantity != "strain" for sensor in case.sensor), "sensor: models: modes",
                 "no strains, which need the shapes of the elements", "strain",

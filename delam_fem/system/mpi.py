@@ -17,6 +17,7 @@ import ctypes
 import gc
 import os
 import sys
+import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,10 @@ PETSC_ARGUMENTS = ("-no_signal_handler", "-skip_petscrc")
 """Handlers would answer a closed terminal or pipe with a page of text; .petscrc may load code."""
 
 
+LOOK = 0.02
+"""Time between two looks whether the other ranks have come [s]."""
+PATIENCE = 5.0
+"""Time for which a rank with an error waits for the others [s]."""
 RETURNING = {-4: 1 << 16, -3: 1 << 25, -1: 1 << 26}
 """glibc's M_MMAP_MAX, M_MMAP_THRESHOLD and M_TRIM_THRESHOLD, near its own values. SuperLU_DIST,
 which comes with PETSc, sets them so that a process keeps all memory that it has ever had."""
@@ -65,7 +70,7 @@ def __getattr__(name: str) -> Any:
     return MPI
 
 
-__all__ = ["MPI", "end_with_any", "hold", "release", "slepc", "start_petsc"]
+__all__ = ["MPI", "end_with_any", "have_arrived", "hold", "release", "slepc", "start_petsc"]
 
 _held: list[tuple[MPI.Intracomm, Any]] = []
 """Communicators with PETSc's copies of them, which `hold` keeps."""
@@ -126,6 +131,26 @@ def end_with_any(comm: MPI.Intracomm) -> None:
         comm.Abort(1)
 
     sys.excepthook = show_and_abort
+
+
+def have_arrived(comm: MPI.Comm, *, has_failed: bool) -> bool:
+    """Wait for the other ranks at the end of what all do (collective).
+
+    Args:
+        comm: communicator that nothing else uses meanwhile.
+        has_failed: whether this rank has; it then waits for `PATIENCE` alone, because the others
+            may wait for it in what they do.
+
+    Returns:
+        Whether the others have come.
+    """
+    request = comm.Ibarrier()
+    last = time.monotonic() + PATIENCE
+    while not request.Test():  # without keeping a core busy
+        if has_failed and time.monotonic() > last:
+            return False
+        time.sleep(LOOK)
+    return True
 
 
 def release(comm: MPI.Intracomm) -> None:

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 from delam_fem.cli import console
 from delam_fem.cli.app import app
-from delam_fem.model import factors
 
-factors.LARGE = 100
 console.launched = lambda: comm if comm.size > 1 else None
 
 
@@ -37,8 +35,9 @@ assert call("modes", "embedded", *case, "-o", together / "modes") == 0
 comm.Barrier()
 if comm.rank == 0:
     one, many = (dict(np.load(path / "reduced.npz")) for path in (alone, together))
-    assert np.allclose(many["squares"], one["squares"], rtol=1e-7), "squares"
-    for name in ("H", "probes", "readings"):  # modes have any sign
+    assert np.allclose(many["squares"], one["squares"], rtol=1e-9), "squares"
+    assert np.array_equal(many["reading_part"], one["reading_part"])
+    for name in ("H", "probes", "readings", "base"):  # modes have any sign
         a, b = (content[name] for content in (one, many))
         flexible = [(x / content["squares"]) @ x.T for x, content in ((a, one), (b, many))]
         assert np.allclose(*flexible, rtol=0.0, atol=1e-9 * np.abs(flexible[0]).max()), name
@@ -60,10 +59,10 @@ assert not Path(folder, "none").exists()
 WRONG = """
 import io, sys
 heard = sys.stderr = io.StringIO()
-status = call("reduce", "paper", "-o", Path(folder, "none"))
+status = call("reduce", *{words!r}, "-o", Path(folder, "none"))
 text = heard.getvalue()
 sys.stderr = sys.__stderr__
-assert (status, text.count("contact.impulse")) == ((2, 1) if comm.rank == 0 else (0, 0)), text
+assert (status, text.count({key!r})) == ((2, 1) if comm.rank == 0 else (0, 0)), text
 """
 
 
@@ -89,8 +88,16 @@ def test_other_commands_refuse_ranks(
 
 
 @pytest.mark.mpi
-def test_an_error_is_told_once(crew: Crew, tmp_path: Path) -> None:
-    crew.run(2, START + WRONG, tmp_path)
+@pytest.mark.parametrize(
+    ("words", "key"),
+    [
+        (["paper"], "contact.impulse"),
+        (["embedded", "--set", "model.kind=plane-stress", "--coordinates", 1], "coordinates: exp"),
+    ],
+)
+def test_an_error_is_told_once(words: list[object], key: str, crew: Crew, tmp_path: Path) -> None:
+    """Before the ranks begin together, and in what all do."""
+    crew.run(2, START + WRONG.format(words=words, key=key), tmp_path)
 
 
 @pytest.mark.mpi

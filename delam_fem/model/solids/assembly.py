@@ -72,14 +72,14 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     Args:
         case: the case; its model is "plane-stress" or "solid".
         comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
-            every rank, and spread afterwards (`operators.spread`): impactors, initial states,
-            weight and loads, limits of stability.
+            every rank, and spread afterwards (`operators.spread`): impactors, weight and
+            loads, limits of stability.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
     is_explicit = math.isfinite(SCHEMES[case.time.scheme].courant)
-    if case.impactor or case.initial or is_explicit or case.is_loaded:
+    if case.impactor or is_explicit or case.is_loaded:
         comm = MPI.COMM_SELF
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
@@ -218,7 +218,7 @@ def _operators(
         return Operators(mass, damping, stiffness, **further)
     mass, damping, stiffness = (distributed.matrix(rows, comm) for rows in taken)
     distributed.with_near_null(stiffness, further["near_null"])
-    further |= {"is_uncoupled": is_uncoupled, "order": unknowns.order}
+    further |= {"is_uncoupled": is_uncoupled, "order": unknowns.order, "body": unknowns.bodies}
     return DistributedOperators(mass, damping, stiffness, comm=comm, **further)
 
 

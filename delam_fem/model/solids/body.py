@@ -25,7 +25,7 @@ from delam_fem.model.beams.network import network
 from delam_fem.model.layout import Place, Sheets, Structure
 from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.facing import Pairs, pressure
-from delam_fem.model.solids.forms import SAME, Elasticity, Recovery, Solid, evaluate
+from delam_fem.model.solids.forms import SAME, Elasticity, Recovery, Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import (
     FACET_OF,
     FACETS,
@@ -96,8 +96,23 @@ class Body:
             values = total
         return np.asarray(values + base[:, None] * self.base).reshape(len(vectors), -1, dim)
 
+    def largest(self, vectors: FloatArray) -> FloatArray:
+        """Return the largest displacement of all nodes in each direction (collective).
+
+        Args:
+            vectors: values of the free dofs of this rank, shape (n_own, k).
+
+        Returns:
+            Shape (k, dim) [m].
+        """
+        result = [
+            np.abs(self.gathered(vector[None], np.zeros(1))).max(axis=(0, 1), initial=0.0)
+            for vector in vectors.T
+        ]
+        return np.asarray(self.solid.comm.bcast(np.array(result)))
+
     def moving(self, case: Case, laminae: Sequence[int]) -> IntArray:
-        """Return the free dofs that move laminae and what is bonded to them, on one rank, (n,)."""
+        """Return own dofs that move laminae and what is bonded to them (collective), (n,)."""
         mesh = self.mesh
         at = edges(case)
         middles = mesh.points[mesh.cells].mean(axis=1)[:, 0]
@@ -109,19 +124,26 @@ class Body:
             if not set(group).isdisjoint(laminae):
                 is_there = (middles > at[segment.first]) & (middles < at[segment.last])
                 chosen |= is_there & np.isin(mesh.lamina, group)
-        nodes = np.unique(self.solid.nodes_of(np.flatnonzero(chosen)))
+        nodes = self._nodes_of(np.flatnonzero(chosen))
         rows = mesh.dim * nodes[:, None] + np.arange(mesh.dim)
         return np.asarray(np.unique(self.free[rows.ravel()].indices))
 
+    def _nodes_of(self, cells: IntArray) -> IntArray:
+        """Return the global nodes of input cells on every rank (collective), increasing, (n,)."""
+        local_nodes = np.unique(self.solid.nodes_of(cells))
+        every = self.solid.comm.allgather(local_nodes[local_nodes >= 0])
+        return np.asarray(np.unique(np.concatenate(every)))
+
     def raised(self, vector: FloatArray, laminae: Sequence[int]) -> FloatArray:
-        """Return the deflections of all nodes of laminae, on one rank, shape (n_nodes,) [m].
+        """Return this rank's share of the deflections of all nodes of laminae, (n_nodes,) [m].
+
+        The call is collective.
 
         Args:
-            vector: values of the free dofs, shape (n,).
+            vector: values of the own free dofs, shape (n_own,).
             laminae: their numbers.
         """
-        cells = np.flatnonzero(np.isin(self.mesh.lamina, laminae))
-        nodes = np.unique(self.solid.nodes_of(cells))
+        nodes = self._nodes_of(np.flatnonzero(np.isin(self.mesh.lamina, laminae)))
         return np.asarray(self.free[self.mesh.dim * nodes + UP] @ vector)
 
     def _bonded(self, case: Case, lamina: int) -> BoolArray:
@@ -330,7 +352,7 @@ def place_rows(solid: Solid, places: Sequence[Place]) -> sp.csr_matrix:
 
 
 def with_places(structure: Structure, places: Sequence[Place]) -> Structure:
-    """Return the structure of a plate on one rank with readings of further places, after its own.
+    """Return the structure of a plate with readings of further places, after its own (collective).
 
     Raises:
         CaseError: a place is outside of its lamina.
@@ -341,7 +363,7 @@ def with_places(structure: Structure, places: Sequence[Place]) -> Structure:
     if not further:
         return structure
     assert body is not None and layout.reading is not None
-    rows = place_rows(body.solid, further)
+    rows = gathered(place_rows(body.solid, further), body.solid.comm)
     reading = replace(
         layout.reading,
         matrix=sp.vstack([layout.reading.matrix, rows @ body.free], format="csr"),
@@ -352,7 +374,7 @@ def with_places(structure: Structure, places: Sequence[Place]) -> Structure:
 
 
 def sheets_of(body: Body) -> Sheets | None:
-    """Return the middle surfaces of the laminae of a plate on one rank.
+    """Return the middle surfaces of the laminae of a plate, with the own columns (collective).
 
     Returns:
         The surfaces; None if cells are no hexahedra with upright edges.
@@ -391,7 +413,7 @@ def sheets_of(body: Body) -> Sheets | None:
         first += where.size
     points, thickness, part, cells = (np.concatenate(values) for values in tables.values())
     places = [Place(int(k), x, z, 0) for k, (x, _, z) in zip(part, points.tolist(), strict=True)]
-    rows = place_rows(body.solid, places)
+    rows = gathered(place_rows(body.solid, places), body.solid.comm)
     return Sheets(points, thickness, part, cells, rows @ body.free, rows @ body.base)
 
 

@@ -637,6 +637,12 @@ class Unknowns:
         return np.asarray(result)
 
     @property
+    def bodies(self) -> IntArray:
+        """Number of the body of each own free dof (collective), shape (n_own,)."""
+        of_nodes, _ = self.solid.extremes(self.solid.mesh.bodies)
+        return np.asarray(of_nodes[self.own // self.solid.dim - self.solid.first_node])
+
+    @property
     def rigid_motions(self) -> FloatArray:
         """Values of the own free dofs in rigid motions (collective), shape (n_own, 3 or 6).
 

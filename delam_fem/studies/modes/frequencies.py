@@ -12,7 +12,7 @@ The modes of single laminae stand beside those of the exact cantilever.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,25 +25,34 @@ from delam_fem.api import (
     Finding,
     FloatArray,
     IntArray,
+    Operators,
     Report,
     RunContext,
     Structure,
     Table,
     assemble,
     beams,
+    closed_by,
     factored,
     find_case,
     keeping_closed,
     lowest,
+    n_columns,
     nodal,
     number,
     opening_amplitude,
     require,
+    restricted,
     springs_of,
     style,
+    times,
+    together,
 )
 from delam_fem.studies.modes.plates import PlateModes, plate_modes
 from delam_fem.studies.modes.study import Modes as Options
+
+if TYPE_CHECKING:
+    from delam_fem.api import MPI
 
 Kind = Literal["free", "closed"]
 
@@ -224,40 +233,41 @@ def structure_modes(
     """
     require(kind in get_args(Kind), "delaminations", "free or closed", kind)
     o, layout = structure.operators, structure.layout
-    S = {"free": sp.identity(o.n_dofs, format="csr"), "closed": keeping_closed(structure)}
-    n_open = S["closed"].shape[1]
-    require(1 <= n <= n_open, "number of modes", f"1 to {n_open}", n)
+    S = keeping_closed(structure)
+    n_closed = n_columns(S)
+    require(1 <= n <= n_closed, "number of modes", f"1 to {n_closed}", n)
     solutions = {}
     is_floating = case.n_rigid > 0
-    is_tied = S["closed"].shape[1] < o.n_dofs
-    for name, matrix in S.items() if is_tied else [(kind, S["free"])]:
-        count = n if name == kind else min(n + _MORE, matrix.shape[1])
+    is_tied = n_closed < o.n_dofs
+    for name in get_args(Kind) if is_tied else (kind,):
+        count = n if name == kind else min(n + _MORE, n_closed if name == "closed" else o.n_dofs)
         K, M = o.stiffness, o.mass
         if name == "closed":
-            K, M = (matrix.T @ m @ matrix for m in (K, M))
+            K, M = (closed_by(S, A) for A in (K, M))
         known = factor if name == "free" or not is_tied else None
         frequencies, vectors = lowest(K, M, count, is_floating=is_floating, factor=known)
         has_mass = np.isfinite(frequencies)
-        solutions[name] = frequencies[has_mass], matrix @ vectors[:, has_mass]
+        vectors = vectors[:, has_mass]
+        solutions[name] = frequencies[has_mass], times(S, vectors) if name == "closed" else vectors
     frequencies, vectors = solutions[kind]
     n_open = frequencies.size
     require(n == n_open, "number of modes", f"1 to {n_open}, as no more motions have mass", n)
     other_kind = "closed" if kind == "free" else "free"
     other_frequencies, other = solutions.get(other_kind, solutions[kind])
-    partners = _partners(vectors, other, o.mass)
+    partners = _partners(vectors, other, o)
     deflections = nodal(layout, vectors.T, np.zeros(n))[0].swapaxes(0, 1)
     largest = np.abs(deflections).max(axis=(1, 2))
     motions, sizes = _motions(structure, vectors, largest)
     is_bending = np.array([motion == BENDING for motion in motions])
     largest = np.where(is_bending & (not case.is_plate), largest, sizes)
     places, spans, pairs = _delaminations(case, structure)
-    gaps = np.abs(o.gap_matrix @ vectors)
+    gaps = np.abs(o.total(o.gap_matrix @ vectors))
     openings = np.array([gaps[rows].max(axis=0, initial=0.0) / largest for rows in pairs])
     shapes = deflections / largest[:, None, None]
     plate = None
     if case.is_plate and structure.body is not None:
         plate = plate_modes(structure.body, case, vectors)
-        motions = plate.named(motions)
+        motions = motions if plate is None else plate.named(motions)
     flat = shapes.reshape(n, -1)
     upwards = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])  # the largest deflection
     return StructureModes(
@@ -294,8 +304,7 @@ def _motions(
     n = vectors.shape[0] - count
     sizes = {"impactor": np.abs(vectors[n:]).max(axis=0, initial=0.0)}
     if body is not None:
-        nodes = np.abs(body.gathered(vectors[:n].T, np.zeros(vectors.shape[1])))
-        along, up, *across = nodes.max(axis=1).T  # the largest of all nodes
+        along, up, *across = body.largest(vectors[:n]).T
         sizes |= {"stretch": along, "torsion": up}  # up beside middle lines that do not deflect
         if across:
             is_turned = up >= SLIGHT * across[0]
@@ -313,13 +322,13 @@ def _motions(
     return motions, largest
 
 
-def _partners(vectors: FloatArray, other: FloatArray, M: sp.csr_matrix) -> IntArray:
+def _partners(vectors: FloatArray, other: FloatArray, o: Operators) -> IntArray:
     """Return for each vector the number of the one in `other` with the same shape, or -1."""
 
     def unit(v: FloatArray) -> FloatArray:
-        return np.asarray(v / np.sqrt(np.einsum("ij,ij->j", v, M @ v)))
+        return np.asarray(v / np.sqrt(o.total(np.einsum("ij,ij->j", v, times(o.mass, v)))))
 
-    alike = (unit(vectors).T @ (M @ unit(other))) ** 2
+    alike = o.total(unit(vectors).T @ times(o.mass, unit(other))) ** 2
     best = alike.argmax(axis=1)
     return np.asarray(np.where(alike.max(axis=1) > ALIKE, best, -1))
 
@@ -448,9 +457,17 @@ def modes(
     Raises:
         CaseError: n is below 1 or above the number of dofs, or `delaminations` is another word.
     """
-    case = find_case(case).without_impactors
-    structure = assemble(case)
-    if not case.is_loaded:  # nothing reads the damping: of solids it is as large as the stiffness
+    return together(_modes, find_case(case).without_impactors, n, delaminations)
+
+
+def _modes(
+    case: Case, n: int, delaminations: Kind, *, comm: MPI.Intracomm | None
+) -> NaturalModes | StructureModes:
+    """Return the lowest modes (collective); see `modes`."""
+    structure = assemble(case, comm=comm)
+    if (
+        comm is None and not case.is_loaded
+    ):  # nothing reads the damping: of solids it is as large as the stiffness
         undamped = sp.csr_matrix(structure.operators.damping.shape)
         structure = replace(structure, operators=replace(structure.operators, damping=undamped))
     factor = None
@@ -480,15 +497,16 @@ def modes_of(
         CaseError: n is below 1 or above the number of dofs of a lamina.
     """
     layout, o = structure.layout, structure.operators
-    n_shared = min(layout.own_dofs(i).size for i in range(len(layout.parts)))
+    sizes = np.array([layout.own_dofs(i).size for i in range(len(layout.parts))])
+    n_shared = int(o.total(sizes).min())
     require(1 <= n <= n_shared, "number of modes", f"1 to {n_shared} (dofs of a lamina)", n)
     shapes = np.zeros((len(layout.parts), n, layout.x.size))
     frequencies = np.zeros((len(layout.parts), n))
     for i in range(len(layout.parts)):
         dofs = layout.own_dofs(i)
-        K, M = (matrix[dofs][:, dofs] for matrix in (o.stiffness, o.mass))
+        K, M = (restricted(A, dofs) for A in (o.stiffness, o.mass))
         frequencies[i], vectors = lowest(K, M, n, factor=factor)
-        full_shapes = np.zeros((n, o.n_dofs))
+        full_shapes = np.zeros((n, o.n_own))
         full_shapes[:, dofs] = vectors.T
         deflections = nodal(layout, full_shapes, np.zeros(n))[0, i]
         shapes[i] = deflections / deflections[:, -1:]  # 1 at the last point

@@ -84,8 +84,8 @@ class PlateModes:
         return figure
 
 
-def plate_modes(body: Body, case: Case, vectors: FloatArray) -> PlateModes:
-    """Return shares and maps of modes of a plate.
+def plate_modes(body: Body, case: Case, vectors: FloatArray) -> PlateModes | None:
+    """Return shares and maps of modes of a plate on the first rank (collective), None on others.
 
     Args:
         body: the plate.
@@ -95,6 +95,8 @@ def plate_modes(body: Body, case: Case, vectors: FloatArray) -> PlateModes:
     n = vectors.shape[1]
     motion = body.gathered(vectors[: body.free.shape[1]].T, np.zeros(n))
     shape = body.shape()
+    if not body.is_first:
+        return None
     mesh = body.mesh
     density = np.array([lamina.mean("density") for lamina in case.lamina])[mesh.lamina]
     energy = density * np.abs(volumes(mesh)) * _mean_squares(body, shape.nodes, motion)
