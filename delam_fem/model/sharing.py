@@ -175,9 +175,11 @@ class Share:
 
     def destroy(self) -> None:
         """Free the factors."""
-        for handle in (self._eigenpairs or self._solver, self._vector, self._sum):
+        comm = self._factor.comm.tompi4py()
+        for handle in (self._eigenpairs, self._solver, self._factor, self._vector, self._sum):
             if handle is not None:
                 handle.destroy()
+        release(comm)  # other handles of these objects that Python has had
 
 
 class Ranks:
