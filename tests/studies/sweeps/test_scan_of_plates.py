@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plates import patched
+from plates import FORCE, patched
 
 import delam_fem as df
 from delam_fem import CaseError, Sweep, run_sweep
 from delam_fem.api import WITHOUT_FRAMES, reduced_case
 from delam_fem.studies.convergence.refinement import RefinementStudy, method
 from delam_fem.studies.signals.scan import shapes_of
-from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of, units_of
 
 SCAN = {"scan": {"spacing": 0.02}}
 SECTIONS = {
@@ -77,3 +77,21 @@ def test_a_sweep_keeps_the_shapes_of_each_run(tmp_path: Path) -> None:
         row = data["order"].to_numpy().tolist().index(k)
         largest = np.abs(alone.order(1.0)).max()
         np.testing.assert_allclose(recorded[row], alone.order(k), atol=1e-6 * largest)
+
+
+@pytest.mark.parametrize(
+    "key", ["delamination.1.across.2", "sensor.laser.position.1", "excitation.position.2"]
+)
+def test_numbers_of_lists_are_lengths(key: str) -> None:
+    assert units_of(key) == ["m"]
+    laser = {"name": "laser", "quantity": "velocity", "lamina": "upper", "position": [0.1, 0.01]}
+    case = patched(excitation=FORCE, sensor=[laser])
+    changed = case.with_overrides({key: 0.025})
+    assert changed != case
+    assert 0.025 in (
+        *(changed.delamination[0].across or ()),
+        *changed.sensor[0].position,
+        *changed.excitation.position,
+    )
+    with pytest.raises(CaseError, match="from 1 to 2"):
+        case.with_overrides({f"{key[:-1]}3": 0.025})
