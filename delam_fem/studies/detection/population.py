@@ -700,7 +700,7 @@ class PodStudy(Finding):
     def _length(self) -> str:
         """Label of an axis of lengths."""
         if self.case.is_plate:
-            return "√(area of the patch) over the shorter side of the plate"
+            return "√area of the patch / shorter side"
         return "length of the delamination a/L"
 
     def depth_figure(self) -> Figure:
@@ -711,14 +711,17 @@ class PodStudy(Finding):
             a = (line.trials["length"].to_numpy() / reach_of(self.case)).round(6)
             depth = (100.0 * line.trials["depth"].to_numpy() / thickness).round(4)
             hit = line.trials["hit"].to_numpy()
-            lengths = np.unique(a)
-            depths = np.unique(depth)
-            shares = [[hit[(a == one) & (depth == d)].mean() for one in lengths] for d in depths]
+            lengths, column = np.unique(a, return_inverse=True)
+            depths, row = np.unique(depth, return_inverse=True)
+            counts = np.zeros((2, depths.size, lengths.size))
+            np.add.at(counts, (0, row, column), hit)
+            np.add.at(counts, (1, row, column), 1.0)
+            shares = np.ma.masked_array(counts[0] / np.maximum(counts[1], 1.0), counts[1] == 0.0)
             colours = axes.pcolormesh(
                 style.edges(lengths), style.edges(depths), shares, vmin=0.0, vmax=1.0
             )
             axes.grid(visible=False)
-            axes.set(ylabel="depth [% of the thickness]")
+            axes.set(ylabel="depth [% of the thickness]", xticks=lengths, yticks=depths)
         style.label_x([axes for axes, _ in panels], self._length)
         figure.colorbar(colours, ax=[axes for axes, _ in panels], label="share of hits")
         return figure
