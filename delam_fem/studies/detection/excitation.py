@@ -521,7 +521,8 @@ def plate_figure(found: ExcitationMap) -> Figure:
             axes.axvline(resonance, color="black", ls="--", lw=1.0)
             axes.axvline(0.5 * resonance, color="black", ls="-.", lw=1.0)
     named = [f"{name} {resonance:.4g} Hz" for name, resonance in found.defect_resonances.items()]
-    first.set_title(f"defect resonance: {', '.join(named) or 'none'}", loc="left")
+    lines_of = ", ".join(named) + " (dashed), and a half of it (dash-dotted)" if named else "none"
+    first.set_title(f"defect resonance: {lines_of}", loc="left")
     lines.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     assert found.z is not None
     colours = plan.tripcolor(
