@@ -31,7 +31,6 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.identity import belong, identity, require_same
-from delam_fem.contact.decisions import PairState
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import Engine, Outcome, State
 from delam_fem.simulation.recorder import (
@@ -229,17 +228,12 @@ def arrays_of(run: str, engine: Engine, recorder: Recorder, outcome: Progress) -
         outcome: "running", or how the run has ended.
     """
     k = recorder.n_closed
-    state = engine.state()
     arrays: dict[str, Any] = {
         "identity": np.array(run),
         "outcome": np.array(outcome),
         "n_closed": k,
-        "motion": state.motion,
-        **state.pair_state._asdict(),
-        "losses": state.losses,
+        **engine.state().arrays,
     }
-    if state.internal is not None:
-        arrays["internal"] = state.internal
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
         flat = {
@@ -348,12 +342,12 @@ def _damaged(path: Path, error: Exception) -> CaseError:
     )
 
 
-def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) -> None:
+def _require_fitting(data: Mapping[str, Any], present: State, recorder: Recorder) -> None:
     """Require that every array of a checkpoint has the shape and the type that a run gives it.
 
     Args:
         data: the arrays, by name.
-        state: the state among them, whose size is right.
+        present: state of the engine, whose arrays have the shapes of those of the file.
         recorder: recorder of the run, still empty.
 
     Raises:
@@ -363,14 +357,14 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
     if str(data["outcome"]) not in ("running", "completed", "diverged", "failed"):
         raise ValueError("no outcome")
     k = int(data["n_closed"])
-    n_pairs = state.resting.size
+    if not 0 < k <= recorder.n_periods:
+        raise ValueError("another number of periods")
+    n_pairs = present.resting.size
     rows = recorder.steps_per_period + 1
     shapes: dict[str, tuple[int, ...]] = {
-        "motion": state.motion.shape,
-        **dict.fromkeys(PairState._fields, (n_pairs,)),
-        "losses": (2,),
-        **{name: getattr(recorder, name)[:k].shape for name in _PERIOD_ARRAYS},
+        name: values.shape for name, values in present.arrays.items() if name != "internal"
     }
+    shapes |= {name: getattr(recorder, name)[:k].shape for name in _PERIOD_ARRAYS}
     is_failed = str(data["outcome"]) == "failed"
     window = [f"window_{j}_" for j in range(min(k, recorder.window_periods))]
     for prefix in window:
@@ -391,7 +385,7 @@ def _require_fitting(data: Mapping[str, Any], state: State, recorder: Recorder) 
             "resting": (n_pairs,),
             "damped": (n_pairs,) if data[f"{prefix}damped"].size else (0,),
             "totals": (4,),
-            "frames": (n_frames, 2, state.motion.shape[1]) if n_frames else (0,),
+            "frames": (n_frames, 2, present.motion.shape[1]) if n_frames else (0,),
         }
         columns = dict.fromkeys(Columns._fields[:3], (sizes.size,))
         columns |= dict.fromkeys(Columns._fields[3:], (n_hits,))
@@ -415,15 +409,9 @@ def _restored(
 ) -> Progress:
     """Fill an engine and a recorder with the arrays of a checkpoint; return the outcome."""
     outcome: Progress = str(data["outcome"])  # type: ignore[assignment]
-    present = engine.state()
+    _require_fitting(data, engine.state(), recorder)
+    state = State.of(data)
     k = int(data["n_closed"])
-    damping, contact = (float(loss) for loss in data["losses"])
-    pair_state = PairState._make(data[name] for name in PairState._fields)
-    state = State(data["motion"], pair_state, (damping, contact), data.get("internal"))
-    shapes = (present.motion.shape, present.resting.shape)
-    if (state.motion.shape, state.resting.shape) != shapes or not 0 < k <= recorder.n_periods:
-        raise ValueError("arrays of another size")
-    _require_fitting(data, state, recorder)
     for name in _PERIOD_ARRAYS:
         getattr(recorder, name)[:k] = data[name]
     for j in range(min(k, recorder.window.maxlen or k)):

@@ -11,7 +11,7 @@ import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -80,6 +80,20 @@ class State:
     def resting(self) -> BoolArray:
         """Which pairs are at rest, shape (n_pairs,)."""
         return self.pair_state.resting
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """The numbers by name, as files keep them; `of` makes a state of them again."""
+        losses = np.array(self.losses)
+        arrays = {"motion": self.motion, **self.pair_state._asdict(), "losses": losses}
+        return arrays if self.internal is None else arrays | {"internal": self.internal}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, Any]) -> State:
+        """Return the state with the numbers of `arrays`, which may have others beside them."""
+        damping, contact = (float(loss) for loss in arrays["losses"])
+        pair_state = PairState._make(arrays[name] for name in PairState._fields)
+        return cls(arrays["motion"], pair_state, (damping, contact), arrays.get("internal"))
 
 
 class Shared(Protocol):

@@ -201,9 +201,10 @@ def test_messages_of_checkpoints_are_exact(tmp_path: Path) -> None:
         "to compute everything again, with --overwrite in the same folder"
     )
     for change, reason in (
-        ({"n_closed": 4}, "arrays of another size"), ({"n_closed": 0}, "arrays of another size"),
-        ({"motion": np.zeros((3, 4))}, "arrays of another size"),
-        ({"resting": np.zeros(3, bool)}, "arrays of another size"),
+        ({"n_closed": 4}, "another number of periods"),
+        ({"n_closed": 0}, "another number of periods"),
+        ({"motion": np.zeros((3, 4))}, "motion of another size or type"),
+        ({"resting": np.zeros(3, bool)}, "resting of another size or type"),
     ):  # fmt: skip
         write_arrays(path, arrays | change)
         assert refusal(loaded) == damaged.format(reason)

@@ -41,7 +41,6 @@ from delam_fem.api import (
     CaseError,
     FloatArray,
     IntArray,
-    PairState,
     State,
     processor,
     require_same,
@@ -95,20 +94,18 @@ def packed(done: ChunkResult) -> bytes:
     points, state = done.points, done.state
     none = np.full(max((p.row.size for p in points if p.row is not None), default=0), np.nan)
     rows = np.array([none if p.row is None else p.row for p in points])
-    arrays: list[Any] = [np.array([p.index for p in points], dtype=np.int64), rows]
-    if state is not None:
-        internal = [] if state.internal is None else [state.internal]
-        arrays += [state.motion, np.array(state.losses), *internal, *state.pair_state]
+    indices = np.array([p.index for p in points], dtype=np.int64)
+    arrays = {"indices": indices, "rows": rows, **({} if state is None else state.arrays)}
     about = {
         "track": done.chunk.track,
-        "arrays": [[a.dtype.str, *a.shape] for a in arrays],
+        "arrays": {name: [a.dtype.str, *a.shape] for name, a in arrays.items()},
         "others": [[k, p.outcome, p.error] for k, p in enumerate(points) if p.row is None],
         "seconds": round(done.seconds, 6),
     }
     text = json.dumps(about).encode()
     text += b" " * (-len(text) % _ALIGNED)
     head = struct.pack("<Q", len(text)) + text
-    return framed(head + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
+    return framed(head + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values()))
 
 
 def payloads(data: mmap.mmap | bytes) -> Iterator[tuple[int, int]]:
@@ -138,19 +135,16 @@ def unpacked(data: mmap.mmap | bytes, start: int) -> StoredChunk:
     """Return the chunk in the payload at `start` of a part file; see `packed`."""
     (length,) = struct.unpack_from("<Q", data, start)
     place = start + 8 + length
-    arrays = []
-    state = None
+    arrays: dict[str, Any] = {}
     about = json.loads(data[start + 8 : place])
-    for kind, *shape in about["arrays"]:
-        array: Any = np.frombuffer(data, kind, math.prod(shape), place)
-        arrays.append(array.reshape(shape))
+    for name, (kind, *shape) in about["arrays"].items():
+        array = np.frombuffer(data, kind, math.prod(shape), place)
+        arrays[name] = array.reshape(shape)
         place += array.nbytes
-    indices, rows, *more = arrays
-    if more:
-        motion, losses, *of_state = (part.copy() for part in more)
-        n = len(PairState._fields)
-        pair_state = PairState._make(of_state[-n:])
-        state = State(motion, pair_state, tuple(losses.tolist()), *of_state[:-n])
+    indices = arrays.pop("indices")
+    rows = arrays.pop("rows")
+    copies = {name: values.copy() for name, values in arrays.items()}
+    state = State.of(copies) if copies else None
     others = {int(k): (str(outcome), str(error)) for k, outcome, error in about["others"]}
     return StoredChunk(about["track"], indices.copy(), others, rows, state, about["seconds"])
 
