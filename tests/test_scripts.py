@@ -34,6 +34,15 @@ def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert (tmp_path / "figures" / "performance.png").stat().st_size > 1000
 
 
+@pytest.mark.nightly
+def test_cost_of_plates_is_measured_over_steps_and_pairs() -> None:
+    plates = script("plate_cost").main(["--short"])
+    assert [row["scheme"] for row in plates["steps"]] == ["moreau-jean", "newmark"]
+    assert all(row["step"] > row["solves"] > 0.0 for row in plates["steps"])
+    (row,) = plates["pairs"]
+    assert row["coordinates"] > row["pairs"] > 0
+
+
 def test_page_of_performance_is_that_of_its_numbers() -> None:
     numbers = json.loads((ROOT / "docs" / "evidence" / "performance.json").read_text("utf-8"))
     page = (ROOT / "docs" / "evidence" / "performance.md").read_text("utf-8")
