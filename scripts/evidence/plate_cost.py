@@ -34,7 +34,7 @@ PATCHES = {
 MODES = 60
 LAYERS = {"lower": 0.0014, "upper": 0.0006}
 STEPS, FULL_STEPS = 400, 100
-REPEATS, SECONDS = 8, 6.0
+REPEATS, SECONDS = 4, 6.0
 """Calls in a turn, and the time for which turns are repeated [s]."""
 LENGTHS = {"compiled": (4, 24), "petsc": (2, 6)}
 """Periods of two runs, whose difference has no set-up in it."""

@@ -84,7 +84,7 @@ def clapping(law: str, impulse: str, refine: int, damper: float | None = None) -
     if law.startswith("newton"):
         contact |= {"restitution": 0.3, "impulse": impulse}
     if "penalty" in law:
-        contact |= {"penalty_stiffness": 2e3}
+        contact |= {"penalty_stiffness": 1e5}
     if law == "penalty":
         contact |= {"penalty_damping": 0.5}
     return plate(
