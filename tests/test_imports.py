@@ -50,8 +50,8 @@ ALLOWED: dict[str, set[str]] = {
 ABOVE_THE_SEAM = ("studies", "paper")
 OF_SCRIPTS = {
     "contact.complementarity", "engines.compiled.engine", "engines.compiled.matrices",
-    "engines.compiled.state", "engines.petsc.linear_algebra", "engines.petsc.theta",
-    "model.operators", "model.sharing", "reference.loop", "system.caches",
+    "engines.compiled.state", "engines.petsc.linear_algebra", "engines.petsc.newmark",
+    "engines.petsc.theta", "model.operators", "model.sharing", "reference.loop", "system.caches",
 }  # fmt: skip
 """What scripts besides look into: benchmarks of operations, trials on bare matrices and in C."""
 

@@ -33,7 +33,7 @@ PATCHES = {
 """Half sizes of patches [m] that have about so many pairs on a mesh of 26 x 24 cells."""
 MODES = 60
 LAYERS = {"lower": 0.0014, "upper": 0.0006}
-STEPS, FULL_STEPS = 400, 100
+STEPS = 400
 REPEATS, SECONDS = 4, 6.0
 """Calls in a turn, and the time for which turns are repeated [s]."""
 LENGTHS = {"compiled": (4, 24), "petsc": (2, 6)}
@@ -130,7 +130,7 @@ def fastest(*actions: Callable[[], None]) -> list[float]:
 
 
 def over_pairs(half: tuple[float, float], cells: tuple[int, int], modes: int) -> dict[str, Any]:
-    """Measure a plate with a patch: assembly, reduction, steps of both engines, and a full run."""
+    """Measure a plate with a patch: assembly, reduction, and steps of both engines."""
     import delam_fem as df
     from delam_fem.api import assemble
 
@@ -158,26 +158,6 @@ def over_pairs(half: tuple[float, float], cells: tuple[int, int], modes: int) ->
                 spent.append(time.process_time() - begin)
             of_step = (spent[2] - spent[1]) / (STEPS * (lengths[1] - lengths[0]))
             result[f"{engine} {law}"] = 1e6 * of_step
-    return result | in_full(case, full)
-
-
-def in_full(case: Any, full: Any) -> dict[str, float]:
-    """Measure steps on the full mesh with and without contact [ms]."""
-    import delam_fem as df
-
-    quick = {
-        "excitation.frequency": 700.0 * STEPS / FULL_STEPS,
-        "time.steps_per_period": FULL_STEPS,
-    }
-    result = {}
-    for law in ("newton@moreau-jean", "none@moreau-jean"):
-        spent = []
-        for periods in (1, 2):
-            run = case.with_overrides(quick | {"contact.law": law, "time.periods": periods})
-            begin = time.process_time()
-            df.run(run, structure=full)
-            spent.append(time.process_time() - begin)
-        result[f"full {law}"] = 1e3 * (spent[1] - spent[0]) / FULL_STEPS
     return result
 
 
