@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support import refusal
 
-from delam_fem.api import apply_overrides, read_toml, shown, toml_text
+from delam_fem.api import CaseError, apply_overrides, read_toml, shown, toml_text
 from delam_fem.case import toml
 from delam_fem.case.toml import parse_override, parsed, set_key, toml_value
 
@@ -199,3 +199,14 @@ def test_the_ends_of_several_supports_are_added() -> None:
 def test_keys_that_are_none_are_refused(key: str, message: str) -> None:
     told = refusal(lambda: apply_overrides(deepcopy(CASE), {key: 1.0}))
     assert told == f"override {key}: {message}"
+
+
+def test_a_number_of_a_list_is_set_by_its_place() -> None:
+    """Places count from 1; numbers alone are set so, tables by their names."""
+    data: dict[str, object] = {"lamina": [{"name": "a", "young_modulus": {"value": [1.0, 2.0]}}]}
+    set_key(data, "lamina.a.young_modulus.value.2", 3.0)
+    assert data == {"lamina": [{"name": "a", "young_modulus": {"value": [1.0, 3.0]}}]}
+    with pytest.raises(CaseError, match="at a place from 1 to 2"):
+        set_key(data, "lamina.a.young_modulus.value.3", 3.0)
+    with pytest.raises(CaseError, match="not a key of a case"):
+        set_key(data, "lamina.1", 3.0)

@@ -76,6 +76,24 @@ def test_of_many_simulations_a_share_is_accepted() -> None:
     assert len(many.posterior(observed, accepted=0.2).samples) == round(0.2 * 1500)
 
 
+def test_what_the_model_made_is_seldom_doubted_and_a_statistic_that_is_off_is() -> None:
+    """The third statistic is noise alone."""
+    rng = np.random.default_rng(3)
+
+    def observed(parameters: np.ndarray) -> np.ndarray:
+        a, b = parameters.T
+        exact = np.stack([a + b, a - b, 0.0 * a], axis=1)
+        return exact + NOISE * rng.standard_normal(exact.shape)
+
+    parameters = rng.uniform(-1.0, 1.0, (2000, 2))
+    simulations = Simulations(parameters, observed(parameters), BOX)
+    own = observed(rng.uniform(-0.9, 0.9, (60, 2)))
+    shares = np.array([simulations.misfit(row)[0] for row in own])
+    assert ((shares >= 0.0) & (shares <= 1.0)).all()
+    assert np.mean(shares < 0.1) < 0.25  # at most 0.1, and 4 standard errors
+    assert simulations.misfit(np.array([0.3, 0.1, 8.0 * NOISE]))[0] < 1e-6
+
+
 def left_out(columns: np.ndarray, targets: np.ndarray, penalty: float) -> float:
     """Return the mean square error of rows, each predicted by a ridge regression of all others."""
     errors = []
