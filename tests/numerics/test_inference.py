@@ -87,8 +87,8 @@ def test_what_the_model_made_is_seldom_doubted_and_a_statistic_that_is_off_is() 
 
     parameters = rng.uniform(-1.0, 1.0, (2000, 2))
     simulations = Simulations(parameters, observed(parameters), BOX)
-    own = observed(rng.uniform(-0.9, 0.9, (60, 2)))
-    shares = np.array([simulations.misfit(row)[0] for row in own])
+    observations = observed(rng.uniform(-0.9, 0.9, (60, 2)))
+    shares = np.array([simulations.misfit(row)[0] for row in observations])
     assert ((shares >= 0.0) & (shares <= 1.0)).all()
     assert np.mean(shares < 0.1) < 0.25  # at most 0.1, and 4 standard errors
     assert simulations.misfit(np.array([0.3, 0.1, 8.0 * NOISE]))[0] < 1e-6
