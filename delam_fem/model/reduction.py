@@ -59,8 +59,9 @@ class Reduction:
     @property
     def frequencies(self) -> FloatArray:
         """The lowest frequencies of the full and of the reduced structure, shape (2, k) [Hz]."""
-        full = self.basis.lowest
-        both = np.stack([full, np.sort(self.basis.squares)[: full.size]])
+        squares = np.sort(self.basis.squares)
+        count = min(squares.size, self.basis.lowest.size)
+        both = np.stack([self.basis.lowest[:count], squares[:count]])
         return np.asarray(np.sqrt(both) / (2.0 * np.pi))
 
     @property

@@ -9,6 +9,8 @@ from mpi_pool import Crew
 START = """
 from pathlib import Path
 import numpy as np
+import delam_fem as df
+from delam_fem.case.files import save_case
 from delam_fem.cli import console
 from delam_fem.cli.app import app
 
@@ -23,15 +25,17 @@ folder, = arguments
 """
 REDUCE = """
 alone = Path(folder, "alone")
-case = ["--set", "model.kind=plane-stress", "--set", "mesh.elements=16", "-q"]
+case = df.preset("embedded", {"model.kind": "plane-stress", "mesh.elements": 16}).model_dump()
+case["initial"] = [{"shape": "mode", "mode": 2, "velocity": 1e-3}]
+case = [str(save_case(df.Case(**case), Path(folder, str(comm.rank)))), "-q"]
 if comm.rank == 0:
     console.launched = lambda: None
-    assert call("reduce", "embedded", *case, "--modes", 5, "-o", alone) == 0
+    assert call("reduce", *case, "--modes", 5, "-o", alone) == 0
     console.launched = lambda: comm
 comm.Barrier()
 together = Path(folder, f"together{comm.size}")
-assert call("reduce", "embedded", *case, "--modes", 5, "-o", together) == 0
-assert call("modes", "embedded", *case, "-o", together / "modes") == 0
+assert call("reduce", *case, "--modes", 5, "-o", together) == 0
+assert call("modes", *case, "-o", together / "modes") == 0
 comm.Barrier()
 if comm.rank == 0:
     one, many = (dict(np.load(path / "reduced.npz")) for path in (alone, together))
@@ -41,6 +45,8 @@ if comm.rank == 0:
         a, b = (content[name] for content in (one, many))
         flexible = [(x / content["squares"]) @ x.T for x, content in ((a, one), (b, many))]
         assert np.allclose(*flexible, rtol=0.0, atol=1e-9 * np.abs(flexible[0]).max()), name
+    energies = [np.sum(content["start"][1] ** 2) for content in (one, many)]
+    assert energies[0] > 0.0 and np.isclose(*energies, rtol=1e-8), energies
     assert (together / "modes" / "modes.json").exists()
 """
 REFUSED = """
