@@ -130,16 +130,16 @@ def _factorise(W, origin, stride, pairs, m, lift, memory):  # type: ignore[no-un
     for i in range(n_kept, m):
         pair = pairs[active[i]]
         first = i * stride
-        row = origin + pair * stride
+        row = origin + pair
         for j in range(i + 1):
-            value = W[row + pairs[active[j]]]
+            value = W[row + pairs[active[j]] * stride]
             if j == i and lift > 0.0:
                 value += lift * value
             for k in range(j):
                 value -= factor[first + k] * factor[j * stride + k]
             if j < i:
                 factor[first + j] = value * factor[j * stride + j]
-            elif value > SINGULAR * W[row + pair]:
+            elif value > SINGULAR * W[row + pair * stride]:
                 factor[first + i] = 1.0 / np.sqrt(value)
             else:
                 return False
@@ -200,10 +200,11 @@ def _most_violated(W, origin, stride, pairs, n, q, p, m, limit, memory):  # type
     chosen = -1
     for j in range(n):
         if memory.side[j] == IDLE:
-            row = origin + pairs[j] * stride
+            row = origin + pairs[j]
             residual = q[j]
             for i in range(m):
-                residual += W[row + pairs[memory.active[i]]] * p[memory.active[i]]
+                other = memory.active[i]
+                residual += W[row + pairs[other] * stride] * p[other]
             if residual < best:
                 best = residual
                 chosen = j
@@ -285,10 +286,13 @@ def _attempt(W, origin, stride, pairs, n, q, p, change, noise, largest, lift, me
     if not _is_solved(W, origin, stride, pairs, n, q, p, limit, lift, memory):
         result = NOT_FOUND
     for i in range(n):
-        row = origin + pairs[i] * stride
         change[i] = 0.0
-        for j in range(n):
-            change[i] += W[row + pairs[j]] * p[j]
+    for j in range(n):
+        if p[j] != 0.0:  # few pairs of a wide contact are pushed
+            column = origin + pairs[j] * stride
+            for i in range(n):
+                change[i] += W[column + pairs[i]] * p[j]
+    for i in range(n):
         if not change[i] + q[i] >= -max(UNSOLVABLE * largest, noise):
             result = OUT_OF_RANGE if result == SOLVED else result
     return result
@@ -302,7 +306,8 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, noise, memory):  # ty
     continued from a file therefore has the same bits, unless W is singular.
 
     Args:
-        W: symmetric positive semidefinite, with `stride` rows and columns, flat.
+        W: symmetric positive semidefinite, with `stride` rows, column after column, flat: those of
+            pairs that are pushed are read, the others need not be in the caches.
         origin: place of the first entry of W.
         stride: number of all pairs.
         pairs: the pairs in question, increasing, the first n entries.
@@ -346,7 +351,7 @@ def solve_among(W, origin, stride, pairs, n, q, p, change, noise, memory):  # ty
 def solve_into(W, q, p, change):  # type: ignore[no-untyped-def]
     """Write the solution for all pairs into p, and W p into `change`; see `solve_among`."""
     n = q.size
-    return solve_among(W.ravel(), 0, n, np.arange(n), n, q, p, change, 0.0, fresh(n))
+    return solve_among(W.T.ravel(), 0, n, np.arange(n), n, q, p, change, 0.0, fresh(n))
 
 
 def solve(W: FloatArray, q: FloatArray) -> FloatArray:

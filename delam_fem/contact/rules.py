@@ -147,7 +147,7 @@ def solve_impulses(law, W, places, n, hits, noise, memory):  # type: ignore[no-u
 
     Args:
         law: its numbers.
-        W: entries, place of the first and length of a row of W; see `solve_among`.
+        W: entries, place of the first and length of a column of W; see `solve_among`.
         places: rows of W that belong to the candidates.
         n: number of the candidates.
         hits: these, see `closing_pairs`; result, with U̇⁺ and impulses.
@@ -284,7 +284,7 @@ def _examine(pairs, W, gap, rate, free, noise, hit, values, *tables):  # type: i
         return n, OTHERS, False
     if n:
         memory = complementarity.fresh(n)
-        n, result = solve_impulses(law, (W.ravel(), 0, n), np.arange(n), n, hits, noise, memory)
+        n, result = solve_impulses(law, (W.T.ravel(), 0, n), np.arange(n), n, hits, noise, memory)
     after.resting[:] = before.resting
     changed = renew_resting(law, gap.size, gap, n, hits, after)
     return n, result, changed

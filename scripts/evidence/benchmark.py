@@ -376,7 +376,7 @@ def measure(short: bool, limit: Path | None = None) -> dict[str, Any]:
     load = os.getloadavg()[0]
     rows = []
     for n in (5, 20, 50) if short else SIZES:
-        periods = 2 if short else max(1, min(40, 2000 // n))
+        periods = 2 if short else max(4, min(40, 2000 // n))
         row: dict[str, Any] = {"elements": n, "dofs": 4 * n}
         row["bare"] = bare_operations(case_of(n, 1), repeats)
         for name, settings in SCHEMES.items():

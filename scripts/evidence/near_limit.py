@@ -3,10 +3,12 @@
     .venv/bin/python scripts/evidence/near_limit.py --limit SOURCE.cpp [--before CHECKOUT] [--short]
 
 All figures are of one sitting, in processor time: single runs beside the bare loop in C++ of two
-laminae, once alone and once with a copy beside it; the plane of docs/examples/plane.toml beside two
-bare loops with as many steps; points of a basin of attraction, simulations of a table for `detect
-infer`, and a closed delamination. With `--before` sweeps are also measured with the package of
-another checkout, in turn. About 5 minutes on two processors with nothing else to do.
+laminae, once alone and once with a copy beside it; the plane of docs/examples/plane.toml and its
+start, beside two bare loops with as many steps, once at the contact numbers of the bare loop and
+once at those of the plane, where pairs at rest take more time; points of a basin of attraction,
+simulations of a table for `detect infer`, and a closed delamination. With `--before` sweeps are
+also measured with the package of another checkout, in turn. About 5 minutes on two processors with
+nothing else to do.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+import delam_fem as df
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 SIZES = (20, 50, 200, 2000)
@@ -33,6 +37,8 @@ MASSES = {
     "consistent": ("lump=0", "imass=1"),
 }
 STEPS_PER_PERIOD = 1000
+EVERY = 8
+"""Of the points of the plane, each so many-th one is computed by bare loops."""
 SLOPE = """
 import sys, time
 import delam_fem as df
@@ -167,6 +173,30 @@ def bare_loop(limit: Path, n_copies: int, elements: int, mass: str, periods: int
     return 1e9 * (spent[1] - spent[0]) / n_steps
 
 
+def bare_plane(limit: Path, n_periods: int) -> float:
+    """Return the time of bare loops at the contact numbers of the plane, two at a time [s].
+
+    It follows from runs of two lengths, without the set-up of the loops.
+    """
+    sweep = df.load_sweep(EXAMPLES / "plane.toml")
+    points = range(0, sweep.n_points, EVERY)
+    lengths = (n_periods // 4, n_periods)
+    spent = []
+    for length in lengths:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        for first, second in zip(points[::2], points[1::2], strict=True):
+            copies = []
+            for index in (first, second):
+                contact = sweep.case(index).contact
+                flags = [f"e={contact.restitution}", f"k={contact.penalty_stiffness}", "f=3.25"]
+                command = [str(limit), "n=20", f"per={length}", *flags, *MASSES["consistent"]]
+                copies.append(subprocess.Popen(command, stdout=subprocess.DEVNULL))
+            for copy in copies:
+                copy.wait()
+        spent.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
+    return EVERY * (spent[1] - spent[0]) * n_periods / (lengths[1] - lengths[0])
+
+
 def singles(limit: Path, now: Checkout, short: bool) -> Table:
     """Return the table of single runs beside the bare loop."""
     columns = ("elements", "mass", "copies", "bare loop [ns]", "compiled [ns]", "ratio")
@@ -238,6 +268,11 @@ def many(limit: Path, checkouts: dict[str, Checkout], folder: Path, short: bool)
             seconds = checkout.seconds(SWEEP, EXAMPLES / "plane.toml", n_periods)
             of_plane[name] = min(of_plane[name], seconds)
     add(table, f"plane, 20 × 20 points, {n_periods} periods, with its start", "s", of_plane)
+    start = {
+        name: min(checkout.seconds(SWEEP, sweep_file(folder, "plane", 2), 1) for _ in range(2))
+        for name, checkout in checkouts.items()
+    }
+    add(table, "its start: three processes, 2 × 2 points of a single period", "s", start)
     for what, runs in parts.items():
         (small, small_run), (large, large_run) = runs.items()
         times = dict.fromkeys(checkouts, float("inf"))
@@ -253,9 +288,11 @@ def many(limit: Path, checkouts: dict[str, Checkout], folder: Path, short: bool)
     add(table, "closed delamination, 80 elements, a step", "µs", closed)
     n_steps = 400 * n_periods * STEPS_PER_PERIOD
     bare = bare_loop(limit, 2, 20, "consistent", 50 * n_periods)
-    table.add_row(
-        "two bare loops with the steps of the plane", "s", "", f"{n_steps * bare / 1e9:.2f}"
-    )
+    blank = [""] * (len(checkouts) - 1)
+    same = f"{n_steps * bare / 1e9:.2f}"
+    table.add_row("two bare loops with the steps of the plane", "s", *blank, same)
+    own = f"{bare_plane(limit, n_periods):.2f}"
+    table.add_row("the same at the contact numbers of the plane", "s", *blank, own)
     return table
 
 

@@ -244,8 +244,18 @@ def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
 @njit
 def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
     """Write the gaps at the displacements u + ahead v, and the gap rates, of all pairs."""
+    size = system.size
+    H = system.gap_rows
+    if system.is_chained and not system.is_within:  # opposite nodes: -1 and 1 in two columns
+        for k in range(system.n_pairs):
+            low = H.column[2 * k]
+            high = H.column[2 * k + 1]
+            v = X[size + high] - X[size + low]
+            gap[k] = system.gap0[k] + (X[high] - X[low]) + ahead * v
+            rate[k] = v
+        return
     for k in range(system.n_pairs):
-        u, v = both_products(system.gap_rows, k, X, system.size)
+        u, v = both_products(H, k, X, size)
         gap[k] = system.gap0[k] + u + ahead * v
         rate[k] = v
 
@@ -267,7 +277,7 @@ def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
     n_pairs = system.n_pairs
     H = system.gap_rows
     W = memory.compliance
-    first = system.coarseness * n_pairs * n_pairs + pair
+    first = (system.coarseness * n_pairs + pair) * n_pairs
     if law.is_coupled:
         clear(X, system.size, R)
         spread_one(system, X, pair, 1.0)
@@ -276,10 +286,10 @@ def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
         else:
             solve_mass(system, X)
         for i in range(n_pairs):
-            W[first + i * n_pairs] = row_product(H, i, X, Z * system.size)
+            W[first + i] = row_product(H, i, X, Z * system.size)
     else:
         single = 0.0
         for entry in range(H.start[pair], H.start[pair + 1]):
             single += H.value[entry] ** 2 * system.inverse_lumped[H.column[entry]]
-        W[first + pair * n_pairs] = single
+        W[first + pair] = single
     memory.is_known[system.coarseness * n_pairs + pair] = 1

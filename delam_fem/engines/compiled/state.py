@@ -197,8 +197,8 @@ class Memory(NamedTuple):
         pair_state: what is remembered of the pairs; those at rest carry a spring, except with the
             θ-scheme.
         pairs: the first counts[N_SPRINGS] entries list the pairs with a spring, shape (n_pairs,).
-        compliance: W = H B⁻¹ Hᵀ for fine, middle and coarse steps, of which the known columns are
-            filled, shape (3, n_pairs, n_pairs).
+        compliance: W = H B⁻¹ Hᵀ for fine, middle and coarse steps, column after column, of which
+            the known ones are filled, shape (3, n_pairs, n_pairs).
         is_known: whether a column of W is known, for each size of steps, shape (3 n_pairs,).
         gap, rate: gaps and gap rates of all pairs at the examined instant, each shape (n_pairs,).
         present_gap, present_rate: gaps and gap rates of the state, in modes, or of

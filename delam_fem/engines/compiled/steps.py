@@ -325,8 +325,9 @@ def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no
     if (law.damping != 0.0 or law.differ) and memory.counts[N_SPRINGS] > 0:
         contact.damp(system, law, memory, log)
     if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
+        event = memory.counts[N_EVENTS]
         status = contact.examine(system, law, memory, log, tick)
-        if law.kind >= MOREAU:
+        if law.kind >= MOREAU and memory.counts[N_EVENTS] > event:  # impulses have changed the step
             flow = loss(system, memory.X)
     memory.totals[DISSIPATED] += system.scheme.weight * flow
     return status

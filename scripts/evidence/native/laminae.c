@@ -346,7 +346,7 @@ typedef struct {
 } Impulses;
 
 static double compliance(const Impulses *c, int64_t i, int64_t j) {
-    return c->W[c->origin + c->pairs[i] * c->stride + c->pairs[j]];
+    return c->W[c->origin + c->pairs[j] * c->stride + c->pairs[i]];
 }
 
 static int factorise(const Impulses *c, int64_t m, double lift) {
@@ -510,7 +510,7 @@ static int solve_among(const Impulses *c) {
 /* -- the law at the end of a step (contact.py `examine`, rules.py) --------------------------- */
 
 static void require_compliance(const System *s, const LawNumbers *law, Memory *m, int64_t pair) {
-    const int64_t n = s->n_pairs, first = s->coarseness * n * n + pair;
+    const int64_t n = s->n_pairs, first = (s->coarseness * n + pair) * n;
     const Rows *h = &s->gap_rows;
     if (m->is_known[s->coarseness * n + pair]) return;
     m->is_known[s->coarseness * n + pair] = 1;
@@ -518,13 +518,13 @@ static void require_compliance(const System *s, const LawNumbers *law, Memory *m
         double single = 0.0;
         for (int64_t e = h->start[pair]; e < h->start[pair + 1]; e++)
             single += h->value[e] * h->value[e] * s->inverse_lumped[h->column[e]];
-        m->compliance[first + pair * n] = single;
+        m->compliance[first + pair] = single;
         return;
     }
     memset(m->X + R * s->size, 0, s->size * sizeof *m->X);
     spread_one(s, m->X, pair, 1.0);
     substitute(m->X, s->size, law->kind == MOREAU ? s->solution : s->mass_solution);
-    for (int64_t i = 0; i < n; i++) m->compliance[first + i * n] = row_product(h, i, m->X + Z * s->size);
+    for (int64_t i = 0; i < n; i++) m->compliance[first + i] = row_product(h, i, m->X + Z * s->size);
 }
 
 /* Find the impulses of n candidates; return how many pairs are hit. */
