@@ -289,10 +289,10 @@ def many(limit: Path, checkouts: dict[str, Checkout], folder: Path, short: bool)
     n_steps = 400 * n_periods * STEPS_PER_PERIOD
     bare = bare_loop(limit, 2, 20, "consistent", 50 * n_periods)
     blank = [""] * (len(checkouts) - 1)
-    same = f"{n_steps * bare / 1e9:.2f}"
-    table.add_row("two bare loops with the steps of the plane", "s", *blank, same)
-    own = f"{bare_plane(limit, n_periods):.2f}"
-    table.add_row("the same at the contact numbers of the plane", "s", *blank, own)
+    seconds = f"{n_steps * bare / 1e9:.2f}"
+    table.add_row("two bare loops with the steps of the plane", "s", *blank, seconds)
+    seconds = f"{bare_plane(limit, n_periods):.2f}"
+    table.add_row("the same at the contact numbers of the plane", "s", *blank, seconds)
     return table
 
 
