@@ -57,6 +57,7 @@ def test_a_spring_at_a_point_takes_its_share():
     assert sprung[0, 0] < 0.8 * G[0, 0]  # it matters
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("surface", "side"), [("top", 1), ("bottom", -1)])
 def test_a_pin_is_a_spring_without_end(surface, side):
     pin = PIN | {"surface": surface, "lamina": "sheet"}
@@ -98,6 +99,7 @@ def test_a_pin_on_a_nodal_line_changes_no_frequency():
     assert pinned[0] > 1.5 * free[0]  # the first one is not left
 
 
+@pytest.mark.slow
 def test_a_patch_parts_what_a_pin_holds():
     """Within the patch the other lamina stays free; beside it both are held."""
     motions = []
@@ -115,6 +117,7 @@ def test_a_patch_parts_what_a_pin_holds():
     assert motions[1]["u"] == motions[1]["l"] == 0.0
 
 
+@pytest.mark.slow
 def test_a_reduced_plate_keeps_its_points():
     load = [{"lamina": "sheet", "position": A, "force": 1.0}]
     for support in (PIN, SPRING):
@@ -166,6 +169,7 @@ def test_two_ranks_hold_the_same(crew: Crew):
     crew.run(2, PROGRAM, json.dumps(case.model_dump(mode="json", exclude_unset=True)))
 
 
+@pytest.mark.slow
 def test_an_initial_state_at_a_point_is_static():
     initial = {"lamina": "sheet", "shape": "force", "position": A, "displacement": 1e-3}
     structure = assemble(sheet(initial=[initial]))
