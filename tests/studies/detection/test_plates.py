@@ -61,7 +61,7 @@ def test_studies_that_know_no_plates_refuse_them():
 @pytest.mark.slow
 def test_a_patch_is_found_and_a_scan_of_it_is_judged_alike(tmp_path):
     """The simulated scan, and the record of a run that is read as a measurement."""
-    case = plate()
+    case = plate().with_overrides({"excitation.frequency": 4000.0})
     detection = df.detect(case, tmp_path / "scan", modes=30)
     assert detection.mark.is_detected
     assert not detection.intact_marks["curvature"].is_detected
