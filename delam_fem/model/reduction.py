@@ -134,8 +134,9 @@ def _reduced(
     if case.is_plate and full.body is not None:
         from delam_fem.model.solids.body import sheets_of, with_places  # need dolfinx
 
+        sheets = sheets_of(full.body)
         full = with_places(full, places_of_case(case))  # those of stops and initial states too
-        full = replace(full, layout=replace(full.layout, sheets=sheets_of(full.body)))
+        full = replace(full, layout=replace(full.layout, sheets=sheets))
     start = with_start(full, case).operators.start
     assembled = time.perf_counter()
     o = full.operators

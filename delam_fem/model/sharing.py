@@ -249,10 +249,10 @@ class Ranks:
             traceback.print_exception(failure)
             self.comm.Abort(1)
         told = None if failure is None else _portable(failure)
-        error = failure
-        while error is not None:  # what its frames keep alive ends on all ranks at one place
-            traceback.clear_frames(error.__traceback__)
-            error = error.__context__
+        cause = failure
+        while cause is not None:  # what its frames keep alive ends on all ranks at one place
+            traceback.clear_frames(cause.__traceback__)
+            cause = cause.__context__
         errors = [error for error in self._at_end.allgather(told) if error is not None]
         release(self.comm)
         self.is_busy = False

@@ -516,8 +516,8 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
             )
         load = layout.of_dofs(row_at(layout, own, o.n_dofs)).toarray()[0, dofs]
         shape[dofs] = factored(K).solve(load)
-    of_plate = body is not None and case.is_plate
-    deflection = o.total(body.raised(shape, numbers) if of_plate else read @ shape)
+    own_share = body.raised(shape, numbers) if body and case.is_plate else read @ shape
+    deflection = o.total(own_share)
     size = np.abs(deflection)
     # the first of several that are equal but for round-off gives the sign
     largest = float(deflection[np.argmax(size >= (1.0 - _ROUND_OFF) * size.max())])

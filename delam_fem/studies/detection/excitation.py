@@ -340,7 +340,9 @@ def _prepared(case: Case, spacing: float, modes: int, folder: Path, *, resume: b
     order = np.flatnonzero(basis.is_mode)
     order = order[np.argsort(basis.squares[order])]
     frequencies = np.sqrt(basis.squares[order]) / (2.0 * math.pi)
-    names = plate_modes(body, plate, basis.vectors[:, order]).named(("",) * order.size)
+    shapes = plate_modes(body, plate, basis.vectors[:, order])
+    assert shapes is not None  # there is one rank
+    names = shapes.named(("",) * order.size)
     resonances = {
         name.removeprefix(DEFECT_RESONANCE): float(f)
         for name, f in zip(names, frequencies, strict=True)

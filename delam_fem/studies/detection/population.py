@@ -716,7 +716,7 @@ class PodStudy(Finding):
             counts = np.zeros((2, depths.size, lengths.size))
             np.add.at(counts, (0, row, column), hit)
             np.add.at(counts, (1, row, column), 1.0)
-            shares = np.ma.masked_array(counts[0] / np.maximum(counts[1], 1.0), counts[1] == 0.0)
+            shares = np.where(counts[1] > 0.0, counts[0] / np.maximum(counts[1], 1.0), np.nan)
             colours = axes.pcolormesh(
                 style.edges(lengths), style.edges(depths), shares, vmin=0.0, vmax=1.0
             )
