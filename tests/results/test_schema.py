@@ -26,7 +26,7 @@ SELECTING = {"isel", "sel", "copy", "load", "set_coords", "assign_coords"}
 MAKING = {"xr.Dataset", "dataset.history"}
 """Functions that return a dataset."""
 OF_ORBITS = {*OF_BRANCHES, *(dim for row in OF_BRANCHES.values() for dim in row.dims)}
-OF_TRIALS = {"specimen", "hit"}
+OF_TRIALS = {"specimen", "hit", "overlap"}
 """Names in the dataset of `population.trials` that no file has."""
 NAMES = {*schema.VARIABLES, *schema.DIMENSIONS, *OF_SWEEPS, *BESIDES, *OF_ORBITS, *OF_TRIALS}
 DOCUMENT = ROOT / "docs" / "results.md"
