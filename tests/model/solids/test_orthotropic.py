@@ -205,12 +205,14 @@ def test_columns_have_the_stiffness_of_the_solid(cell: str) -> None:
     columns = NodeColumns.of(solid, np.zeros(0, dtype=np.int64))
     E = np.array([2.0, 3.0])[mesh.lamina]
     T = columns.transformation(np.arange(solid.n_nodes)).toarray()
-    K, K_d = (
-        matrix.convert("dense").getDenseArray()
+    dense = [  # arrays that PETSc shares last as long as their matrices
+        matrix.convert("dense")
         for matrix in (
             solid.stiffness(E, of_two_kinds(mesh)), columns.stiffness(E, of_two_kinds(mesh))
         )
-    )  # fmt: skip
+    ]  # fmt: skip
+    K, K_d = (matrix.getDenseArray().copy() for matrix in dense)
+    np.testing.assert_allclose(K, K.T, atol=1e-12 * np.abs(K).max())
     np.testing.assert_allclose(K_d, T.T @ K @ T, atol=1e-11 * np.abs(K).max())
 
 
