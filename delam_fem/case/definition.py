@@ -853,6 +853,11 @@ class Case(Section):
         return max(lamina.length for lamina in self.lamina)
 
     @property
+    def thickness(self) -> float:
+        """Thickness of all laminae together [m]."""
+        return sum(lamina.mean("thickness") for lamina in self.lamina)
+
+    @property
     def half_width(self) -> float:
         """Half of the width of a plate: that of its widest lamina [m]."""
         return 0.5 * max(lamina.mean("width") for lamina in self.lamina)

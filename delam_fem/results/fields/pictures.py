@@ -452,7 +452,7 @@ def _supports(
         For each end corners (2, 4, 3) [m] and colours (2, 4) of its block; nothing of a free end.
     """
     length = case.length
-    block = 3.0 * sum(lamina.mean("thickness") for lamina in case.lamina)
+    block = 3.0 * case.thickness
     side = np.array([0.0, block, 0.6 * max(lamina.mean("width") for lamina in case.lamina)])
     section = side * np.column_stack([np.zeros(4), UPWARDS, [-1.0, -1.0, 1.0, 1.0]])
     blocks: list[list[tuple[FloatArray, FloatArray]]] = []

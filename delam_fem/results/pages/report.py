@@ -240,10 +240,9 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     last = slice(-max(1, MOST_NUMBERS // per_frame), None)
     u = history["displacement"].to_numpy()
     largest = max(float(np.abs(u).max()), float(history["gap0"].to_numpy().max(initial=0.0)))
-    thickness = sum(lamina.mean("thickness") for lamina in case.lamina)
     factor = 1.0
-    if 0.0 < largest < thickness:
-        factor = float(10.0 ** np.ceil(np.log10(thickness / largest)))
+    if 0.0 < largest < case.thickness:
+        factor = float(10.0 ** np.ceil(np.log10(case.thickness / largest)))
     y = middle_lines(history, case, factor)[:, None] + factor * u
     y = 1e3 * y.transpose(1, 0, 2)[last][..., nodes]
     unit = float(np.abs(y).max()) / LARGEST or 1.0

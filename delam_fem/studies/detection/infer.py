@@ -64,7 +64,7 @@ def prior_of(case: Case) -> FloatArray:
     They are in proportion to the case.
     """
     L = case.length
-    h = sum(lamina.mean("thickness") for lamina in case.lamina)
+    h = case.thickness
     return np.array([(0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h)])
 
 

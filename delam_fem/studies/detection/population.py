@@ -103,26 +103,30 @@ class Specimen:
         """Return the keys of a case with this delamination that are not those of the case."""
         surface = surface_of(case, None)
         other = next(lamina.name for lamina in case.lamina if lamina.name != surface)
-        total = sum(lamina.mean("thickness") for lamina in case.lamina)
         keys: dict[str, object] = {
             "delamination.1.start": self.start,
             "delamination.1.end": self.end,
             f"lamina.{surface}.thickness": self.thickness,
-            f"lamina.{other}.thickness": total - self.thickness,
+            f"lamina.{other}.thickness": case.thickness - self.thickness,
         }
         if self.across is not None:
             low, high = self.across
             keys |= {"delamination.1.across.1": low, "delamination.1.across.2": high}
         return keys
 
-    def is_hit(self, case: Case, called: Mark) -> bool:
-        """Return whether something is called, and overlaps this delamination of a case."""
-        if not called.is_detected or self.across is None:
-            return called.is_detected and called.start <= self.end and called.end >= self.start
-        return self.overlap(case, called) > 0.0
+    def is_hit(self, called: Mark, overlap: float) -> bool:
+        """Return whether something is called, and overlaps this delamination; see `overlap`."""
+        if self.across is not None:
+            return overlap > 0.0
+        return called.is_detected and called.start <= self.end and called.end >= self.start
 
     def overlap(self, case: Case, called: Mark) -> float:
-        """Return the overlap of the marked region with this patch of a case [-]."""
+        """Return the overlap of the marked region with this patch of a case [-].
+
+        It is NaN of beams, and where nothing is called.
+        """
+        if self.across is None or not called.is_detected:
+            return math.nan
         return called.region.overlap(patches_of(case.with_overrides(self.keys(case))))
 
 
@@ -423,7 +427,7 @@ def grid(
         depths: over the thickness of the beam.
     """
     L = case.length
-    h = sum(lamina.mean("thickness") for lamina in case.lamina)
+    h = case.thickness
     return [
         Specimen(L * (m - 0.5 * a), L * (m + 0.5 * a), h * depth, support, frequency)
         for support, frequency, a, depth, m in product(
@@ -447,7 +451,7 @@ def plate_grid(
         depths: over the thickness of the plate.
     """
     width = 2.0 * case.half_width
-    h = sum(lamina.mean("thickness") for lamina in case.lamina)
+    h = case.thickness
     specimens = []
     for frequency, size, depth, (along, across) in product(frequencies, sizes, depths, PLACES):
         half = 0.5 * size * reach_of(case)
@@ -507,9 +511,8 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> xr.
         called = mark("curvature", noisy)
         start[k], end[k] = called.start, called.end
         score[k] = float(called.over_limits.max())
-        hit[k] = specimen.is_hit(case, called)
-        if specimen.across is not None and called.is_detected:
-            overlap[k] = specimen.overlap(case, called)
+        overlap[k] = specimen.overlap(case, called)
+        hit[k] = specimen.is_hit(called, overlap[k])
     columns = {
         "start": [specimen.start for specimen in found.specimens],
         "end": [specimen.end for specimen in found.specimens],
@@ -706,10 +709,9 @@ class PodStudy(Finding):
     def depth_figure(self) -> Figure:
         """Draw the share of hits over length and depth, for each support and noise."""
         figure, panels = self._panels()
-        thickness = sum(lamina.mean("thickness") for lamina in self.case.lamina)
         for axes, line in panels:
             a = (line.trials["length"].to_numpy() / reach_of(self.case)).round(6)
-            depth = (100.0 * line.trials["depth"].to_numpy() / thickness).round(4)
+            depth = (100.0 * line.trials["depth"].to_numpy() / self.case.thickness).round(4)
             hit = line.trials["hit"].to_numpy()
             lengths, column = np.unique(a, return_inverse=True)
             depths, row = np.unique(depth, return_inverse=True)
