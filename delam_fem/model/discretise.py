@@ -96,7 +96,11 @@ def require_kind(case: Case, study: str, kinds: Sequence[ModelKind], reason: str
 
 
 def assemble(
-    case: Case, *, comm: MPI.Intracomm | None = None, needs_dolfinx: bool = True
+    case: Case,
+    *,
+    comm: MPI.Intracomm | None = None,
+    needs_dolfinx: bool = True,
+    needs_damping: bool = True,
 ) -> Structure:
     """Return the operators and the layout of a case.
 
@@ -106,6 +110,8 @@ def assemble(
             models every rank gets the whole result, of solids its own share.
         needs_dolfinx: whether beams are assembled from weak forms in dolfinx; False: from closed
             forms, which equal them to round-off.
+        needs_damping: whether anything reads C. False: that of solids, which is as large as K, is
+            left 0.
 
     Raises:
         CaseError: the case cannot be discretised.
@@ -119,7 +125,8 @@ def assemble(
         from delam_fem.model.solids import assembly
         from delam_fem.system.mpi import MPI
 
-        return assembly.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)
+        comm = MPI.COMM_SELF if comm is None else comm
+        return assembly.assemble(case, comm=comm, needs_damping=needs_damping)
     if case.model.file is not None:
         from delam_fem.model import reduction_file
 

@@ -147,9 +147,7 @@ def largest_entries(vectors: FloatArray, like: Any) -> FloatArray:
     return np.asarray(entries[np.abs(entries).argmax(axis=0), columns])
 
 
-def elastic(
-    K: sp.csr_matrix, M: sp.csr_matrix, n: int, n_rigid: int
-) -> tuple[FloatArray, FloatArray]:
+def elastic(K: Any, M: Any, n: int, n_rigid: int) -> tuple[FloatArray, FloatArray]:
     """Return the n lowest frequencies and vectors behind the rigid motions; see `lowest`."""
     frequencies, vectors = lowest(K, M, n_rigid + n, is_floating=n_rigid > 0)
     return frequencies[n_rigid:], vectors[:, n_rigid:]
@@ -351,24 +349,33 @@ def keeping_closed(structure: Structure) -> Any:
     H = o.gap_matrix[: sum(interface.places.size for interface in layout.interfaces)]
     if layout.reading is None or not H.shape[0]:  # the rows of stops are left out, they stay open
         return kept_closed(layout, o.n_dofs)
-    if sp.issparse(o.mass):
-        return tied(H)
-    S, remaining = _tied_sparsely(sp.hstack(of_ranks(o.mass, H), format="csr"))
-    first, stop = o.mass.getOwnershipRange()
-    n_own = np.count_nonzero((remaining >= first) & (remaining < stop))
-    return distributed.matrix(S[first:stop], o.mass.comm.tompi4py(), n_own)
+    return tied(H, o.mass)
 
 
-def tied(H: sp.csr_matrix) -> sp.csr_matrix:
+def tied(H: sp.csr_matrix, like: Any) -> Any:
     """Return S whose columns span the solutions of H u = 0; see `keeping_closed`.
+
+    Args:
+        H: gap matrix, columns of the own dofs, shape (n_pairs, n_own).
+        like: a matrix of these dofs, of SciPy, or of PETSc on several ranks (collective).
 
     Raises:
         ValueError: there are more rows than dofs that they can tie.
     """
-    n = H.shape[1]
+    n = n_rows(like)
+    remaining = np.arange(n)
     if not H.shape[0]:
-        return sp.identity(n, format="csr")
-    return sp.csr_matrix(null_space(H.toarray())) if n <= DENSE_DOFS else _tied_sparsely(H)[0]
+        S = sp.identity(n, format="csr")
+    elif sp.issparse(like) and n <= DENSE_DOFS:
+        S = sp.csr_matrix(null_space(H.toarray()))
+    else:
+        of_all = H if sp.issparse(like) else sp.hstack(of_ranks(like, H), format="csr")
+        S, remaining = _tied_sparsely(of_all)
+    if sp.issparse(like):
+        return S
+    first, stop = like.getOwnershipRange()
+    n_own = np.count_nonzero((remaining >= first) & (remaining < stop))
+    return distributed.matrix(S[first:stop], like.comm.tompi4py(), n_own)
 
 
 def _tied_sparsely(H: sp.csr_matrix) -> tuple[sp.csr_matrix, IntArray]:

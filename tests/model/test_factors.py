@@ -82,7 +82,7 @@ rng = np.random.default_rng(5)
 n, k = 31, 7
 A = sp.random(n, n, 0.3, random_state=1, format="csr") + 10.0 * sp.identity(n, format="csr")
 A = sp.csr_matrix(A + A.T)
-S = tied(sp.random(4, n, 0.3, random_state=2, format="csr"))
+S = tied(sp.random(4, n, 0.3, random_state=2, format="csr"), A)
 X = rng.normal(size=(n, k))
 ends = [0, 9, 9, n] if comm.size == 3 else [0, 12, n]  # a rank may have no dofs
 own = slice(ends[comm.rank], ends[comm.rank + 1])

@@ -79,7 +79,7 @@ from delam_fem.model.layout import (
     probe_rows,
     tributary_lengths,
 )
-from delam_fem.model.linear import elastic, kept_closed, n_rigid
+from delam_fem.model.linear import closed_by, elastic, kept_closed, n_rigid
 from delam_fem.model.loads import (
     axial_forces,
     require_unbuckled,
@@ -1175,11 +1175,12 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
     return damping_of(case, K, M, kept_closed(layout, M.shape[0]))
 
 
-def damping_of(
-    case: Case, K: sp.csr_matrix, M: sp.csr_matrix, S: sp.csr_matrix
-) -> tuple[float, float]:
-    """Return alpha [1/s] and beta [s] of a stack that moves as u = S w; see `damping`."""
-    frequencies, _ = elastic(S.T @ K @ S, S.T @ M @ S, 2, case.n_rigid)
+def damping_of(case: Case, K: Any, M: Any, S: Any) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] of a stack that moves as u = S w; see `damping`.
+
+    K, M and S are of SciPy, or of PETSc on several ranks (collective).
+    """
+    frequencies, _ = elastic(closed_by(S, K), closed_by(S, M), 2, case.n_rigid)
     first, second = (_TWO_PI * frequencies).tolist()
     return harmonics.coefficients(_damping_ratio(case), first, second, case.damping.kind)
 

@@ -58,7 +58,7 @@ from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics import elasticity
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
-from delam_fem.system.mpi import MPI
+from delam_fem.system.mpi import MPI, release
 
 GAUSS = {2: np.array([0.5]), 3: 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)}
 """Places within a cell at which strains of bending are accurate, by degree."""
@@ -66,7 +66,9 @@ _INSIDE = 1e-7
 """Depth below the surface at which strains are read, in thicknesses."""
 
 
-def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
+def assemble(
+    case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF, needs_damping: bool = True
+) -> Structure:
     """Assemble the solids of a case (collective).
 
     Args:
@@ -74,6 +76,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
             every rank, and spread afterwards (`operators.spread`): impactors, weight and
             loads, limits of stability.
+        needs_damping: whether anything reads C; False: it is left 0.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
@@ -105,9 +108,13 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         moduli = E * _width(case, mesh), material
         density = _density(case, mesh)
         K, buckling = with_axial_stress(case, unknowns, K, moduli, density, layout)
-    C, rayleigh = _damping(case, unknowns, M, K, H)
-    for row, number, _, c in springs:
-        C = _with_product(C, c, row, number, comm)
+    rayleigh = None
+    if needs_damping:
+        C, rayleigh = _damping(case, unknowns, M, K, H)
+        for row, number, _, c in springs:
+            C = _with_product(C, c, row, number, comm)
+    else:
+        C = Restricted(sp.csr_matrix(M.rows.shape), 0.0 * M.column, 0.0 * M.corners)
     matrices = [M, C, K]
     del M, C, K  # each is freed when PETSc has it
     operators = _operators(
@@ -509,11 +516,15 @@ def _damping(
     is_layered = any(lamina.orthotropic is not None for lamina in case.lamina)
     if case.is_plate or (is_layered and not case.is_apart):
         comm = unknowns.solid.comm
-        stiffness, mass = (
-            sp.vstack(comm.allgather(matrix.rows), format="csr") for matrix in (K, M)
-        )
-        of_pairs = sp.hstack(comm.allgather(H), format="csr")
-        of_stack = network.damping_of(case, stiffness, mass, tied(of_pairs))
+        if comm.size == 1:
+            of_stack = network.damping_of(case, K.rows, M.rows, tied(H, M.rows))
+        else:
+            stiffness, mass = (distributed.matrix(matrix.rows, comm) for matrix in (K, M))
+            S = tied(H, mass)
+            of_stack = network.damping_of(case, stiffness, mass, S)
+            for handle in (stiffness, mass, S):
+                handle.destroy()
+            release(comm)
         of_lamina = np.array([of_stack] * len(case.lamina))
         alpha, beta = np.repeat(of_lamina[:1], unknowns.n_own, axis=0).T
     elif case.is_apart:

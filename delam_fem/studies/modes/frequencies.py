@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-import scipy.sparse as sp
 from matplotlib.figure import Figure
 
 from delam_fem.api import (
@@ -464,12 +463,7 @@ def _modes(
     case: Case, n: int, delaminations: Kind, *, comm: MPI.Intracomm | None
 ) -> NaturalModes | StructureModes:
     """Return the lowest modes (collective); see `modes`."""
-    structure = assemble(case, comm=comm)
-    if (
-        comm is None and not case.is_loaded
-    ):  # nothing reads the damping: of solids it is as large as the stiffness
-        undamped = sp.csr_matrix(structure.operators.damping.shape)
-        structure = replace(structure, operators=replace(structure.operators, damping=undamped))
+    structure = assemble(case, comm=comm, needs_damping=case.is_loaded)  # see `opening_amplitude`
     factor = None
     if len(case.lamina) == 1 and not case.n_rigid:  # the lamina is the structure
         factor = factored(structure.operators.stiffness, structure.operators.mass)
