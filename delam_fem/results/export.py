@@ -10,7 +10,7 @@ The numbers are SI, and the matrices are dense: beams have some hundred dofs at 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -113,14 +113,18 @@ def _wide(group: xr.Dataset) -> str:
         others = [d for d in variable.dims if d != dim]
         if not others:
             columns[_heading(variable)] = variable.to_numpy()
-        for k in range(variable.sizes[others[0]] if len(others) == 1 else 0):
+        for k, label in enumerate(_labels(variable, others[0]) if len(others) == 1 else ()):
             one = variable.isel({others[0]: k})
-            label = (
-                str(variable[others[0]][k].item()) if others[0] in variable.coords else str(k + 1)
-            )
             columns[_heading(variable, f" {label}")] = one.to_numpy()
     frame = xr.Dataset({k: (("row",), v) for k, v in columns.items()}).to_dataframe()
     return str(frame[list(columns)].to_csv(index=False))
+
+
+def _labels(variable: xr.DataArray, dim: Hashable) -> list[str]:
+    """Return what the entries of a dimension are called: their names, or numbers from 1."""
+    if dim in variable.coords:
+        return [str(label) for label in variable[dim].to_numpy().tolist()]
+    return [str(k + 1) for k in range(variable.sizes[dim])]
 
 
 def _long(group: xr.Dataset) -> str:
@@ -221,7 +225,7 @@ def _histories(history: xr.Dataset) -> Iterator[dict[str, Any]]:
         if variable.ndim == 1:
             yield _set(variable, name, axis, 0, is_time=is_time)
             continue
-        for i, label in enumerate(map(str, variable[variable.dims[0]].to_numpy())):
+        for i, label in enumerate(_labels(variable, variable.dims[0])):
             node = _node(i, observed) if variable.dims[0] == "lamina" else 0
             yield _set(variable[i], f"{name} {label}", axis, node, is_time=is_time)
 

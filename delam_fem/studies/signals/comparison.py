@@ -347,7 +347,9 @@ def compared(
     residual = values[0, known] - computed[known]
     together = correlation(values[:, known], computed[None, known])
     sign = -1.0 if together < -ALIKE else 1.0
-    starts = None if turn is None else alignment.start + turn * np.linspace(-0.5, 0.5, COARSE)
+    starts = None
+    if turn is not None:  # the alignment of all is among them: a force of blows has narrow peaks
+        starts = alignment.start + turn * np.r_[0.0, np.linspace(-0.5, 0.5, COARSE)]
     at_own = aligned(
         pairs.time, sign * values, single, alignment.rate, is_rate_free=False, starts=starts
     )

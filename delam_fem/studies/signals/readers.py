@@ -321,7 +321,7 @@ def _sheets(tree: Tree, label: str, outer: Tree) -> Iterator[Sheet]:
         heads.append(())
     for head in heads:
         n = len(head[0].values) if head else _longest(tree)
-        groups = _columns_of_tree(tree, units, n, names)
+        groups = _columns_of_tree(tree, units, n, head[0].name if head else None, names)
         names |= groups.keys()
         if groups:
             columns = (*head, *chain(*groups.values()))
@@ -376,23 +376,47 @@ def _rate(tree: Tree) -> float | None:
 
 
 def _columns_of_tree(
-    tree: Tree, units: Mapping[str, Any], n: int, taken: set[str]
+    tree: Tree, units: Mapping[str, Any], n: int, axis: str | None, taken: set[str]
 ) -> dict[str, list[Column]]:
-    """Return the columns of vectors and matrices of n samples, by their names."""
+    """Return the columns of vectors and matrices of n samples over an axis, by their names."""
     groups = {}
+    along = _dimensions(tree, axis) if axis is not None else []
     for name, values in tree.items():
         if name in taken or not isinstance(values, np.ndarray):
             continue
         if n < 2 or values.ndim not in (1, 2) or n not in values.shape:
             continue
+        dimensions = _dimensions(tree, name)
+        if along and dimensions and (along[0] not in dimensions or len(dimensions) > 2):
+            continue  # as long by chance, or fields
         rows = values if values.shape[-1] == n else values.T
         unit = units.get(name)
-        n_rows = len(np.atleast_2d(rows))  # a list of that many texts beside it names them
-        lists = [v for v in tree.values() if isinstance(v, list) and len(v) == n_rows]
-        names = [f"{name} {text}" for text in lists[0]] if lists and n_rows > 1 else None
+        labels = _labels(tree, name, len(np.atleast_2d(rows)))
+        names = [f"{name} {text}" for text in labels] if labels else None
         unit_text = unit if isinstance(unit, str) else None
         groups[name] = matrix_columns(name, rows, names, unit_text)
     return groups
+
+
+def _dimensions(tree: Tree, name: str) -> list[str]:
+    """Return what a variable of an exported run is over, as its file says; empty: it does not."""
+    dimensions = tree.get("dimensions")
+    text = dimensions.get(name) if isinstance(dimensions, dict) else None
+    return text.split(", ") if isinstance(text, str) else []
+
+
+def _labels(tree: Tree, name: str, n_rows: int) -> list[str]:
+    """Return the texts beside a matrix that name its rows; empty: there are none.
+
+    They are those of its dimensions, if the file says which. Otherwise they are the first list of
+    as many texts.
+    """
+    if dimensions := _dimensions(tree, name):
+        texts = [tree.get(dimension) for dimension in dimensions]
+        lists = [[text] if isinstance(text, str) else text for text in texts]
+    else:
+        lists = list(tree.values()) if n_rows > 1 else []
+    return next((v for v in lists if isinstance(v, list) and len(v) == n_rows), [])
 
 
 def _of_scipy(path: Path) -> Tree:

@@ -42,6 +42,8 @@ TIP = re.compile(
 """The name of a channel at the tip of a lamina."""
 BASE = re.compile(r"base(?:[ _](?:displacement|velocity|acceleration))?", re.IGNORECASE)
 """Names of channels on the base."""
+CONTACT = re.compile(r"contact[ _]force[ _](?P<contact>.+)", re.IGNORECASE)
+"""The name of a contact force in an exported run."""
 OF_TIPS = {"displacement": "tip_displacement", "velocity": "tip_velocity"}
 OF_DRIVE = {("base", "displacement"): "base_displacement",
             ("base_displacement", "displacement"): "base_displacement",
@@ -513,6 +515,8 @@ def record(data: xr.Dataset) -> xr.Dataset:
             about["quantity"] = f"base {quantity}"
         elif row["variable"] == "force":
             key = "drive"
+        elif contact := CONTACT.fullmatch(name):
+            key = f"contact_{contact['contact']}"
         channels[key] = ("time", history_of(data, k), about)
     return xr.Dataset(channels, coords={"time": data["time"]})
 

@@ -157,8 +157,9 @@ AMBIENT = {
     **dict.fromkeys(("°C", "℃", "degC", "deg C", "Celsius"), "a temperature"),
     **dict.fromkeys(("°F", "℉", "degF", "deg F", "K", "Kelvin"), "a temperature"),
     **dict.fromkeys(("%RH", "% RH", "%rH", "% rH", "%rh", "% rh"), "a humidity"),
+    **dict.fromkeys(("W", "mW", "kW"), "a power"),
 }
-"""Units of what loggers record beside the motion, and what that is."""
+"""Units of what loggers and exports hold beside the motion, and what that is."""
 REASONS = {
     **{unit: f"{what}, which no channel is" for unit, what in AMBIENT.items()},
     "dB": "a level; take 10 to the level over 20, times its reference",
