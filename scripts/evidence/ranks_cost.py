@@ -69,6 +69,7 @@ def measured(body: str, mesh: tuple[int, int, int], job: str) -> dict[str, Any]:
     """Do one job on all ranks of this process's launcher, and measure it (collective)."""
     from delam_fem.api import MPI
     from delam_fem.model.sharing import shared
+    from delam_fem.results.schema import blas
 
     comm = MPI.COMM_WORLD
     case = case_of(body, mesh)
@@ -91,6 +92,7 @@ def measured(body: str, mesh: tuple[int, int, int], job: str) -> dict[str, Any]:
         "wall_s": round(wall, 2),
         "peak_mb": comm.gather(round(peak)),
         "load": os.getloadavg()[0],
+        "blas": blas(),
     }
 
 
