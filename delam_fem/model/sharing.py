@@ -12,6 +12,7 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -307,6 +308,8 @@ def shared(comm: MPI.Intracomm, work: Callable[[], _T]) -> _T | None:
     hold(comm)
     ranks = Ranks(comm)
     if comm.rank > 0:
+        with suppress(ImportError):  # an order then says what is missing
+            import_module("delam_fem.model.solids.assembly")  # while the first rank reads a case
         ranks.obey()
         release(comm)
         return None
