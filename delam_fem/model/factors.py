@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from delam_fem.model.operators import matrix, summed, times
+from delam_fem.model.operators import matrix, solved, summed, times
 from delam_fem.model.sharing import Share
 from delam_fem.numerics.types import FloatArray
 
@@ -220,19 +220,13 @@ def _by_petsc(
     if PETSc.Sys.hasExternalPackage("suitesparse"):
         solver.getPC().setFactorSolverType("cholmod")
     solver.setUp()
-    right, left = operator.createVecs()
+    factors = solver.getPC().getFactorMatrix()
 
     def solve(b: FloatArray) -> FloatArray:
-        columns = b.reshape(len(b), -1)
-        result = np.empty_like(columns)
-        for k in range(columns.shape[1]):
-            right.array[:] = columns[:, k]
-            solver.solve(right, left)
-            result[:, k] = left.array
-        return result.reshape(b.shape)
+        return solved(factors, b)
 
     def destroy() -> None:
-        for handle in (solver, operator, right, left):
+        for handle in (factors, solver, operator):
             handle.destroy()
 
     # PETSc's memory is free as soon as nobody solves any more, and not when Python's collector runs

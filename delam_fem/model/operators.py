@@ -311,16 +311,16 @@ class Operators(Recorded[sp.csr_matrix]):
         square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n)}
         self._complete(n, square, "operators: {name} has shape {given}, expected {expected}")
 
-    def bodies(self) -> Iterator[tuple[IntArray, sp.csc_matrix, sp.csc_matrix, sp.csc_matrix]]:
+    def bodies(self) -> Iterator[tuple[IntArray, sp.csr_matrix, sp.csr_matrix, sp.csr_matrix]]:
         """Yield the dofs that M, C and K do not couple to others, with M, C and K of these."""
         M, C, K = self.mass, self.damping, self.stiffness
         if C.data.all() and connected_components(C, directed=False)[0] == 1:  # as of Rayleigh
-            yield np.arange(self.n_dofs), M.tocsc(), C.tocsc(), K.tocsc()
+            yield np.arange(self.n_dofs), M, C, K
             return
         count, label = connected_components(abs(M) + abs(C) + abs(K), directed=False)
         for number in range(count):
             dofs = np.flatnonzero(label == number)
-            M_b, C_b, K_b = (A[dofs][:, dofs].tocsc() for A in (M, C, K))
+            M_b, C_b, K_b = (A[dofs][:, dofs] for A in (M, C, K))
             yield dofs, M_b, C_b, K_b
 
     @cached_property
@@ -690,8 +690,8 @@ def matrix(rows: sp.spmatrix, comm: MPI.Intracomm, n_columns: int | None = None)
     return result
 
 
-AT_ONCE = 64
-"""Columns that are multiplied, or solved for, at once on ranks: a bound for the memory."""
+AT_ONCE = 32
+"""Columns that are multiplied on ranks, or solved for by PETSc, at once: a bound for the memory."""
 
 
 def times(matrix: Any, vectors: FloatArray) -> FloatArray:
@@ -713,6 +713,28 @@ def times(matrix: Any, vectors: FloatArray) -> FloatArray:
         left.destroy()
         right.destroy()
     return np.asarray(result.reshape(len(result), *vectors.shape[1:]))
+
+
+def solved(factor: PETSc.Mat, loads: FloatArray) -> FloatArray:
+    """Return the solutions for loads on the own dofs, by factors of PETSc (collective).
+
+    Many columns take a third of the time for each that one takes alone.
+
+    Args:
+        factor: the factors.
+        loads: shape (n_own,) or (n_own, k).
+    """
+    columns = loads.reshape(len(loads), *loads.shape[1:] or (1,))
+    result = np.empty_like(columns)
+    for first in range(0, columns.shape[1], AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        right = dense(columns[:, some], factor.comm)
+        left = dense(columns[:, some], factor.comm)
+        factor.matSolve(right, left)
+        result[:, some] = left.getDenseArray()
+        right.destroy()
+        left.destroy()
+    return result.reshape(loads.shape)
 
 
 def dense(columns: FloatArray, comm: Any) -> PETSc.Mat:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from delam_fem.model.operators import AT_ONCE, dense
+from delam_fem.model.operators import solved
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import have_arrived, hold, release, slepc, start_petsc
@@ -146,17 +146,7 @@ class Share:
 
     def solve(self, loads: FloatArray) -> FloatArray:
         """Return the own part of solutions for the own part of loads, shape (n_own,) or (…, k)."""
-        columns = loads.reshape(len(loads), *loads.shape[1:] or (1,))
-        result = np.empty_like(columns)
-        for first in range(0, columns.shape[1], AT_ONCE):
-            some = slice(first, first + AT_ONCE)
-            right = dense(columns[:, some], self._factor.comm)
-            left = dense(columns[:, some], self._factor.comm)
-            self._factor.matSolve(right, left)
-            result[:, some] = left.getDenseArray()
-            right.destroy()
-            left.destroy()
-        return result.reshape(loads.shape)
+        return solved(self._factor, loads)
 
     def lowest(self, n: int) -> tuple[FloatArray, FloatArray]:
         """Return the eigenvalues of K φ = ω² M φ nearest to -s, and the own part of φ.
