@@ -319,7 +319,7 @@ class Simulations:
         summaries, predict = self._regressed
         return self._accepted(self._logit(), summaries, predict(observed), accepted)
 
-    def misfit(self, observed: FloatArray) -> tuple[float, int]:
+    def misfit(self, observed: FloatArray) -> float:
         """Return the probability that a simulation fits its neighbours worse than an observation.
 
         Among the simulations nearest to the observation, the statistics are regressed on the
@@ -328,10 +328,45 @@ class Simulations:
 
         Args:
             observed: its statistics, shape (n_statistics,).
+        """
+        squares, n, free = self._squares(observed)
+        p = np.count_nonzero(self.statistics.std(axis=0))
+        return float(fdtrc(p, free, squares * free / (p * n)))
+
+    def outlier(self, observed: FloatArray) -> int:
+        """Return which statistic an observation has to change to fit the simulations best.
+
+        The largest residual does not tell it: a statistic that is off moves the summaries, and
+        with them the residuals of all others.
+
+        Args:
+            observed: its statistics, shape (n_statistics,).
 
         Returns:
-            The probability, and the index of the statistic with the largest residual.
+            The index of the statistic with which Hotelling's T² becomes smallest, where that
+            statistic alone takes its best value among those of the simulations.
         """
+        size = self.statistics.std(axis=0)
+        varies = np.flatnonzero(size > 0.0)
+
+        def least_squares(number: int) -> float:
+            column = self.statistics[:, number]
+
+            def squares(value: float) -> float:
+                changed = observed.copy()
+                changed[number] = value
+                return self._squares(changed)[0]
+
+            bounds = (column.min(), column.max())
+            best = scipy.optimize.minimize_scalar(
+                squares, bounds=bounds, method="bounded", options={"xatol": 1e-3 * size[number]}
+            )
+            return float(best.fun)
+
+        return int(varies[np.argmin([least_squares(number) for number in varies])])
+
+    def _squares(self, observed: FloatArray) -> tuple[float, int, int]:
+        """Return Hotelling's T² of an observation, of how many simulations, degrees of freedom."""
         size = self.statistics.std(axis=0)
         varies = np.flatnonzero(size > 0.0)
         values, observation = (
@@ -354,9 +389,7 @@ class Simulations:
         left = observation - _products(np.eye(1, 1 + q))[0] @ slopes
         covariance = np.cov(residuals.T).reshape(p, p) + EDGE * np.eye(p)
         squares = float(left @ np.linalg.solve(covariance, left))
-        free = near.size - columns.shape[1] - p
-        share = float(fdtrc(p, free, squares * free / (p * near.size)))
-        return share, int(varies[np.argmax(np.abs(left) / np.sqrt(np.diag(covariance)))])
+        return squares, near.size, near.size - columns.shape[1] - p
 
     def coverage(
         self, indices: IntArray, level: float = 0.9, *, accepted: float = ACCEPTED

@@ -88,10 +88,28 @@ def test_what_the_model_made_is_seldom_doubted_and_a_statistic_that_is_off_is() 
     parameters = rng.uniform(-1.0, 1.0, (2000, 2))
     simulations = Simulations(parameters, observed(parameters), BOX)
     observations = observed(rng.uniform(-0.9, 0.9, (60, 2)))
-    shares = np.array([simulations.misfit(row)[0] for row in observations])
+    shares = np.array([simulations.misfit(row) for row in observations])
     assert ((shares >= 0.0) & (shares <= 1.0)).all()
     assert np.mean(shares < 0.1) < 0.25  # at most 0.1, and 4 standard errors
-    assert simulations.misfit(np.array([0.3, 0.1, 8.0 * NOISE]))[0] < 1e-6
+    assert simulations.misfit(np.array([0.3, 0.1, 8.0 * NOISE])) < 1e-6
+
+
+def test_the_statistic_that_alone_is_off_is_named() -> None:
+    """Six statistics of two parameters. The largest residual would name 4 of 9 rightly."""
+    rng = np.random.default_rng(4)
+    slopes = np.array([[1.0, 1.0, 0.0, 1.0, 2.0, 0.5], [1.0, -1.0, 1.0, 0.0, 1.0, -2.0]])
+
+    def observed(parameters: np.ndarray) -> np.ndarray:
+        exact = parameters @ slopes + 0.3 * np.sin(parameters @ slopes)
+        return exact + NOISE * rng.standard_normal(exact.shape)
+
+    parameters = rng.uniform(-1.0, 1.0, (1000, 2))
+    simulations = Simulations(parameters, observed(parameters), BOX)
+    for number, shift in enumerate([0.8, -0.8, 0.8, -0.8, 0.8, -0.8]):
+        observation = observed(rng.uniform(-0.5, 0.5, (1, 2)))[0]
+        observation[number] += shift
+        assert simulations.misfit(observation) < statistics.UNLIKE
+        assert simulations.outlier(observation) == number
 
 
 def left_out(columns: np.ndarray, targets: np.ndarray, penalty: float) -> float:

@@ -124,10 +124,10 @@ class SimulationTable:
 
     def mismatch(self, scans: tuple[Shapes, ...]) -> str | None:
         """Return in words how scans are unlike those of all simulations; None: they are not."""
-        share, number = self.table.misfit(self._observed(scans))
-        if share > statistics.UNLIKE:
+        observed = self._observed(scans)
+        if self.table.misfit(observed) > statistics.UNLIKE:
             return None
-        frequency, statistic = divmod(number, len(STATISTICS))
+        frequency, statistic = divmod(self.table.outlier(observed), len(STATISTICS))
         return (
             f"the scans are like those of no simulation: {STATISTICS[statistic]} at "
             f"{self.frequencies[frequency]:g} Hz fits none of the same place. The rig differs from "

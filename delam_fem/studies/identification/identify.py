@@ -546,9 +546,9 @@ def mismatch(
     experiment: Experiment, table: statistics.Simulations, observed: FloatArray
 ) -> str | None:
     """Return in words how an observation is unlike all simulations; None: it is not."""
-    share, number = table.misfit(observed)
-    if share > statistics.UNLIKE:
+    if table.misfit(observed) > statistics.UNLIKE:
         return None
+    number = table.outlier(observed)
     names = experiment.names
     # statistics of a frequency, see `invariant`: real parts, then imaginary parts without the first
     each = 2 * len(names) * HARMONICS - 1

@@ -1,5 +1,7 @@
 """Posteriors of start, end and depth: near the truth, and calibrated on made-up scans."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,6 +72,16 @@ def test_90_percent_intervals_cover_the_truth(
     *_, known = made_up
     share = known.table.coverage(np.arange(100))
     assert (share >= 0.82).all(), share  # 0.9, less 2.7 standard deviations
+
+
+def test_the_statistic_of_a_scan_that_no_simulation_has_is_named(
+    made_up: tuple[Population, np.ndarray, SimulationTable],
+) -> None:
+    population, _, known = made_up
+    scan = population.shapes(7, 40.0, np.random.default_rng(8))
+    assert known.mismatch((scan,)) is None
+    tripled = replace(scan, values=np.array([3.0, 1.0])[:, None] * scan.values)
+    assert "the size of the first harmonic at 92 Hz" in str(known.mismatch((tripled,)))
 
 
 def test_the_sizes_of_both_orders_are_told_apart() -> None:
