@@ -33,7 +33,7 @@ import pickle
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache, partial
 from types import MappingProxyType
 
@@ -756,9 +756,9 @@ class PointRunner:
             return Point(index, "failed", f"{kind}{error}", None), None
 
     @cached_property
-    def channels(self) -> dict[str, str]:
-        """Units of the channels that the sweep keeps, by their names."""
-        return channel_units(self.sweep, self.structure(self.sweep.case(0)).layout)
+    def first(self) -> Layout:
+        """Layout of the first point, whose channels and units are those of the sweep."""
+        return self.structure(self.sweep.case(0)).layout
 
     def structure(self, case: Case) -> Structure:
         """Return the discretised case, from memory if another case with the same model made it."""
@@ -767,7 +767,9 @@ class PointRunner:
     def _quantities(self, layout: Layout) -> tuple[Quantity, ...]:
         """Return the numbers that the sweep keeps of a point; see `quantities`."""
         if self._wanted is None or self._wanted[0] is not layout:
-            wanted = quantities(self.sweep.file.record, layout, self.channels, self.sweep.base)
+            channels = channel_units(self.sweep, self.first)
+            like_first = replace(layout, sensors=self.first.sensors)
+            wanted = quantities(self.sweep.file.record, like_first, channels, self.sweep.base)
             self._wanted = layout, wanted
         return self._wanted[1]
 

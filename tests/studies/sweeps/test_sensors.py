@@ -50,6 +50,22 @@ def test_a_point_keeps_the_numbers_of_its_sensors(tmp_path: Path) -> None:
     assert units["sensor_d_rms"] == "m"
 
 
+def test_numbers_of_a_sensor_are_in_the_unit_that_the_dataset_says(tmp_path: Path) -> None:
+    keys = {"contact.law": "none", "time.periods": 2, "output.window_periods": 1,
+            "time.steps_per_period": 100, "sensor": SENSORS[:1], "mesh.elements": 4}  # fmt: skip
+    sweep = df.Sweep(
+        df.preset("paper", keys),
+        {"sensor.d.quantity": ["displacement", "velocity"]},
+        record={"channels": ["d"]},
+    )
+    data = df.run_sweep(sweep, tmp_path / "sweep")
+    for name in ("sensor_d_rms", "d_rms"):
+        assert data[name].attrs["units"] == "m"
+        as_displacement, as_velocity = data[name].values
+        assert as_displacement > 0.0
+        assert np.isnan(as_velocity)
+
+
 def test_the_point_of_a_force_is_part_of_the_model() -> None:
     def key(position: float, frequency: float) -> str:
         excitation = {"kind": "force", "lamina": "thin", "amplitude": 0.1, "frequency": frequency}
