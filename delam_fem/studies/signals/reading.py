@@ -454,6 +454,8 @@ def sheets_of(path: Path) -> list[Sheet]:
     Raises:
         CaseError: there is no such file, it is of no known format, or it is damaged.
     """
+    if path.is_dir():
+        raise CaseError(f"{path}: expected a file, given a folder; that of a run has result.nc")
     if not path.is_file():
         raise CaseError(f"{path}: there is no such file")
     reader = READERS.get(path.suffix.lower())
@@ -494,12 +496,9 @@ def record(data: xr.Dataset) -> xr.Dataset:
     if "time" not in data:
         raise CaseError("measurement: expected histories over the time, found none")
     channels = {}
-    for k, name in enumerate(map(str, data["channel"].to_numpy())):
+    for k, name in histories_in(data).items():
         row = {key: data[f"channel_{key}"][k].item() for key in TABLE}
-        if row["variable"] not in data or "time" not in data[row["variable"]].dims:
-            continue
         quantity = str(row["quantity"])
-        suffix = "" if quantity == "displacement" else f"_{quantity}"
         about = {"units": row["units"], "quantity": quantity, "place": name, "name": name}
         if row["lamina"]:
             about["lamina"] = row["lamina"]
@@ -507,18 +506,59 @@ def record(data: xr.Dataset) -> xr.Dataset:
             about["x"] = row["position"]
         if "channel_across" in data and np.isfinite(data["channel_across"][k]):
             about["z"] = data["channel_across"][k].item()
-        key = name.removeprefix(schema.SENSOR)
-        if TIP.fullmatch(name) and row["lamina"] and quantity:
-            key = f"tip_{row['lamina']}{suffix}"
-        elif BASE.fullmatch(name):
-            key = f"base{suffix}"
+        if BASE.fullmatch(name):
             about["quantity"] = f"base {quantity}"
-        elif row["variable"] == "force":
-            key = "drive"
-        elif contact := CONTACT.fullmatch(name):
-            key = f"contact_{contact['contact']}"
-        channels[key] = ("time", history_of(data, k), about)
+        channels[_name_in_record(name, row)] = ("time", history_of(data, k), about)
     return xr.Dataset(channels, coords={"time": data["time"]})
+
+
+def histories_in(data: xr.Dataset) -> dict[int, str]:
+    """Return the names of the channels over the time, by their numbers in the table."""
+    names = map(str, data["channel"].to_numpy())
+    variables = map(str, data["channel_variable"].to_numpy())
+    return {
+        k: name
+        for k, (name, variable) in enumerate(zip(names, variables, strict=True))
+        if variable in data and "time" in data[variable].dims
+    }
+
+
+def _name_in_record(name: str, row: Mapping[str, Any]) -> str:
+    """Return what the record of a run calls a channel."""
+    quantity = str(row.get("quantity", ""))
+    suffix = "" if quantity in ("", "displacement") else f"_{quantity}"
+    if TIP.fullmatch(name) and quantity and row["lamina"]:
+        return f"tip_{row['lamina']}{suffix}"
+    if BASE.fullmatch(name):
+        return f"base{suffix}"
+    if row["variable"] == "force":
+        return "drive"
+    if contact := CONTACT.fullmatch(name):
+        return f"contact_{contact['contact']}"
+    return name.removeprefix(schema.SENSOR)
+
+
+def history_named(data: xr.Dataset, name: str, option: str) -> int:
+    """Return the number of a history in the table by its name there, or in the record of a run.
+
+    Args:
+        data: a measurement.
+        name: the name.
+        option: what names it, for the message.
+
+    Raises:
+        CaseError: there is no such history.
+    """
+    names = histories_in(data)
+    for k, called in names.items():
+        if name == called:
+            return k
+    for k, called in names.items():
+        row = {key: data[f"channel_{key}"][k].item() for key in TABLE if f"channel_{key}" in data}
+        if name == _name_in_record(called, row):
+            return k
+    listing = ", ".join(names.values()) or "none"
+    raise CaseError(f"{option}: expected one of the histories {listing}, given {name!r}")
 
 
 def as_sep005(data: xr.Dataset) -> list[dict[str, Any]]:

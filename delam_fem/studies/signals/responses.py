@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 from scipy.signal import detrend, find_peaks, resample_poly
 
-from delam_fem.api import BoolArray, CaseError, FloatArray, require, spectra, style
+from delam_fem.api import BoolArray, CaseError, FloatArray, spectra, style
 from delam_fem.studies.signals.channels import Values
-from delam_fem.studies.signals.reading import history_of
+from delam_fem.studies.signals.reading import histories_in, history_named, history_of
 from delam_fem.studies.signals.units import ratio_of
 
 QUIET = 15.0
@@ -487,16 +487,8 @@ def _of_sweep(first: float, last: float, rate: float, *, is_single: bool) -> str
 
 def chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
     """Return the numbers of the channels of the excitation and of the responses."""
-    names = [str(name) for name in data["channel"].to_numpy()]
-    variables = [str(name) for name in data["channel_variable"].to_numpy()]
-    histories = [k for k, v in enumerate(variables) if v in data and "time" in data[v].dims]
-    if excitation not in [names[k] for k in histories]:
-        listing = ", ".join(names[k] for k in histories) or "none"
-        raise CaseError(
-            f"excitation: expected one of the histories {listing}, given {excitation!r}"
-        )
-    first = names.index(excitation)
-    outputs = [k for k in histories if k != first]
+    first = history_named(data, excitation, "excitation")
+    outputs = [k for k in histories_in(data) if k != first]
     if not outputs:
         raise CaseError("excitation: expected a response beside it, found none")
     return first, outputs
@@ -873,8 +865,7 @@ def with_free_vibrations(
     Source: Y. Hua, T. K. Sarkar, "Matrix pencil method for estimating parameters of exponentially
     damped/undamped sinusoids in noise", IEEE Trans. ASSP 38 (1990).
     """
-    names = [str(name) for name in data["channel"].to_numpy()]
-    require(channel in names, "free", f"one of {', '.join(names)}", channel)
+    number = history_named(data, channel, "free")
     time: FloatArray = data["time"].to_numpy()
     step = step_of(time)
     thinned = max(1, int(1.0 / (OVERSAMPLED * upper * step)))
@@ -887,13 +878,13 @@ def with_free_vibrations(
             f"{least * thinned * step:.3g} s to the whole record, given {lower:g} to {upper:g} Hz "
             f"and {segment:g} s"
         )
-    values = resample_poly(history_of(data, names.index(channel)), 1, thinned, padtype="line")
+    values = resample_poly(history_of(data, number), 1, thinned, padtype="line")
     starts = np.arange(0, values.size - n + 1, max(1, n // 2))
     vibrations = [_strongest(values[k : k + n], thinned * step, lower, upper) for k in starts]
     at = {"units": "s", "long_name": "middle of the segment"}
     middles = time[0] + (starts + 0.5 * (n - 1)) * thinned * step
     data = data.assign_coords(free_time=("free_time", middles, at))
-    units = str(data["channel_units"].to_numpy()[names.index(channel)])
+    units = str(data["channel_units"].to_numpy()[number])
     for (name, unit), column in zip(FREE.items(), np.transpose(vibrations), strict=True):
         words = f"{name.replace('_', ' ')} of the free vibration of {channel}"
         about = {"units": unit or units, "long_name": words, "segment": segment}

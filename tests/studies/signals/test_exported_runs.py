@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem.api import CaseError
 from delam_fem.studies.signals import reading
+from delam_fem.studies.signals.responses import with_free_vibrations
 
 DIGITS = {"csv": 0.0, "mat": 0.0, "uff": 1e-11}
 """Relative tolerance of values: universal files have twelve digits."""
@@ -90,3 +92,21 @@ def test_an_exported_run_over_itself_agrees_whatever_chatters(tmp_path: Path) ->
     gains = {channel.name: channel.gain for channel in overlay.channels}
     assert gains == pytest.approx(dict.fromkeys(gains, 1.0), abs=1e-9)
     assert "sensor_slap" in gains
+
+
+def test_a_history_is_named_as_in_the_file_or_as_in_the_record(tmp_path: Path) -> None:
+    result = two_strips()
+    result.save_numbers(tmp_path / "run")
+    data = df.read_measured(tmp_path / "run" / "result.nc")
+    numbers = {name: reading.history_named(data, name, "option") for name in result.record}
+    for name, number in numbers.items():
+        assert np.array_equal(reading.history_of(data, number), result.record[name])
+    in_file = [str(data["channel"].to_numpy()[number]) for number in numbers.values()]
+    assert [reading.history_named(data, name, "option") for name in in_file] == [*numbers.values()]
+    with pytest.raises(CaseError, match=r"option: expected one of the histories tip_.*'gap0'"):
+        reading.history_named(data, "gap0", "option")
+    with pytest.raises(CaseError, match=r"run: expected a file, given a folder.*result\.nc"):
+        df.read_measured(tmp_path / "run")
+    by_record = with_free_vibrations(data, "tip_thin", 20.0, 300.0, 0.2)
+    by_file = with_free_vibrations(data, "tip_displacement thin", 20.0, 300.0, 0.2)
+    assert by_record.equals(by_file)

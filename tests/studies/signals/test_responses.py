@@ -310,7 +310,7 @@ def test_the_strongest_mode_has_most_energy_and_not_most_amplitude() -> None:
 
 def test_messages_of_free_vibrations_are_exact() -> None:
     data = vibrating()
-    told = "free: expected one of a, force, b, given 'c'"
+    told = "free: expected one of the histories a, force, b, given 'c'"
     assert refusal(lambda: with_free_vibrations(data, "c", 6.0, 11.0)) == told
     for ends in ((-1.0, 11.0), (11.0, 6.0), (6.0, 6.0), (6.0, 40.0), (6.0, 11.0, 0.31)):
         segment = ends[2] if len(ends) > 2 else 10.0 / max(ends[0], 1e-9)
