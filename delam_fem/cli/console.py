@@ -456,8 +456,9 @@ def shortened(line: str) -> str:
 
 
 def _rank() -> int:
-    """Return the number of this process under mpirun; 0 without."""
-    return int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")))
+    """Return the number of this process under mpirun or srun; 0 without."""
+    ranks = (os.environ.get(name) for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"))
+    return next((int(rank) for rank in ranks if rank is not None), 0)
 
 
 def error_console(quiet: bool) -> Console:

@@ -28,6 +28,9 @@ from delam_fem.cli.endings import DONE, FAILED, INTERRUPTED, entered_by_first
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from delam_fem.case.definition import Case
     from delam_fem.engines.session import EngineName
     from delam_fem.results.folder import Result
 
@@ -125,34 +128,34 @@ def run_command(
 ) -> None:
     """Compute a case and write the results to DIR (default: runs/NAME)."""
     from delam_fem.engines.cost import require_affordable, run_cost
+    from delam_fem.model.sharing import shared
     from delam_fem.results.reading import is_complete
     from delam_fem.simulation.checkpoint import path_in
     from delam_fem.system.files import claimed
     from delam_fem.system.mpi import MPI
 
+    comm = MPI.COMM_WORLD
+    is_first = comm.rank == 0  # mpirun may have started several processes
+    if not is_first:
+        logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
     case = case_of(case_name, overrides)
     file = Path(case_name)
     folder = output or Path("runs") / case.name
     chosen = engine or engine_in(folder, resume=resume, extend=extend is not None)
     cost = run_cost(case, chosen)
     require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
-    if dry_run:
-        show_case(case, chosen)
-    comm = MPI.COMM_WORLD
     # the case may have come from a file; case.toml may be an output
     case_files = [file] if file.is_file() and file.name != "case.toml" else []
-    is_first = comm.rank == 0  # mpirun may have started several processes
-    if not is_first:
-        logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
     claim = claimed(
         folder,
         inputs=[*case.files.values(), *case_files],
         may_hold_results=resume or overwrite or bool(extend),
         is_replacing=overwrite,
     )
+    if dry_run:
+        shared(comm, lambda: _show(case, chosen, claim))
+        return
     with entered_by_first(comm, claim):
-        if dry_run:
-            return
         if resume and not path_in(folder).exists() and is_complete(folder, case, engine):
             outcome = "completed"
             _log.info("%s has the complete result: nothing is left to do", folder)
@@ -177,6 +180,13 @@ def run_command(
         raise typer.Exit(STATUS[outcome])
     if outcome != "completed":
         fail(f"{outcome}; the results so far are in {folder}{HINT[outcome]}", STATUS[outcome])
+
+
+def _show(case: Case, engine: EngineName, claim: AbstractContextManager[object]) -> None:
+    """Show a case, and check that its folder may be written to."""
+    show_case(case, engine)
+    with claim:
+        pass
 
 
 def engine_in(directory: Path, *, resume: bool, extend: bool) -> EngineName:

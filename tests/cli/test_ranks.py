@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from attack.processes import MPIRUN, command, ended
+from attack.processes import LIMIT, MPIRUN, command, ended, start
 from mpi_pool import Crew
 
 START = """
@@ -115,3 +115,18 @@ def test_processes_of_a_reduction_end(preset: str, status: int, tmp_path: Path) 
     returned, errors = ended([*MPIRUN, *line])
     assert (returned, errors.count("contact.impulse: expected")) == (status, int(preset == "paper"))
     assert "MPI_ABORT" not in errors
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+def test_the_first_process_of_a_run_alone_speaks(tmp_path: Path) -> None:
+    """Before the run begins: a warning of the case, and the table of what it would be."""
+    keys = {"model.kind": "plane-stress", "mesh.elements": 4, "contact.impulse": "consistent",
+            "excitation.amplitude": 2.5}  # fmt: skip
+    line = command("run", "paper", "-o", tmp_path / "out", "--dry-run", keys=keys)
+    process = start([*MPIRUN, *line])
+    table, errors = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, errors
+    assert errors.count("excitation.amplitude = 2.5 m") == 1, errors
+    assert table.count("unknowns") == 1
+    assert not (tmp_path / "out").exists()
