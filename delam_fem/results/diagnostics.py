@@ -256,7 +256,8 @@ class ProbeMotion:
         displacement: displacements at each step of the window, shape (n_laminae, n_steps) [m].
         strobe: displacements at the end of each period of the run, shape (n_laminae, n_periods)
             [m].
-        gap_at_rest: gap of each interface at the probes, shape (n_interfaces,) [m].
+        gap_at_rest: gap of each interface at the probes, shape (n_interfaces,) [m]; NaN: the two
+            are bonded there, or not opposite.
         is_hit: whether the pair at the probes is hit at the end of each step of the window, shape
             (n_interfaces, n_steps).
         n_impacts: impulses on pairs in the window.
@@ -274,6 +275,9 @@ class ProbeMotion:
         gap_at_rest = np.zeros(0)
         if "gap0" in history:
             gap_at_rest = by_interface(history["gap0"])[:, probe_node(history)]
+        if "spring_share" in history:
+            is_pair = by_interface(history["spring_share"])[:, probe_node(history)] > 0.0
+            gap_at_rest = np.where(is_pair, gap_at_rest, np.nan)
         if "end" in history:  # the tips of laminae of unequal lengths are not opposite
             gap_at_rest = np.full_like(gap_at_rest, np.nan)
         return cls(
@@ -293,8 +297,10 @@ class ProbeMotion:
 
     @property
     def gap(self) -> FloatArray:
-        """Smallest gap of all interfaces at each step, shape (n_steps,) [m]."""
-        return np.asarray(self.gaps.min(axis=0, initial=np.inf))
+        """Smallest gap of all interfaces at each step, NaN: none has one, shape (n_steps,) [m]."""
+        has_gap = ~np.isnan(self.gap_at_rest)
+        gaps = self.gaps[has_gap] if has_gap.any() else self.gaps
+        return np.asarray(gaps.min(axis=0, initial=np.inf))
 
     @property
     def is_closed(self) -> BoolArray:

@@ -71,8 +71,6 @@ def _of_laminae(history: xr.Dataset, case: Case) -> Iterator[Overlap]:
     at_frames = gap_field(history)
     at_steps = ProbeMotion.of(history).gaps
     at_rest = by_interface(history["gap0"])
-    if not len(at_rest):  # of solids that are bonded everywhere
-        return
     for k, (lower, upper) in enumerate(pairwise(case.lamina)):
         tables = tables_of(case, f"{lower.name}-{upper.name}")
         if tables and all(table.stiffness is not None for table in tables):

@@ -24,6 +24,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -491,20 +492,22 @@ def touching(
 
 
 def interfaces(parts: Sequence[Part], every: Sequence[Pairs], case: Case) -> tuple[Interface, ...]:
-    """Return the interfaces of all pairs, which follow one another.
+    """Return the interfaces of all neighbours, whose pairs follow one another.
+
+    As of beams, neighbours that are bonded everywhere have one without pairs.
 
     Args:
         parts: all parts.
-        every: the pairs of each interface.
+        every: the pairs of each two neighbours that are apart somewhere, from bottom to top.
         case: the case.
     """
     lie_anywhere = case.mesh.file is not None or case.is_plate
-    return in_order(
-        [
-            interface(parts, pairs.facing.parts, pairs.x, at=pairs.plan if lie_anywhere else None)
-            for pairs in every
-        ]
-    )
+    apart = {pairs.facing.parts: (pairs.x, pairs.plan) for pairs in every}
+    result = []
+    for between in pairwise(range(len(parts))):
+        x, plan = apart.get(between, (np.zeros(0), np.zeros((0, 2))))
+        result.append(interface(parts, between, x, at=plan if lie_anywhere else None))
+    return in_order(result)
 
 
 def weights(
@@ -550,7 +553,8 @@ def gaps(case: Case, layout: Layout, every: Sequence[Pairs]) -> FloatArray:
     result = gap_at_rest(case, layout)
     if case.mesh.file is None or case.gap is not None:
         return result
-    for pairs, interface in zip(every, layout.interfaces, strict=True):
+    for pairs in every:
+        interface = layout.interfaces[pairs.facing.parts[0]]
         between = tuple(layout.names[i] for i in interface.parts)
         for open_place in case.delamination:
             if open_place.between == between and not _OPENINGS & open_place.model_fields_set:

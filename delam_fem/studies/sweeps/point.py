@@ -469,7 +469,7 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
     return diagnostics.ProbeMotion(
         displacements_of(recorder, n_laminae),
         recorder.strobe[: recorder.n_closed, 0, :n_laminae].T,
-        np.array([0.0 if pair is None else gap0[pair] for pair in pairs]),
+        np.array([np.nan if pair is None else gap0[pair] for pair in pairs]),
         is_hit,
         impacts.hit.size,
     )
