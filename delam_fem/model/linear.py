@@ -18,6 +18,7 @@ from delam_fem.model import operators as distributed
 from delam_fem.model.factors import DENSE_DOFS, Factor, factored, largest, regular
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import (
+    DistributedOperators,
     Operators,
     diagonal,
     n_rows,
@@ -283,8 +284,12 @@ def at_start(U: ComplexArray, frequency: float) -> FloatArray:
     return np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])
 
 
-def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
+def slowest_decay(
+    operators: Operators | DistributedOperators, *, is_floating: bool = False
+) -> float:
     """Return the rate at which the slowest of the lowest modes dies out without contact [1/s].
+
+    Ranks that share the operators find it together (collective).
 
     A mode with phiᵀ (M, C, K) phi = (1, 2 s, omega²) decays as e^(-s t), or as
     e^(-(s - sqrt(s² - omega²)) t) if it is overdamped. Rayleigh damping couples no modes, and the
@@ -301,7 +306,7 @@ def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
     omega, vectors = lowest(o.stiffness, o.mass, min(DECAYING, o.n_dofs), is_floating=is_floating)
     vectors = vectors[:, np.isfinite(omega)]
     mass, damping, stiffness = (
-        np.einsum("ij,ij->j", vectors, matrix @ vectors)
+        o.total(np.einsum("ij,ij->j", vectors, times(matrix, vectors)))
         for matrix in (o.mass, o.damping, o.stiffness)
     )
     s = damping / (2.0 * mass)

@@ -145,6 +145,20 @@ class Recorded(Generic[_Matrix]):
         """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
         return share
 
+    @cached_property
+    def pair_mass(self) -> FloatArray:
+        """Mass that each pair meets if its nodes move alone, shape (n_pairs,) [kg] (collective)."""
+        H = self.gap_matrix
+        with np.errstate(divide="ignore", invalid="ignore"):  # points of contact may have no mass
+            inverse = self.total(H.multiply(H) @ (1.0 / diagonal(self.mass)))
+            return np.asarray(1.0 / inverse)
+
+    @cached_property
+    def probe_stiffness(self) -> float:
+        """The largest p K pᵀ of the probes p [N/m]; 0 without probes (collective)."""
+        p = self.probes.toarray()
+        return float(self.total(np.sum(p * times(self.stiffness, p.T).T, axis=1)).max(initial=0.0))
+
     def _complete(self, n: int, further: Mapping[str, tuple[int, ...]], text: str) -> None:
         """Replace missing probes and sensors by an empty matrix; check the shapes.
 
@@ -322,20 +336,6 @@ class Operators(Recorded[sp.csr_matrix]):
             dofs = np.flatnonzero(label == number)
             M_b, C_b, K_b = (A[dofs][:, dofs] for A in (M, C, K))
             yield dofs, M_b, C_b, K_b
-
-    @cached_property
-    def pair_mass(self) -> FloatArray:
-        """Mass that each pair meets if its nodes move alone, shape (n_pairs,) [kg]."""
-        H = self.gap_matrix
-        with np.errstate(divide="ignore", invalid="ignore"):  # points of contact may have no mass
-            inverse = H.multiply(H) @ (1.0 / self.mass.diagonal())
-            return np.asarray(1.0 / inverse)
-
-    @cached_property
-    def probe_stiffness(self) -> float:
-        """The largest p K pᵀ of the probes p [N/m]; 0 without probes."""
-        p = self.probes
-        return float(np.asarray(p.multiply(p @ self.stiffness).sum(axis=1)).max(initial=0.0))
 
     def without_contact(self) -> Operators:
         """Return the same operators without pairs."""

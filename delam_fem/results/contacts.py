@@ -24,7 +24,6 @@ from delam_fem.case.unread import is_elastic
 from delam_fem.contact.laws import LAWS
 from delam_fem.model.contacts import tables_of
 from delam_fem.model.layout import Layout, Structure
-from delam_fem.model.operators import DistributedOperators
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.results.diagnostics import (
     GROUP_PERIODS,
@@ -368,15 +367,15 @@ def _spring_force(
 def _forces_at_frames(recorder: Recorder, structure: Structure, case: Case) -> FloatArray | None:
     """Return the forces of the springs of all pairs at the frames, shape (n_frames, n_pairs) [N].
 
-    They are None without frames, and where the dofs are shared by ranks.
+    They are None without frames. Ranks that share the dofs add them up (collective).
     """
     o = structure.operators
     frames = frames_of(recorder)
-    if not frames.states or isinstance(o, DistributedOperators):
+    if not frames.states:
         return None
     u, v = np.array(frames.states).swapaxes(0, 1)
-    gap = o.gap0 + u @ o.gap_matrix.T
-    rate = v @ o.gap_matrix.T
+    gap = o.gap0 + o.total(u @ o.gap_matrix.T)
+    rate = o.total(v @ o.gap_matrix.T)
     numbers = law_numbers(case, o)
     carries = np.where(numbers.closes_springs(o.n_pairs), gap <= 0.0, frames.contact == RESTING)
     spring = numbers.stiffness, numbers.dampings(o.n_pairs)

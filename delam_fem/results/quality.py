@@ -36,6 +36,7 @@ from delam_fem.results import diagnostics
 from delam_fem.results.schema import SENSOR
 from delam_fem.simulation.recorder import EXCHANGED, LEDGER, Recorder
 from delam_fem.simulation.signals import law_numbers
+from delam_fem.system.mpi import slepc
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,14 +96,19 @@ def _strobes(recorder: Recorder, n_parts: int, n: int) -> FloatArray:
         return np.asarray(strobes / scales[..., None])
 
 
+def finds_modes(operators: Operators | DistributedOperators) -> bool:
+    """Return whether modes can be found: several ranks need SLEPc."""
+    return isinstance(operators, Operators) or slepc() is not None
+
+
 def decay_of(case: Case, structure: Structure) -> float:
     """Return the rate at which the slowest mode of a structure dies out [1/s].
 
     Solids have the damping of the beams of the same case, and frequencies close to theirs; the
-    modes of the beams are found in no time and on any number of ranks. Of a plate they are its own;
-    on several ranks the rate is not found, and 0.
+    modes of the beams are found in no time and on any number of ranks. Of a plate they are its own,
+    which several ranks find together (collective); without SLEPc they do not, and the rate is 0.
     """
-    if case.is_plate and isinstance(structure.operators, DistributedOperators):
+    if case.is_plate and not finds_modes(structure.operators):
         return 0.0
     if case.model.is_continuum and not case.is_plate:
         structure = assemble(case.as_beams, needs_dolfinx=False)
@@ -111,7 +117,7 @@ def decay_of(case: Case, structure: Structure) -> float:
 
 def decay_of_operators(operators: Operators | DistributedOperators) -> float:
     """Return the rate at which the slowest mode dies out [1/s]; 0 if it cannot be found."""
-    if isinstance(operators, DistributedOperators):
+    if not finds_modes(operators):
         return 0.0
     try:
         decay = slowest_decay(operators)
@@ -443,7 +449,7 @@ def spring_blows(case: Case, structure: Structure) -> list[Blow]:
     Hertz's contact do.
     """
     o = structure.operators
-    if isinstance(o, DistributedOperators) or not o.n_pairs:
+    if not o.n_pairs:
         return []
     has_springs = law_numbers(case, o).has_springs(o.n_pairs)
     if not has_springs.any():
