@@ -360,6 +360,12 @@ STRESSES = (
     ("stress_xx", "stress along x", pictures.COLOURS, -1.0),
 )
 """Stresses that are drawn: field, words, colours, and the lowest colour over the highest."""
+HELD = (("start", 0, -1.0), ("end", 0, 1.0), ("left", 2, -1.0), ("right", 2, 1.0))
+"""Edges that may be held, the axis across each, and in which direction it is outside."""
+MASSES = "#202020"
+"""Colour of point masses."""
+SLOPE = 0.35
+"""How much lower what is behind must be, over its distance behind, to be seen below the front."""
 HIGH = 99.9
 """Percentile of the stresses of all cells that the colours reach: a few corners have more."""
 
@@ -402,6 +408,7 @@ def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
     thick = thickening(series)
     factor = magnification(history, [frame], case.length)
     points = series.drawn(series.field("displacement", frame), thick, factor)
+    attached = _Attached(series, history, case, thick, factor)
     plotter = pv.Plotter(off_screen=True, window_size=list(STILL_SIZE), shape=(2, 1), border=False)
     plotter.set_background("white")
     for row, kind in enumerate(STRESSES):
@@ -409,6 +416,7 @@ def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
         values = series.field(kind[0], frame)
         grid, _ = _coloured(plotter, series, points, values, (float(np.abs(values).max()), *kind))
         _held(plotter, grid, case)
+        attached.show(plotter, points, frame)
         _look(plotter, points, STILL_SIZE[0] / (0.5 * STILL_SIZE[1]))
     plotter.subplot(0, 0)
     event = "strongest strike" if diagnostics.is_at_probes(history).any() else "smallest gap"
@@ -479,16 +487,86 @@ def _held(plotter: pv.Plotter, grid: pv.UnstructuredGrid, case: Case) -> None:
         )
     points = np.asarray(grid.points)
     length = float(case.length)
-    for is_held, x, outwards in zip(held_ends(case), (0.0, length), (-1.0, 1.0), strict=True):
-        if is_held:
-            section = points[np.abs(points[:, 0] - x) < 0.01 * length]
-            (_, low, near), (_, high, far) = section.min(axis=0), section.max(axis=0)
-            margin = 0.01 * length
-            x_bounds = sorted((x, x + outwards * 0.02 * length))
-            block = pv.Box(bounds=(*x_bounds, low - margin, high + margin, near, far + 1e-6))
+    for side, axis, outwards in HELD:
+        if case.support.holds(side):
+            along = outwards * points[:, axis]
+            section = points[along > along.max() - 0.01 * length]
+            bounds = np.array([section.min(axis=0), section.max(axis=0)])
+            bounds[:, 1] += 0.01 * length * pictures.OUTWARDS
+            bounds[:, axis] = outwards * along.max()
+            bounds[int(outwards > 0.0), axis] += outwards * 0.02 * length
+            bounds[1, 2] += 1e-6
+            block = pv.Box(bounds=bounds.T.ravel())
             plotter.add_mesh(
-                block, color="#9a9a9a", lighting=False, name=f"held {x}", reset_camera=False
+                block, color=BLOCKS, lighting=False, name=f"held {side}", reset_camera=False
             )
+
+
+class _Attached:
+    """What holds, stops, strikes or loads a solid inside its span: blocks, and balls for masses.
+
+    Attributes:
+        marks: stops, impactors and supports, with their points of the mesh and the places at which
+            these are drawn at rest, shape (3,) [m].
+        masses: points of the mesh that carry a mass, with the side on which it is drawn.
+        factor: factor of deflections and gaps.
+        length: of the laminae [m].
+        width: lowest and highest z of the laminae [m].
+    """
+
+    def __init__(
+        self, series: Series, history: xr.Dataset, case: Case, thick: float, factor: float
+    ) -> None:
+        """Find the points; `thick` and `factor` are those of `Series.drawn`."""
+        self.factor = factor
+        self.length = float(case.length)
+        self.width = (series.points[:, 2].min(), series.points[:, 2].max())
+        at_rest = series.drawn(np.zeros_like(series.points), thick, factor)
+        self.marks = [
+            (mark, at_rest[_point_at(series, mark.lamina, mark.x, mark.z or 0.0, mark.side)])
+            for mark in pictures.marks(history, case)
+        ]
+        names = [lamina.name for lamina in case.lamina]
+        self.masses = []
+        for mass in case.masses:
+            lamina = names.index(mass.lamina)
+            is_lowest = lamina == 0 and len(names) > 1
+            side = {"top": 1, "bottom": -1}.get(mass.surface or "", -1 if is_lowest else 1)
+            place = case.position_of(mass), pictures.across(mass.position) or 0.0
+            self.masses.append((_point_at(series, lamina, *place, side), side))
+
+    def show(self, plotter: pv.Plotter, points: FloatArray, frame: int) -> None:
+        """Add blocks and balls to a plotter, or move them.
+
+        Args:
+            plotter: the plotter that shows the laminae.
+            points: places at which the points are drawn, shape (n_points, 3) [m].
+            frame: number of the frame.
+        """
+        half = pictures.BLOCK_LENGTH * self.length
+        back, front = self.width
+        for number, (mark, (x, y, _)) in enumerate(self.marks):
+            face = y + self.factor * (mark.height + mark.motion[frame])
+            low_z, high_z = (back, front) if mark.z is None else (mark.z - half, mark.z + half)
+            # what is below reaches out from behind the edge in front
+            depth = 4.0 * half + (SLOPE * (front - high_z) if mark.side < 0 else 0.0)
+            low_y, high_y = sorted((face, face + mark.side * depth))
+            block = pv.Box(bounds=(x - half, x + half, low_y, high_y, low_z, high_z + 1e-6))
+            name = f"mark {number}"
+            plotter.add_mesh(block, color=BLOCKS, ambient=0.5, name=name, reset_camera=False)
+        for number, (point, side) in enumerate(self.masses):
+            ball = pv.Sphere(
+                radius=1.5 * half, center=points[point] + [0.0, side * 1.5 * half, 0.0]
+            )
+            plotter.add_mesh(ball, color=MASSES, name=f"mass {number}", reset_camera=False)
+
+
+def _point_at(series: Series, lamina: int, x: float, z: float, side: int) -> int:
+    """Return the point of the mesh nearest to a place on a side (1: top) of a lamina, from 0."""
+    points = np.unique(series.cells[series.lamina == lamina + 1])
+    distance = np.hypot(series.points[points, 0] - x, series.points[points, 2] - z)
+    column = points[distance <= distance.min() + 1e-9]
+    return int(column[np.argmax(side * series.points[column, 1])])
 
 
 def _look(plotter: pv.Plotter, points: FloatArray, aspect: float) -> None:
@@ -496,7 +574,7 @@ def _look(plotter: pv.Plotter, points: FloatArray, aspect: float) -> None:
     low = points.min(axis=0)
     high = points.max(axis=0)
     is_deep = high[2] > low[2]
-    towards = np.array([-0.12, 0.35, 1.0]) if is_deep else np.array([0.0, 0.0, 1.0])
+    towards = np.array([-0.12, SLOPE, 1.0]) if is_deep else np.array([0.0, 0.0, 1.0])
     span = high - low
     middle = 0.5 * (low + high) + np.array([0.07 * span[0], 0.1 * span[1], 0.0])
     tall = span[1] + (0.4 * span[2] if is_deep else 0.0)
@@ -522,6 +600,7 @@ def _solid(
         f"{case.title}\n{scales(thick, factor)}",
         position=(0.02, 0.88), viewport=True, font_size=11, color="black",
     )  # fmt: skip
+    attached = _Attached(series, history, case, thick, factor)
     bounds = np.concatenate([[points.min(axis=0), points.max(axis=0)] for points in every.values()])
     _look(plotter, bounds, SOLID_SIZE[0] / SOLID_SIZE[1])
 
@@ -529,5 +608,6 @@ def _solid(
         grid.points = every[frame]
         grid.point_data[look[0]][:] = values[frame] / size
         _held(plotter, grid, case)
+        attached.show(plotter, every[frame], frame)
 
     return show

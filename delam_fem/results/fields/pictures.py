@@ -29,7 +29,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import ENDS
+from delam_fem.case.sections import ENDS, Impactor, Stop
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics
 from delam_fem.results.fields import vtkhdf
@@ -97,7 +97,9 @@ class ObstacleMark:
         lamina: number of the lamina beside the mark, from 0.
         node: number of the node at the mark, or nearest to it.
         x: place along the lamina [m].
+        z: place across a plate [m]; None: the whole width.
         side: 1 above the lamina, -1 below.
+        height: of the face above that of the lamina at rest [m].
         rest: y of the face at rest [m]; see `middle_lines`.
         motion: displacement of the face, shape (n_frames,) [m].
         state: contact states, shape (n_frames,).
@@ -107,7 +109,9 @@ class ObstacleMark:
     lamina: int
     node: int
     x: float
+    z: float | None
     side: int
+    height: float
     rest: float
     motion: FloatArray
     state: npt.NDArray[Any]
@@ -128,6 +132,8 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Obstac
     times = history["time"].to_numpy()
     base = np.interp(frames, times, history["base_displacement"])
     numbers = history["stop_number"].to_numpy() if "stop_number" in history else np.zeros(0)
+    strikers: list[Stop | Impactor] = [*case.stop, *case.impactor]
+    positions = {number: striker.position for number, striker in enumerate(strikers, start=1)}
     for k, number in enumerate(numbers.tolist()):
         impactor = number - len(case.stop) - 1
         if impactor >= 0 and number == numbers[k - 1] and k:
@@ -143,21 +149,32 @@ def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Obstac
         side = -1 if np.signbit(height) else 1
         node = int(stop["stop_node"])
         face = float(middle[lamina, node]) + side * half[lamina] + enlarged * height
+        z = across(positions.get(number))
         state = stop["stop_state"].to_numpy()
         heat = float(stop.get("stop_heat", 0.0))
-        result.append(ObstacleMark(lamina, node, float(x[node]), side, face, motion, state, heat))
+        result.append(
+            ObstacleMark(
+                lamina, node, float(x[node]), z, side, height, face, motion, state, heat
+            )
+        )  # fmt: skip
     names = [lamina.name for lamina in case.lamina]
-    for support in case.support.points(case.length):
+    for support in (*case.support.points(case.length), *case.support.at_points):
         if support.side is not None and support.kind != "spring":
             continue
         lamina = names.index(support.lamina) if support.lamina else 0
         place = support.x
         node = int(np.abs(x - place).argmin())
-        face = float(np.interp(place, x, middle[lamina])) - half[lamina]
-        result.append(
-            ObstacleMark(lamina, node, place, -1, face, base, np.zeros(base.size, np.int8))
-        )
+        side = 1 if support.surface == "top" else -1
+        face = float(np.interp(place, x, middle[lamina])) + side * half[lamina]
+        z = across(support.position)
+        open_ = np.zeros(base.size, np.int8)
+        result.append(ObstacleMark(lamina, node, place, z, side, 0.0, face, base, open_))
     return result
+
+
+def across(position: float | tuple[float, float] | None) -> float | None:
+    """Return z of a position on a plate [m]; None: it names x alone."""
+    return position[1] if isinstance(position, tuple) else None
 
 
 @dataclass(frozen=True)
@@ -192,6 +209,8 @@ class Ribbons:
         for mark, block in zip(all_marks, blocks, strict=True):
             block[:] = rest_positions[mark.lamina, mark.node]
             block[..., 0] = mark.x + BLOCK_LENGTH * case.length * OUTWARDS[:, None]
+            if mark.z is not None:
+                block[..., 2] = mark.z + BLOCK_LENGTH * case.length * np.sign(block[..., 2])
             block[..., 1] = mark.rest + mark.side * half.sum() * (1.0 + mark.side * UPWARDS)
         return cls(
             rest_positions,
