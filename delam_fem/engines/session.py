@@ -529,9 +529,7 @@ def start_of(
     shift = operators.base.shift
     if start is None and shift is None:
         return None
-    if isinstance(operators, DistributedOperators):
-        start, shift = (v if v is None else operators.of_all(v) for v in (start, shift))
-    motion = np.zeros((3, operators.n_dofs))
+    motion = np.zeros((3, operators.n_own))
     if start is not None:
         motion[:2] = start
     if shift is not None:
@@ -539,8 +537,10 @@ def start_of(
     resting = np.zeros(operators.n_pairs, dtype=np.bool_)
     equilibrium = operators.equilibrium
     if equilibrium is not None:
-        gap = operators.gap_matrix @ motion[0] + operators.gap0
+        gap = operators.total(operators.gap_matrix @ motion[0]) + operators.gap0
         resting = has_springs & (equilibrium.force > 0.0) & (gap <= 0.0)
+    if isinstance(operators, DistributedOperators):
+        motion = operators.of_all(motion)
     return State(motion, resting)
 
 

@@ -22,8 +22,8 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
+from delam_fem.model import sharing
 from delam_fem.model.operators import matrix, solved, summed, times
-from delam_fem.model.sharing import Share
 from delam_fem.numerics.types import FloatArray
 
 if TYPE_CHECKING:
@@ -137,14 +137,17 @@ def regular(A: sp.spmatrix) -> Callable[[Any], Any]:
     return solve
 
 
-def largest(A: sp.spmatrix, B: sp.spmatrix, factor: Factor | None = None) -> float:
+def largest(A: Any, B: Any, factor: Factor | None = None) -> float:
     """Return the largest λ of A φ = λ B φ, with A symmetric and B positive definite.
 
     Args:
-        A: shape (n, n).
-        B: shape (n, n).
-        factor: factors of B, if there are any; None: they are computed where they are needed.
+        A: shape (n, n), of SciPy, or of PETSc on several ranks (collective).
+        B: shape (n, n), likewise.
+        factor: factors of B, if there are any; None: they are computed where they are needed. On
+            several ranks SLEPc has its own.
     """
+    if not sp.issparse(B):
+        return sharing.largest(A, B)
     n = B.shape[0]
     if n <= DENSE_DOFS:
         last = (n - 1, n - 1)
@@ -154,18 +157,23 @@ def largest(A: sp.spmatrix, B: sp.spmatrix, factor: Factor | None = None) -> flo
     return float(result)
 
 
-def largest_above_zero(A: sp.spmatrix, B: sp.spmatrix, factor: Factor) -> float:
+def largest_above_zero(A: Any, B: Any, factor: Factor | None) -> float:
     """Return the largest λ of A φ = λ B φ, or 0 where it is below `LEAST`.
 
     Eigenvalues that crowd just below 0 would not converge: whether there are others is counted by
     the signs of the pivots of B - A / `LEAST` (Sylvester's law of inertia).
 
     Args:
-        A: symmetric, shape (n, n).
-        B: positive definite, shape (n, n).
-        factor: factors of B.
+        A: symmetric, shape (n, n), of SciPy, or of PETSc on several ranks (collective).
+        B: positive definite, shape (n, n), likewise.
+        factor: factors of B; None: there are none yet.
     """
-    if B.shape[0] > DENSE_DOFS:
+    if not sp.issparse(B):
+        shifted = B.copy()
+        shifted.axpy(-1.0 / LEAST, A)
+        if sharing.is_positive_definite(shifted):
+            return 0.0
+    elif B.shape[0] > DENSE_DOFS:
         symmetric = {"SymmetricMode": True}
         shifted = sp.csc_matrix(B - A / LEAST)
         pivots = splu(shifted, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric).U
@@ -189,7 +197,7 @@ def _by_ranks(K: PETSc.Mat, M: PETSc.Mat | None, shift: float) -> Factor:
         ValueError: the matrix is singular.
     """
     try:
-        share = Share(K, M, shift)
+        share = sharing.Share(K, M, shift)
     except ValueError:
         raise ValueError(NOT_HELD) from None
 

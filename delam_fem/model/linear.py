@@ -20,13 +20,16 @@ from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import (
     DistributedOperators,
     Operators,
+    Recorded,
     diagonal,
     n_rows,
     of_ranks,
+    own_rows,
     scaled_by,
     summed,
     times,
 )
+from delam_fem.model.sharing import Share
 from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -244,9 +247,11 @@ def response(
 
 
 def opening_amplitude(
-    o: Operators, frequency: float, springs: FloatArray | None = None
+    o: Recorded[Any], frequency: float, springs: FloatArray | None = None
 ) -> float | None:
     """Return the amplitude of the drive at which the first pair opens that is closed at rest.
+
+    The call is collective where ranks share the dofs.
 
     The pairs that are pressed together at rest stay together, all others are open:
 
@@ -268,14 +273,55 @@ def opening_amplitude(
     omega = 2.0 * math.pi * frequency
     H = o.gap_matrix[pairs]
     soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
-    dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
     load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
-    matrix = sp.bmat([[dynamic, -H.T], [H, sp.diags(soft)]], format="csc")
-    force = regular(matrix)(np.concatenate([load, np.zeros(pairs.size)]))[o.n_dofs :]
+    if sp.issparse(o.stiffness):
+        dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
+        matrix = sp.bmat([[dynamic, -H.T], [H, sp.diags(soft)]], format="csc")
+        force = regular(matrix)(np.concatenate([load, np.zeros(pairs.size)]))[o.n_dofs :]
+    else:
+        responses = _steady(o, omega, np.column_stack([H.T.toarray(), load]))
+        read = o.total(H @ responses)
+        force = np.linalg.solve(read[:, :-1] + np.diag(soft), -read[:, -1])
     sizes = np.abs(force)
     opens = sizes > 0.0
     ratios = o.equilibrium.force[pairs][opens] / sizes[opens]
     return float(ratios.min()) if ratios.size else None
+
+
+def _steady(o: Recorded[Any], omega: float, loads: ComplexArray) -> ComplexArray:
+    """Return the own part of (K + iωC - ω²M)⁻¹ times loads on ranks (collective), (n_own, k).
+
+    With A = K - ω²M, B = ωC and U = x + iy it follows from real symmetric equations, as matrices of
+    PETSc have one kind of numbers:
+
+        [ A  -B ] [x]   [ Re f]
+        [-B  -A ] [y] = [-Im f]
+
+    Args:
+        o: the operators.
+        omega: angular frequency [rad/s].
+        loads: f on the own dofs, shape (n_own, k).
+    """
+    M, C, K = (own_rows(matrix) for matrix in (o.mass, o.damping, o.stiffness))
+    A = K - omega**2 * M
+    B = omega * C
+    firsts = np.array(of_ranks(o.mass, o.mass.getOwnershipRange()[0]))
+    sizes = np.diff([*firsts, o.n_dofs])
+    dofs = np.arange(o.n_dofs)
+    real = dofs + np.repeat(firsts, sizes)  # each rank has its x, then its y
+    imaginary = real + np.repeat(sizes, sizes)
+    ones = np.ones(o.n_dofs)
+    X, Y = (
+        sp.csr_matrix((ones, (dofs, places)), shape=(o.n_dofs, 2 * o.n_dofs))
+        for places in (real, imaginary)
+    )
+    rows = sp.vstack([A @ X - B @ Y, -B @ X - A @ Y], format="csr")
+    matrix = distributed.matrix(rows, o.mass.comm.tompi4py())
+    share = Share(matrix, None, 0.0)
+    x, y = np.split(share.solve(np.vstack([loads.real, -loads.imag])), 2)
+    share.destroy()
+    matrix.destroy()
+    return np.asarray(x + 1j * y)
 
 
 def at_start(U: ComplexArray, frequency: float) -> FloatArray:

@@ -23,8 +23,9 @@ another stays at once, and one that falls never does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -42,7 +43,16 @@ from delam_fem.model.layout import (
     places_of,
     point_load,
 )
-from delam_fem.model.operators import Equilibrium, Operators
+from delam_fem.model.operators import (
+    Equilibrium,
+    Recorded,
+    diagonal,
+    n_rows,
+    of_ranks,
+    restricted,
+    summed,
+    times,
+)
 from delam_fem.model.places import row_at
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -55,12 +65,15 @@ STAYS = 1e-12
 """Change of u, relative to a step of a falling body, that is round-off."""
 SOFT = 1e-6
 """Shift of a floating structure, in parts of the mean of its diagonal K over that of M."""
+_Problem = TypeVar("_Problem", bound=Recorded[Any])
 LIES = 1e-9
 """Gap of a free impactor, relative to the length, up to which it lies on its lamina."""
 
 
 def loaded(structure: Structure, case: Case) -> Structure:
     """Return a structure with the constant loads of its case, its state of rest, and its start.
+
+    The call is collective where ranks share the dofs.
 
     Args:
         structure: the structure with all of its pairs and dofs.
@@ -75,12 +88,13 @@ def loaded(structure: Structure, case: Case) -> Structure:
     if o.load is None:
         o = with_load(o, structure.layout, case)
     if case.gravity is not None and o.load is not None and structure.layout.n_impactors:
-        o = replace(o, load=o.load + _of_impactors(case, o.n_dofs))
-    if o.load is None or not o.load.any():
+        o = replace(o, load=o.load + _of_impactors(case, o))
+    if o.load is None or not any(of_ranks(o.mass, o.load.any())):
         return replace(structure, operators=replace(o, load=None))
     is_falling = falling_dofs(structure, case)
     if case.gravity is not None and case.gravity.gaps == "in place":
-        o = replace(o, gap0=o.gap0 - o.gap_matrix @ _without_contact(o, is_falling))
+        closing = o.total(o.gap_matrix @ _without_contact(o, is_falling))
+        o = replace(o, gap0=o.gap0 - closing)
     springs = springs_of(o, case)
     equilibrium = state_of_rest(
         o,
@@ -98,12 +112,12 @@ def loaded(structure: Structure, case: Case) -> Structure:
         require_lasting(case)
     o = replace(o, equilibrium=equilibrium)
     if equilibrium is not None and case.begins_at_rest:
-        start = np.zeros((2, o.n_dofs)) if o.start is None else o.start
-        o = replace(o, start=start + np.stack([equilibrium.displacement, np.zeros(o.n_dofs)]))
+        start = np.zeros((2, o.n_own)) if o.start is None else o.start
+        o = replace(o, start=start + np.stack([equilibrium.displacement, np.zeros(o.n_own)]))
     return replace(structure, operators=o)
 
 
-def springs_of(o: Operators, case: Case) -> FloatArray | None:
+def springs_of(o: Recorded[Any], case: Case) -> FloatArray | None:
     """Return the stiffness of the contact of each pair, (n_pairs,) [N/m]; None: all are rigid."""
     of_law = case.contact.law in ("penalty", "newton-penalty") and case.spring[0] > 0.0
     has_spring = np.full(o.n_pairs, of_law)
@@ -133,17 +147,17 @@ def require_lasting(case: Case) -> None:
 
 
 def with_load(
-    o: Operators, layout: Layout, case: Case, weight: FloatArray | None = None
-) -> Operators:
+    o: _Problem, layout: Layout, case: Case, weight: FloatArray | None = None
+) -> _Problem:
     """Return operators with the loads of weight and of all [[load]] on their dofs (L1).
 
-    The weights of impactors are left out.
+    The weights of impactors are left out. The call is collective where ranks share the dofs.
 
     Args:
         o: the operators.
         layout: what their dofs mean.
         case: the case.
-        weight: load of the weight, shape (n,) [N]; None: that of beams, bars and points.
+        weight: load of the weight, shape (n_own,) [N]; None: that of beams, bars and points.
 
     Raises:
         CaseError: a load is where its lamina is held, and has no effect.
@@ -156,7 +170,7 @@ def with_load(
             continue
         of_load = _of_load(o, layout, case, load)
         size = load.force if load.per_length is None else load.per_length
-        if size and not of_load.any():
+        if size and not any(of_ranks(o.mass, of_load.any())):
             raise CaseError(
                 f"load.{number}: expected a place that can move, given one where "
                 f"{load.lamina or ' and '.join(load.between or ())} is held, or two bonded laminae"
@@ -173,10 +187,10 @@ def _acceleration(case: Case) -> float:
     return case.gravity.along if is_along else case.gravity.across
 
 
-def _weight(o: Operators, layout: Layout, case: Case) -> FloatArray:
-    """Return the weights of laminae, points and point masses, shape (n,)."""
+def _weight(o: Recorded[Any], layout: Layout, case: Case) -> FloatArray:
+    """Return the weights of laminae, points and point masses, shape (n_own,)."""
     a = _acceleration(case)
-    n = o.n_dofs
+    n = o.n_own
     f = np.zeros(n)
     if not a:
         return f
@@ -192,18 +206,17 @@ def _weight(o: Operators, layout: Layout, case: Case) -> FloatArray:
     return f
 
 
-def _of_impactors(case: Case, n: int) -> FloatArray:
-    """Return the weights of impactors, the last of n dofs, shape (n,)."""
-    f = np.zeros(n)
-    f[n - len(case.impactor) :] = [
-        _acceleration(case) * impactor.mass for impactor in case.impactor
-    ]
+def _of_impactors(case: Case, o: Recorded[Any]) -> FloatArray:
+    """Return the weights of impactors, the last of all dofs, shape (n_own,)."""
+    f = np.zeros(o.n_own)
+    for dof, impactor in zip(o.last_dofs(len(case.impactor)), case.impactor, strict=False):
+        f[dof] = _acceleration(case) * impactor.mass
     return f
 
 
-def _of_load(o: Operators, layout: Layout, case: Case, load: Load) -> FloatArray:
-    """Return a force, or a force per length, on a lamina or on two neighbours, shape (n,)."""
-    n = o.n_dofs
+def _of_load(o: Recorded[Any], layout: Layout, case: Case, load: Load) -> FloatArray:
+    """Return a force, or a force per length, on a lamina or on two neighbours, shape (n_own,)."""
+    n = o.n_own
     f = np.zeros(n)
     for side, sign in load.sides:
         length = case.length_of(side.lamina)
@@ -229,34 +242,35 @@ def _over(layout: Layout, part: Part, reach: tuple[float, float], n: int) -> Flo
 
 
 def falling_dofs(structure: Structure, case: Case) -> BoolArray:
-    """Return which dofs are free impactors that do not lie on their laminae, shape (n,).
+    """Return which own dofs are free impactors that do not lie on their laminae, shape (n_own,).
 
     They begin as their keys say and are no part of the state of rest.
     """
-    n = structure.operators.n_dofs
-    result = np.zeros(n, dtype=np.bool_)
-    for k, impactor in enumerate(case.impactor):
+    o = structure.operators
+    result = np.zeros(o.n_own, dtype=np.bool_)
+    for dof, impactor in zip(o.last_dofs(len(case.impactor)), case.impactor, strict=False):
         is_away = impactor.gap > LIES * case.length or impactor.velocity > 0.0
-        result[n - len(case.impactor) + k] = not impactor.spring and is_away
+        result[dof] = not impactor.spring and is_away
     return result
 
 
-def _without_contact(o: Operators, is_falling: BoolArray) -> FloatArray:
-    """Return the displacements under the constant loads without contact, shape (n,)."""
+def _without_contact(o: Recorded[Any], is_falling: BoolArray) -> FloatArray:
+    """Return the displacements under the constant loads without contact, shape (n_own,)."""
     assert o.load is not None
     dofs = np.flatnonzero(~is_falling)
-    u = np.zeros(o.n_dofs)
+    u = np.zeros(o.n_own)
     try:
-        u[dofs] = factored(o.stiffness[dofs][:, dofs]).solve(o.load[dofs])
+        factor = factored(restricted(o.stiffness, dofs))
     except ValueError:
         raise CaseError(
             'gravity.gaps: expected "unloaded" where something floats, given "in place"'
         ) from None
+    u[dofs] = factor.solve(o.load[dofs])
     return u
 
 
 def state_of_rest(
-    o: Operators,
+    o: Recorded[Any],
     *,
     springs: FloatArray | None = None,
     is_falling: BoolArray | None = None,
@@ -264,34 +278,40 @@ def state_of_rest(
 ) -> Equilibrium | None:
     """Return the state of rest under the constant loads of operators (L3), the base at 0.
 
+    The call is collective where ranks share the dofs.
+
     Args:
         o: the operators, with a load.
         springs: stiffness of the contact of each pair, shape (n_pairs,) [N/m]; None: rigid.
-        is_falling: dofs that are no part of it and stay at 0, shape (n,); None: there are none.
+        is_falling: own dofs that are no part of it and stay at 0, shape (n_own,); None: none are.
         is_open: whether laminae pass through one another.
 
     Returns:
         The state of rest; None: there is none.
     """
     assert o.load is not None
-    is_away = np.zeros(o.n_dofs, dtype=np.bool_) if is_falling is None else is_falling
+    is_away = np.zeros(o.n_own, dtype=np.bool_) if is_falling is None else is_falling
     dofs = np.flatnonzero(~is_away)
-    K, M = (sp.csr_matrix(A)[dofs][:, dofs] for A in (o.stiffness, o.mass))
+    K, M = o.stiffness, o.mass
+    if sp.issparse(K):
+        K, M = (sp.csr_matrix(A)[dofs][:, dofs] for A in (K, M))
+    elif any(of_ranks(K, is_away.any())):
+        K, M = (restricted(A, dofs) for A in (K, M))
     f = o.load[dofs]
-    of_away = abs(o.gap_matrix) @ is_away.astype(float)
+    of_away = o.total(abs(o.gap_matrix) @ is_away.astype(float))
     pairs = np.flatnonzero(of_away == 0.0)[: 0 if is_open else None]
     H = o.gap_matrix[pairs][:, dofs]
     soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
     factor, shift = _factor(K, M)
-    contact = _Contact(factor, sp.csr_matrix(H), o.gap0[pairs], soft)
+    contact = _Contact(factor, sp.csr_matrix(H), o.gap0[pairs], soft, o.total)
     u = np.zeros(dofs.size)
-    size = float(np.abs(factor.solve(f)).max(initial=0.0))  # a step of what falls
+    size = _largest(K, factor.solve(f))  # a step of what falls
     for _ in range(MOST_ITERATIONS):
         before = u
-        right = f + shift * (M @ u)
+        right = f + shift * times(M, u)
         u, force = contact.pushed_apart(factor.solve(right))
-        if not shift or np.abs(u - before).max() <= STAYS * size:
-            displacement = np.zeros(o.n_dofs)
+        if not shift or _largest(K, u - before) <= STAYS * size:
+            displacement = np.zeros(o.n_own)
             displacement[dofs] = u
             all_forces = np.zeros(o.n_pairs)
             all_forces[pairs] = force
@@ -299,33 +319,51 @@ def state_of_rest(
     return None
 
 
+def _largest(like: Any, vector: FloatArray) -> float:
+    """Return the largest size in a vector of the dofs of a matrix (collective)."""
+    return max(of_ranks(like, float(np.abs(vector).max(initial=0.0))))
+
+
 class _Contact:
     """Contact forces λ of L3 on pairs that would overlap, with K⁻¹ Hᵀ of those that ever did."""
 
     def __init__(
-        self, factor: Factor, H: sp.csr_matrix, gap0: FloatArray, softness: FloatArray
+        self,
+        factor: Factor,
+        H: sp.csr_matrix,
+        gap0: FloatArray,
+        softness: FloatArray,
+        total: Callable[[FloatArray], FloatArray],
     ) -> None:
-        """Store factors of K, the gap operator, gaps at rest [m] and 1/k of each pair [m/N]."""
+        """Store factors of K, the gap operator, gaps at rest [m] and 1/k of each pair [m/N].
+
+        `total` sums what the ranks contribute, whose own columns of the gap operator are given.
+        """
         self._factor = factor
         self._H = H
         self._gap0 = gap0
         self._softness = softness
+        self._total = total
         self._pairs: IntArray = np.zeros(0, dtype=np.int64)
         self._responses = np.zeros((H.shape[1], 0))
 
     def pushed_apart(self, free: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return u and λ, shape (n_pairs,), from the displacements without contact, shape (n,)."""
-        gap = self._H @ free + self._gap0
+        """Return u and λ, shape (n_pairs,), from the displacements without contact, (n_own,).
+
+        The call is collective.
+        """
+        gap = self._total(self._H @ free) + self._gap0
         u = free
         force = np.zeros(gap.size)
         closed = np.flatnonzero(gap < 0.0)
         while closed.size:
             self._respond(np.setdiff1d(closed, self._pairs))
             H = self._H[self._pairs]
-            W = H @ self._responses + np.diag(self._softness[self._pairs])
+            W = self._total(H @ self._responses) + np.diag(self._softness[self._pairs])
             force[self._pairs] = complementarity.solve(0.5 * (W + W.T), gap[self._pairs])
             u = free + self._responses @ force[self._pairs]
-            closed = np.setdiff1d(np.flatnonzero(self._H @ u + self._gap0 < 0.0), self._pairs)
+            moved = self._total(self._H @ u) + self._gap0
+            closed = np.setdiff1d(np.flatnonzero(moved < 0.0), self._pairs)
         return u, force
 
     def _respond(self, pairs: IntArray) -> None:
@@ -336,45 +374,56 @@ class _Contact:
             self._pairs = np.concatenate([self._pairs, pairs])
 
 
-def _factor(K: sp.csr_matrix, M: sp.csr_matrix) -> tuple[Factor, float]:
-    """Return factors of K, or of K + s M where K is singular, and s [1/s2]."""
+def _factor(K: Any, M: Any) -> tuple[Factor, float]:
+    """Return factors of K, or of K + s M where K is singular, and s [1/s2] (collective)."""
     try:
-        if K.shape[0] and K.diagonal().min() > 0.0:
+        if n_rows(K) and min(of_ranks(K, diagonal(K).min(initial=np.inf))) > 0.0:
             return factored(K), 0.0
     except ValueError:
         pass
-    shift = SOFT * float(K.diagonal().sum() / M.diagonal().sum()) or 1.0
+    stiffness, mass = (summed(A, diagonal(A).sum()) for A in (K, M))
+    shift = SOFT * float(stiffness / mass) or 1.0
     return factored(K, M, shift), shift
 
 
-def buckling_factor(K: sp.spmatrix, geometric: sp.spmatrix) -> float | None:
+def buckling_factor(K: Any, geometric: Any) -> float | None:
     """Return the factor on all axial forces at which a structure buckles.
 
     det(K + μ K_N) = 0, as 1/μ is the largest eigenvalue of -K_N φ = (1/μ) K φ.
 
     Args:
-        K: stiffness without axial forces, of the free dofs.
-        geometric: K_N of L2.
+        K: stiffness without axial forces, of the free dofs; of SciPy, or of PETSc on several ranks
+            (collective).
+        geometric: K_N of L2, likewise.
 
     Returns:
         The least μ from 0 to 1e4; None: there is none, or the structure floats.
     """
-    n = K.shape[0]
-    if not n or not abs(geometric).sum():
+    is_of_one = sp.issparse(K)
+    size = abs(geometric).sum() if is_of_one else geometric.norm()
+    if not n_rows(K) or not size:
         return None
+    factor: Factor | None
     try:
         factor = factored(K)
     except ValueError:
         return None
-    share = largest_above_zero(-geometric, K, factor)
+    if is_of_one:
+        share = largest_above_zero(-geometric, K, factor)
+    else:
+        factor = None  # SLEPc has its own: both at once would take twice the memory
+        opposite = geometric.copy()
+        opposite.scale(-1.0)
+        share = largest_above_zero(opposite, K, factor)
     return 1.0 / share if share else None
 
 
-def require_unbuckled(K: sp.spmatrix, geometric: sp.spmatrix | None, n: int) -> float | None:
+def require_unbuckled(K: Any, geometric: Any, n: int) -> float | None:
     """Return the buckling factor of a structure; refuse one that its axial forces buckle.
 
     Args:
-        K: stiffness, geometric stiffness included; it may have further rows and columns.
+        K: stiffness, geometric stiffness included; it may have further rows and columns. A matrix
+            of SciPy, or of PETSc on several ranks (collective).
         geometric: geometric stiffness, likewise; None: there are no axial forces.
         n: number of free dofs.
 
@@ -383,8 +432,13 @@ def require_unbuckled(K: sp.spmatrix, geometric: sp.spmatrix | None, n: int) -> 
     """
     if geometric is None:
         return None
-    of_axial = sp.csr_matrix(geometric)[:n, :n]
-    factor = buckling_factor(sp.csr_matrix(K)[:n, :n] - of_axial, of_axial)
+    if sp.issparse(K):
+        geometric = sp.csr_matrix(geometric)[:n, :n]
+        K = sp.csr_matrix(K)[:n, :n] - geometric
+    else:
+        K = K.copy()
+        K.axpy(-1.0, geometric)
+    factor = buckling_factor(K, geometric)
     if factor is not None and factor <= 1.0:
         raise CaseError(
             f"gravity, load.axial: the structure buckles: it bears {factor:.4g} of its weight and "

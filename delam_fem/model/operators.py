@@ -105,7 +105,7 @@ class Equilibrium:
     """The state of rest under constant loads: K u = f + H^T lambda with contact, the base at q = 0.
 
     Attributes:
-        displacement: u of the free dofs, from the unloaded shape, shape (n,) [m].
+        displacement: u of the own free dofs, from the unloaded shape, shape (n_own,) [m].
         force: contact forces lambda, positive where they part the two sides, shape (n_pairs,) [N].
     """
 
@@ -141,9 +141,24 @@ class Recorded(Generic[_Matrix]):
     start: FloatArray | None = None
     buckling_factor: float | None = None
 
+    @property
+    def n_dofs(self) -> int:
+        """Number of free dofs of all ranks."""
+        return n_rows(self.mass)
+
+    @property
+    def n_own(self) -> int:
+        """Number of free dofs of this rank."""
+        of_one = sp.issparse(self.mass)
+        return int(self.mass.shape[0] if of_one else self.mass.getLocalSize()[0])  # type: ignore[attr-defined]
+
     def total(self, share: FloatArray) -> FloatArray:
         """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
         return share
+
+    def last_dofs(self, count: int) -> range:
+        """Return the last so many of all dofs, as numbers of own dofs."""
+        return range(self.n_own - count, self.n_own)
 
     @cached_property
     def pair_mass(self) -> FloatArray:
@@ -479,16 +494,6 @@ class Operators(Recorded[sp.csr_matrix]):
             return DistributedOperators(*parts, comm=comm, **further)
         return Operators(parts[0], parts[1], parts[2], near_null=near, **further)
 
-    @property
-    def n_dofs(self) -> int:
-        """Number of free dofs."""
-        return int(self.mass.shape[0])
-
-    @property
-    def n_own(self) -> int:
-        """Number of free dofs of this process, which has them all."""
-        return self.n_dofs
-
 
 def _of_one_rank(matrix: PETSc.Mat, name: str) -> sp.csr_matrix:
     """Return a matrix of PETSc as one of SciPy.
@@ -529,7 +534,7 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
         rayleigh: α and β at the own dofs, each of shape (n_own,); see `Operators`.
         names: of the probes; empty: they have numbers only.
         load: constant loads on the own dofs, shape (n_own,); None: there are none.
-        equilibrium: see `Operators`; its displacements are those of all dofs.
+        equilibrium: see `Operators`; its displacements are those of the own dofs.
         n_forces: see `Operators`.
         near_null: values of these motions at the own dofs, shape (n_own, k); see `Operators`.
         start: see `Operators`, at the own dofs, shape (2, n_own).
@@ -566,15 +571,10 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
                     f"({n}, {self.n_dofs})"
                 )
 
-    @property
-    def n_dofs(self) -> int:
-        """Number of free dofs of all ranks."""
-        return int(self.mass.getSize()[0])
-
-    @property
-    def n_own(self) -> int:
-        """Number of free dofs of this rank."""
-        return int(self.mass.getLocalSize()[0])
+    def last_dofs(self, count: int) -> range:
+        """Return the last so many of all dofs, as numbers of own dofs; only one rank has them."""
+        is_last = self.comm.rank == self.comm.size - 1
+        return range(self.n_own - count, self.n_own) if is_last else range(0)
 
     def total(self, share: FloatArray) -> FloatArray:
         """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
@@ -651,7 +651,8 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         names=o.names,
         load=None if o.load is None else o.load[local_rows],
         start=None if o.start is None else o.start[:, local_rows],
-        equilibrium=o.equilibrium,
+        equilibrium=o.equilibrium
+        and replace(o.equilibrium, displacement=o.equilibrium.displacement[local_rows]),
         buckling_factor=o.buckling_factor,
         n_forces=o.n_forces,
         comm=comm,

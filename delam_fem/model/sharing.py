@@ -8,6 +8,7 @@ it writes to a folder.
 
 from __future__ import annotations
 
+import math
 import time
 import traceback
 from collections.abc import Callable
@@ -33,6 +34,11 @@ LOOK = 0.02
 """Longest time between two looks for an order [s]; at first it is a tenth of the time waited."""
 RESIDUAL = 1e-13
 """Relative residual at which SLEPc takes an eigenpair."""
+LANCZOS = 40
+"""Vectors among which the largest eigenvalue is sought."""
+MOST_RESTARTS = 10_000
+"""Times that they are begun anew."""
+NEEDS_SLEPC = "eigenvalues on several ranks need SLEPc: apt-get install python3-slepc4py"
 SINGULAR = (-6, -10)
 """Values of MUMPS's INFOG(1) that say that a matrix is singular."""
 TOO_SMALL = (-8, -9)
@@ -99,6 +105,68 @@ def require_factors(status: int, size: int) -> None:
         raise MemoryError(f"MUMPS on {size} ranks, INFOG(1) = {status}")
 
 
+def largest(A: PETSc.Mat, B: PETSc.Mat) -> float:
+    """Return the largest λ of A φ = λ B φ, with A symmetric and B positive definite (collective).
+
+    Raises:
+        CaseError: SLEPc is not installed.
+        RuntimeError: it was not found.
+    """
+    library = slepc()
+    if library is None:
+        raise CaseError(NEEDS_SLEPC)
+    eigenpairs = library.EPS().create(B.comm)
+    eigenpairs.setOperators(A, B)
+    eigenpairs.setProblemType(library.EPS.ProblemType.GHEP)
+    eigenpairs.setWhichEigenpairs(library.EPS.Which.LARGEST_REAL)
+    eigenpairs.setDimensions(1, LANCZOS)
+    eigenpairs.setTolerances(RESIDUAL, MOST_RESTARTS)
+    transformation = eigenpairs.getST()
+    transformation.setType(library.ST.Type.SHIFT)
+    solver = _cholesky(transformation.getKSP())
+    require_factors(factorise(solver, B, eigenpairs), B.comm.size)
+    eigenpairs.solve()
+    has_converged = eigenpairs.getConverged() > 0
+    result = eigenpairs.getEigenvalue(0).real if has_converged else math.nan
+    eigenpairs.destroy()
+    release(B.comm.tompi4py())
+    if not has_converged:
+        raise RuntimeError("SLEPc found no largest eigenvalue")
+    return float(result)
+
+
+def is_positive_definite(A: PETSc.Mat) -> bool | None:
+    """Return whether a symmetric matrix is, by the pivots of its factors (collective).
+
+    They are not counted where MUMPS needs more than its first estimate of workspace: None.
+    """
+    from petsc4py import PETSc
+
+    solver = _cholesky(PETSc.KSP().create(A.comm))
+    solver.setOperators(A)
+    preconditioner = solver.getPC()
+    preconditioner.setFactorSetUpSolverType()
+    preconditioner.getFactorMatrix().setMumpsIcntl(13, 1)  # or the last pivots are not counted
+    status = factorise(solver, A)
+    factor = preconditioner.getFactorMatrix()
+    is_counted = factor.getMumpsIcntl(13) == 1
+    n_negative = factor.getMumpsInfog(12)
+    solver.destroy()
+    release(A.comm.tompi4py())
+    if status in SINGULAR:
+        return False
+    require_factors(status, A.comm.size)
+    return n_negative == 0 if is_counted else None
+
+
+def _cholesky(solver: PETSc.KSP) -> PETSc.KSP:
+    """Let a solver take the factors of MUMPS alone; return it."""
+    solver.setType("preonly")
+    solver.getPC().setType("cholesky")
+    solver.getPC().setFactorSolverType("mumps")
+    return solver
+
+
 class Share:
     """What one rank has of the factors of K + s M, all calls of which are collective."""
 
@@ -136,12 +204,9 @@ class Share:
                 self._sum = K.copy()
                 self._sum.axpy(shift, M)
             self._solver.setOperators(self._sum or K)
-        self._solver.setType(PETSc.KSP.Type.PREONLY)
-        preconditioner = self._solver.getPC()
-        preconditioner.setType(PETSc.PC.Type.CHOLESKY)
-        preconditioner.setFactorSolverType("mumps")
+        _cholesky(self._solver)
         require_factors(factorise(self._solver, K, self._eigenpairs), K.comm.size)
-        self._factor = preconditioner.getFactorMatrix()
+        self._factor = self._solver.getPC().getFactorMatrix()
         self._vector = K.createVecRight()
 
     def solve(self, loads: FloatArray) -> FloatArray:
@@ -160,7 +225,7 @@ class Share:
         """
         solver = self._eigenpairs
         if solver is None:
-            raise CaseError("modes on several ranks need SLEPc: apt-get install python3-slepc4py")
+            raise CaseError(NEEDS_SLEPC)
         solver.setDimensions(n)
         solver.solve()
         if solver.getConverged() < n:

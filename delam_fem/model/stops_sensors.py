@@ -135,7 +135,7 @@ def overlap_at_start(structure: Structure, case: Case) -> str | None:
     place = start[0] if o.base.shift is None else start[0] - q * o.base.shift
     gap = o.total(o.gap_matrix @ place) + o.gap0
     if o.equilibrium is not None and case.begins_at_rest:  # springs that carry a weight are closed
-        gap -= np.minimum(o.gap_matrix @ o.equilibrium.displacement + o.gap0, 0.0)
+        gap -= np.minimum(o.total(o.gap_matrix @ o.equilibrium.displacement) + o.gap0, 0.0)
     if o.pair_numbers is not None and case.contact.law != "penalty":
         gap[o.pair_numbers.is_elastic] = np.inf
     pair = int(gap.argmin())
@@ -515,7 +515,8 @@ def _shape(structure: Structure, case: Case, own: Initial, key: str) -> FloatArr
                 '"force", under which they would not stay'
             )
         load = layout.of_dofs(row_at(layout, own, o.n_dofs)).toarray()[0, dofs]
-        shape[dofs] = factored(K).solve(load)
+        factor = factored(K)
+        shape[dofs] = factor.solve(load)
     own_share = body.raised(shape, numbers) if body and case.is_plate else read @ shape
     deflection = o.total(own_share)
     size = np.abs(deflection)

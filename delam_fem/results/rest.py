@@ -14,7 +14,7 @@ from delam_fem.system.errors import CaseError
 
 
 def summary_of(structure: Structure, case: Case) -> dict[str, Any] | None:
-    """Return the entry `rest` of a summary.
+    """Return the entry `rest` of a summary (collective where ranks share the dofs).
 
     Args:
         structure: the structure of the case.
@@ -29,8 +29,8 @@ def summary_of(structure: Structure, case: Case) -> dict[str, Any] | None:
         return None
     o = structure.operators
     equilibrium = o.equilibrium
-    u = np.zeros(o.n_dofs) if equilibrium is None else equilibrium.displacement
-    probes = (o.probes @ u)[: len(structure.layout.parts)].tolist()
+    u = np.zeros(o.n_own) if equilibrium is None else equilibrium.displacement
+    probes = o.total(o.probes @ u)[: len(structure.layout.parts)].tolist()
     forces = np.zeros(o.n_pairs) if equilibrium is None else equilibrium.force
     return {
         "tip_displacement": probes if o.load is None or equilibrium is not None else None,

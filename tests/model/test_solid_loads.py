@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi_pool import Crew
-from plates import plate
+from plates import patched, plate
 
 import delam_fem as df
 from delam_fem.api import Case, CaseError, assemble, lowest, reduced_case
@@ -209,27 +209,100 @@ def test_a_reduced_model_keeps_weight_and_loads(tmp_path: Path) -> None:
 
 
 SCRIPT = """
+import json
 import numpy as np
 import delam_fem as df
+from delam_fem.api import assemble, reduced_case
 from delam_fem.cli.endings import ended_together
+from delam_fem.model.sharing import shared
 
-case = df.preset("paper", {
-    "model.kind": "plane-stress", "mesh.elements": 6, "time.periods": 2,
-    "time.steps_per_period": 40, "output.fields_per_period": 4,
-    "contact.law": "newton@moreau-jean", "contact.impulse": "consistent",
-    "gravity.inclination": 90.0, "load": [{"lamina": "thin", "position": 0.3, "force": 0.02}],
-})
+RUNS, LINEAR = (json.loads(argument) for argument in arguments)
+CLOSE = 1e-7  # of the largest value of a signal
+
+
+def off(one, many):
+    one, many = (np.nan_to_num(np.array(values, dtype=float)) for values in (one, many))
+    return np.abs(one - many).max() / (np.abs(one).max() or 1.0)
+
+
+def linear(case):
+    modes, model = df.modes(case, 4), reduced_case(case, 4)
+    o = model.structure.operators
+    flexible = (o.gap_matrix.toarray() / o.stiffness.diagonal()) @ o.gap_matrix.T.toarray()
+    moved = o.gap_matrix @ (o.load / o.stiffness.diagonal())
+    return modes.frequencies, modes.buckling_factor or 0.0, flexible, moved
+
+
 with ended_together(comm):
-    many = df.run(case, comm=comm)
-    if comm.rank == 0:
+    for data in RUNS:
+        case = df.Case(**data)
+        operators = assemble(case, comm=comm).operators
+        assert operators.n_own < operators.n_dofs
+        many = df.run(case, comm=comm)
+        if comm.rank > 0:
+            continue
         one = df.run(case)
-        a, b = (run.history["tip_displacement"].to_numpy()[:, :40] for run in (one, many))
-        assert np.abs(a).max() > 1e-4
-        assert np.abs(a - b).max() < 1e-7 * np.abs(a).max()
-        assert one.summary["rest"] == many.summary["rest"]
+        for name in one.history:
+            if str(name).startswith(("tip_", "sensor_", "displacement", "contact_force")):
+                a, b = (run.history[name].to_numpy() for run in (one, many))
+                assert off(a, b) < CLOSE, (case.name, name, off(a, b))
+        a, b = (run.summary["rest"] for run in (one, many))
+        assert off(a["tip_displacement"], b["tip_displacement"]) < CLOSE, (a, b)
+        assert off([*a["contact_force"].values()], [*b["contact_force"].values()]) < CLOSE, (a, b)
+        assert off(a["buckling_factor"] or 0.0, b["buckling_factor"] or 0.0) < CLOSE, (a, b)
+        for name in ("settled", "blow_steps", "outcome"):
+            assert str(one.summary[name]) == str(many.summary[name]), name
+    for data in LINEAR:
+        case = df.Case(**data)
+        many = shared(comm, lambda: linear(case))
+        if comm.rank == 0:
+            for a, b in zip(linear(case), many):
+                assert off(a, b) < 1e-9, (case.name, off(a, b))
 """
+SHORT = {"time": {"steps_per_period": 40, "periods": 1},
+         "output": {"fields_per_period": 4, "window_periods": 1}}  # fmt: skip
+RIGID = {"contact": {"law": "newton@moreau-jean", "impulse": "consistent"}}
+
+
+def sent(*cases: Case) -> str:
+    """Return cases as an argument of a program of ranks."""
+    return "[" + ", ".join(case.model_dump_json(exclude_unset=True) for case in cases) + "]"
+
+
+def loaded_solids() -> tuple[Case, ...]:
+    """Return solids under weight and loads: strips that stand, a pressed plate, one on a stop."""
+    base = {"kind": "harmonic", "frequency": 20.0, "amplitude": 1e-3}
+    upright = case_of(
+        "lower", "upper", gravity={"inclination": 80.0, "gaps": "in place"}, gap={"tip": 2e-3},
+        excitation=base,
+        load=[{"lamina": "upper", "position": 0.2, "force": 0.02}], mesh={"elements": 6},
+        **SHORT, **RIGID,
+    )  # fmt: skip
+    pressed = patched(
+        6, gravity={"roll": 30.0},
+        load=[{"between": ["lower", "upper"], "per_length": 20.0},
+              {"lamina": "upper", "position": [0.1, 0.04], "force": -2.0, "surface": "top"}],
+        **SHORT, **RIGID,
+    )  # fmt: skip
+    stop = {"lamina": "strip", "position": 0.27, "side": "below", "gap": 0.0, "on": "ground"}
+    drive = base | {"kind": "force", "lamina": "strip", "position": L, "amplitude": 0.5}
+    lying = case_of(
+        gravity={}, stop=[stop], mesh={"elements": 6}, excitation=drive, **SHORT, **RIGID
+    )
+    return upright, pressed, lying
 
 
 @pytest.mark.mpi
-def test_ranks_share_a_solid_with_weight(crew: Crew) -> None:
-    crew.run(2, SCRIPT)
+def test_ranks_share_strips_with_weight_and_loads(crew: Crew) -> None:
+    """The buckling factor, the state of rest and what follows are those of one rank."""
+    upright, _, _ = loaded_solids()
+    crew.run(2, SCRIPT, sent(upright), sent())
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_share_plates_with_weight_and_loads(ranks: int, crew: Crew) -> None:
+    """Pairs are pressed together; modes, too, and what a reduced model has."""
+    _, pressed, lying = loaded_solids()
+    crew.run(ranks, SCRIPT, sent(pressed, lying), sent(pressed))

@@ -58,7 +58,7 @@ from delam_fem.model.stops_sensors import StrainRows
 from delam_fem.numerics import elasticity
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
-from delam_fem.system.mpi import MPI, release
+from delam_fem.system.mpi import MPI, hold, release
 
 GAUSS = {2: np.array([0.5]), 3: 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)}
 """Places within a cell at which strains of bending are accurate, by degree."""
@@ -82,8 +82,9 @@ def assemble(
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
     is_explicit = math.isfinite(SCHEMES[case.time.scheme].courant)
-    if case.impactor or is_explicit or case.is_loaded:
+    if case.impactor or is_explicit:
         comm = MPI.COMM_SELF
+    hold(comm)
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
     x = points_along(case, mesh) if is_file else node_coordinates(case)

@@ -208,6 +208,12 @@ class Solid:
         answers = self.comm.alltoall([own[some - self.first_node] for some in asked])
         return np.concatenate(answers)[np.argsort(np.argsort(owner, kind="stable"))]
 
+    def _local(self, values: FloatArray) -> FloatArray:
+        """Return values of all dofs at the own ones and the ghosts, as dolfinx orders them."""
+        ghosts = self.space.dofmap.index_map.ghosts.astype(np.int64)
+        nodes = np.append(self.first_node + np.arange(self.n_own_nodes), ghosts)
+        return np.asarray(values.reshape(-1, self.dim)[nodes].ravel())
+
     def extremes(self, of_cells: IntArray) -> tuple[IntArray, IntArray]:
         """Return the lowest and highest of the numbers of cells at each own node (collective).
 
@@ -304,7 +310,7 @@ class Solid:
         return total
 
     def body_force(self, density: FloatArray, direction: int) -> FloatArray:
-        """Return the load of a unit acceleration along a direction on one rank, shape (n_dofs,).
+        """Return the load of a unit acceleration along a direction (collective), shape (n_dofs,).
 
         Args:
             density: of each input cell, times the width in 2D, shape (n_cells,).
@@ -314,7 +320,7 @@ class Solid:
         ones, load = matrix.createVecs()
         ones.array[:] = np.arange(ones.array.size) % self.dim == direction
         matrix.mult(ones, load)
-        result = np.array(load.array)
+        result: FloatArray = np.concatenate(self.comm.allgather(np.array(load.array)))
         for thing in (matrix, ones, load):
             thing.destroy()
         return result
@@ -326,7 +332,7 @@ class Solid:
         displacement: FloatArray,
         tension: FloatArray,
     ) -> Any:
-        """Assemble the geometric stiffness on one rank, a PETSc matrix that the caller owns.
+        """Assemble the geometric stiffness, a PETSc matrix that the caller owns (collective).
 
         Args:
             young_modulus: of each input cell, times the width in 2D, shape (n_cells,).
@@ -336,7 +342,7 @@ class Solid:
         """
         u = ufl.TrialFunction(self.space)
         v = ufl.TestFunction(self.space)
-        u_0 = _dolfinx.function(self.space, displacement)
+        u_0 = _dolfinx.function(self.space, self._local(displacement))
         turned = ufl.grad(u).T * ufl.grad(v)
 
         def form(D: Any) -> Any:

@@ -17,15 +17,19 @@ Source of W2: K.-J. Bathe, Finite Element Procedures (1996), section 6.2.3.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
+from delam_fem.model import operators as distributed
 from delam_fem.model.factors import factored
 from delam_fem.model.layout import Layout, Place, place_of
 from delam_fem.model.loads import require_unbuckled, tensions
 from delam_fem.model.places import spot
 from delam_fem.model.solids.body import height_of, middle_line
-from delam_fem.model.solids.forms import Elasticity, evaluate
+from delam_fem.model.solids.forms import Elasticity, Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import locate
 from delam_fem.model.solids.unknowns import Restricted, Unknowns, X, Y
 from delam_fem.numerics.types import FloatArray
@@ -33,13 +37,16 @@ from delam_fem.system.errors import CaseError
 
 
 def weight(case: Case, unknowns: Unknowns, density: FloatArray, layout: Layout) -> FloatArray:
-    """Return the load of weight across the laminae, with that of point masses, shape (n,) [N].
+    """Return the load of weight across the laminae, with that of point masses (collective).
 
     Args:
         case: the case, with gravity.
-        unknowns: of the solid, on one rank.
+        unknowns: of the solid.
         density: of each cell, times the width in 2D, shape (n_cells,).
         layout: gives the points of the masses.
+
+    Returns:
+        Loads on the own dofs, shape (n_own,) [N].
     """
     assert case.gravity is not None
     return _of_direction(case, unknowns, density, layout, Y, case.gravity.across)
@@ -55,9 +62,11 @@ def with_axial_stress(
 ) -> tuple[Restricted, float | None]:
     """Return K + K_σ (W2) and the factor on all axial forces at which the structure buckles.
 
+    The call is collective.
+
     Args:
         case: the case.
-        unknowns: of the solid, on one rank.
+        unknowns: of the solid.
         stiffness: K with the springs of supports.
         moduli: Young's modulus of each cell, times the width in 2D, shape (n_cells,); the
             material of the cells.
@@ -72,12 +81,15 @@ def with_axial_stress(
     if case.gravity is not None and case.gravity.along:
         load = _of_direction(case, unknowns, density, layout, X, case.gravity.along)
         try:
-            displacement = unknowns.free @ factored(stiffness.rows).solve(load)
+            factor = factored(_matrix(stiffness.rows, solid))
         except ValueError:
             raise CaseError(
                 "gravity.inclination: expected an end that is clamped or pinned, which holds the "
                 "structure along its axis"
             ) from None
+        moved = unknowns.free @ factor.solve(load)
+        displacement = np.sum(solid.comm.allgather(moved), axis=0)
+        del factor  # its memory
     heights = np.array([lamina.mean("thickness") for lamina in case.lamina])
     widths = np.array([lamina.mean("width") for lamina in case.lamina])
     sections = heights if solid.dim == 2 else heights * widths
@@ -88,7 +100,13 @@ def with_axial_stress(
         stiffness.column + added.column,
         stiffness.corners + added.corners,
     )
-    return total, require_unbuckled(total.rows, added.rows, unknowns.n_own)
+    stiff, geometric = (_matrix(matrix.rows, solid) for matrix in (total, added))
+    return total, require_unbuckled(stiff, geometric, unknowns.n_own)
+
+
+def _matrix(rows: sp.csr_matrix, solid: Solid) -> Any:
+    """Return own rows of a matrix as they are on one rank, as a matrix of PETSc on several."""
+    return rows if solid.comm.size == 1 else distributed.matrix(rows, solid.comm)
 
 
 def _of_direction(
@@ -99,7 +117,7 @@ def _of_direction(
     direction: int,
     acceleration: float,
 ) -> FloatArray:
-    """Return the load of an acceleration of all masses along a direction, shape (n,) [N]."""
+    """Return the load of an acceleration of all masses along a direction, shape (n_own,) [N]."""
     solid = unknowns.solid
     load = unknowns.free.T @ solid.body_force(density, direction)
     for mass in case.masses:
@@ -109,6 +127,6 @@ def _of_direction(
         place = spot(layout.names, mass) or Place(number, float(x[0]), 0.0, 0)
         points = middle_line(solid.mesh, number, x, place.z, height_of(place.side))
         cells = locate(solid.mesh, points, number)
-        row = evaluate(solid, points, cells).displacement(direction)
+        row = gathered(evaluate(solid, points, cells).displacement(direction), solid.comm)
         load = load + mass.mass * (row @ unknowns.free).toarray()[0]
     return np.asarray(acceleration * load)
