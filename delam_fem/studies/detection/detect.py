@@ -34,6 +34,7 @@ from delam_fem.api import (
     Table,
     assemble,
     by_period,
+    digest,
     drive,
     identity,
     keeping_closed,
@@ -254,7 +255,7 @@ def in_modes(case: Case, modes: int, folder: Path, *, resume: bool = False) -> C
     Args:
         case: the case, with its scan.
         modes: number of normal modes.
-        folder: folder for the file of the reduced model.
+        folder: folder of models, each of which has a folder of its own; see `folder_of_model`.
         resume: whether to take the model that is in the folder, if there is one.
 
     Raises:
@@ -262,11 +263,17 @@ def in_modes(case: Case, modes: int, folder: Path, *, resume: bool = False) -> C
     """
     if not case.is_plate or case.model.file is not None:
         return case
-    file = folder / "case.toml"
+    model = folder_of_model(case, modes, folder)
+    file = model / "case.toml"
     if not (resume and file.is_file()):
-        folder.mkdir(parents=True, exist_ok=True)
-        reduced_case(case, modes).save(folder)
+        model.mkdir(parents=True, exist_ok=True)
+        reduced_case(case, modes).save(model)
     return load_case(file)
+
+
+def folder_of_model(case: Case, modes: int, folder: Path) -> Path:
+    """Return the folder of the model of modes of a case, which no other case has."""
+    return folder / digest(identity(case, modes=modes))
 
 
 def common_turns(pump: float, probe: float) -> int:
@@ -591,7 +598,8 @@ def detect(
     surface = surface_of(case, scan.lamina)
     with TemporaryDirectory() as scratch:
         folder = Path(scratch) if kept is None else kept
-        intact_case = in_modes(intact(scanned), scan.modes, folder / "intact")
+        resume = kept is not None
+        intact_case = in_modes(intact(scanned), scan.modes, folder, resume=resume)
         without = simulated(intact_case, scan, kept)
 
         def shapes(own: Measurement) -> Shapes:
@@ -605,7 +613,7 @@ def detect(
 
         noise: float | FloatArray
         if measured is None:
-            pure = simulated(in_modes(scanned, scan.modes, folder / "damaged"), scan, kept)
+            pure = simulated(in_modes(scanned, scan.modes, folder, resume=resume), scan, kept)
             noise = pure.noise_of(scan)
             scan_shapes = shapes(pure.noisy(noise, scan.seed))
             clean = replace(shapes(pure), noise=per_shape(noise, pure.times.size))

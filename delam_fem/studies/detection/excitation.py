@@ -10,6 +10,7 @@ its patches, as a patch that is driven there, or at half of it, vibrates most by
 
 from __future__ import annotations
 
+import json
 import math
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -31,12 +32,13 @@ from delam_fem.api import (
     Report,
     RunContext,
     assemble,
-    load_case,
     reduced_case,
     style,
+    write_json,
 )
 from delam_fem.studies.detection.detect import (
     drive_responses,
+    folder_of_model,
     in_modes,
     intact,
     per_shape,
@@ -333,7 +335,23 @@ def _prepared(case: Case, spacing: float, modes: int, folder: Path, *, resume: b
     if not case.is_plate:
         return _Prepared(case, intact(case), {})
     plate = with_scan(case, Scan(spacing=spacing))
+    models = folder / f"modes-{modes}"
+    path = folder_of_model(plate, modes, models) / "defect_resonances.json"
+    resonances = _kept(path) if resume else None
+    if resonances is None:
+        resonances = _reduced(plate, modes, path.parent)
+        write_json(path, resonances)
+    return _Prepared(
+        in_modes(plate, modes, models, resume=True),
+        in_modes(intact(plate), modes, models, resume=resume),
+        resonances,
+    )
+
+
+def _reduced(plate: Case, modes: int, folder: Path) -> dict[str, float]:
+    """Reduce a plate in a folder; return its local defect resonances, see `ExcitationMap`."""
     reduction = reduced_case(plate, modes)
+    reduction.save(folder)
     body = reduction.full.body
     assert body is not None  # a plate is a solid
     basis = reduction.basis
@@ -343,19 +361,20 @@ def _prepared(case: Case, spacing: float, modes: int, folder: Path, *, resume: b
     shapes = plate_modes(body, plate, basis.vectors[:, order])
     assert shapes is not None  # there is one rank
     names = shapes.named(("",) * order.size)
-    resonances = {
+    return {
         name.removeprefix(DEFECT_RESONANCE): float(f)
         for name, f in zip(names, frequencies, strict=True)
         if name.startswith(DEFECT_RESONANCE)
     }
-    models = folder / f"modes-{modes}"
-    if not (resume and (models / "case.toml").is_file()):
-        reduction.save(models)
-    return _Prepared(
-        load_case(models / "case.toml"),
-        in_modes(intact(plate), modes, models / "intact", resume=resume),
-        resonances,
-    )
+
+
+def _kept(path: Path) -> dict[str, float] | None:
+    """Return the defect resonances in a file; None: there are none that can be read."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+        return {name: float(f) for name, f in content.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return None
 
 
 def excitation_map(

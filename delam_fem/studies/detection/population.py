@@ -225,7 +225,7 @@ def population(
         plate = with_scan(case, Scan(spacing=spacing, first=first))
         resume = bool(sweeping.get("resume", False))
         folder = Path(directory) / f"modes-{modes}"
-        bonded = in_modes(intact(plate), modes, folder / "intact", resume=resume)
+        bonded = in_modes(intact(plate), modes, folder, resume=resume)
         structures = {AS_GIVEN: bonded}
         models = _models(plate, specimens, modes, folder, resume=resume)
         columns["model.file"] = [str(model.model.file) for model in models]
@@ -287,7 +287,7 @@ def _models(
         name = digest(patched.to_toml())
         names.append(name)
         if name not in models:
-            models[name] = in_modes(patched, modes, folder / name, resume=resume)
+            models[name] = in_modes(patched, modes, folder, resume=resume)
     return [models[name] for name in names]
 
 

@@ -8,6 +8,7 @@ from plates import FORCE, PATCH, patched
 
 import delam_fem as df
 from delam_fem.api import CaseError
+from delam_fem.studies.detection import detect, excitation
 from delam_fem.studies.detection.detect import in_modes, intact, simulated, with_scan
 from delam_fem.studies.detection.excitation import excitation_map
 from delam_fem.studies.detection.maps import patches_of
@@ -125,10 +126,25 @@ def test_excite_marks_the_defect_resonance_that_modes_names(mapped):
 
 
 @pytest.mark.slow
-def test_an_excitation_is_judged_as_a_scan_there(mapped):
+def test_a_resumed_map_reduces_only_another_plate(mapped, monkeypatch):
     map_, _, folder = mapped
+
+    def no_reduction(*_, **__):
+        raise AssertionError("reduced again")
+
+    for module in (detect, excitation):
+        monkeypatch.setattr(module, "reduced_case", no_reduction)
     again = excitation_map(plate(), map_.frequencies, folder, "serial", modes=30, resume=True)
     np.testing.assert_array_equal(again.visibility, map_.visibility)
+    assert again.defect_resonances == map_.defect_resonances
+    other = plate(delamination=[PATCH | {"end": 0.08}])
+    with pytest.raises(AssertionError, match="reduced again"):
+        excitation_map(other, map_.frequencies, folder, "serial", modes=30, resume=True)
+
+
+@pytest.mark.slow
+def test_an_excitation_is_judged_as_a_scan_there(mapped):
+    map_, *_ = mapped
     f = float(map_.frequencies[0])
     detection = df.detect(plate().with_overrides({"excitation.frequency": f}), modes=30)
     assert detection.mark.over_limits.max() == pytest.approx(map_.visibility[0, 0], rel=0.3)
