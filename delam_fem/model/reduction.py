@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
+from delam_fem.case.files import CaseSource, find_case, save_case
 from delam_fem.case.sections import Model
 from delam_fem.model.component_modes import Basis, basis_of, projected
 from delam_fem.model.discretise import assemble, require_bending, require_mass
@@ -90,12 +90,16 @@ class Reduction:
 
 
 def reduced_case(
-    case: Case, modes: int = 20, *, coordinates: int | None = None, full: Structure | None = None
+    case: CaseSource,
+    modes: int = 20,
+    *,
+    coordinates: int | None = None,
+    full: Structure | None = None,
 ) -> Reduction:
     """Reduce a case to normal modes and residual flexibility; see `component_modes.py`.
 
     Args:
-        case: the case.
+        case: the case, or the name or file of one.
         modes: number of normal modes of each body.
         coordinates: largest number of coordinates; None: all shapes that are independent.
         full: the discretised case, which this process has as a whole; None, or beside stops,
@@ -105,6 +109,7 @@ def reduced_case(
         CaseError: the case has a reduced model already, its impulses act on a lumped mass, or it
             cannot be reduced with these numbers.
     """
+    case = find_case(case)
     if case.model.kind == "modes":
         raise CaseError('model.kind: expected a model that is not reduced yet, given "modes"')
     require_bending(case, "reduce")

@@ -19,6 +19,7 @@ import xarray as xr
 from scipy.io import savemat
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.model.discretise import assemble, require_kind
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
@@ -317,8 +318,17 @@ def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[P
 OPERATOR_FORMATS = (".npz", ".mat")
 
 
-def operators(case: Case, path: str | Path) -> Path:
-    """Write M, C, K, H, g0 and the vectors of the base of a case; see `write_operators`."""
+def operators(case: CaseSource, path: str | Path) -> Path:
+    """Write M, C, K, H, g0 and the vectors of the base of a case; see `write_operators`.
+
+    Args:
+        case: the case, or the name or file of one.
+        path: the file, which ends in .npz or .mat.
+
+    Raises:
+        CaseError: the case is not valid or of a solid, or the file name has another ending.
+    """
+    case = find_case(case)
     require_kind(
         case,
         "operators",

@@ -94,6 +94,8 @@ def read_dataset(path: Path, *, is_ours: bool = False) -> xr.Dataset:
             present = digest_of(data)
     except CaseError:
         raise
+    except FileNotFoundError:
+        raise CaseError(f"{path}: there is no such file") from None
     except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
         raise CaseError(
             f"{path}: damaged, or no NetCDF file ({reason_of(error, path)}); store it anew, or as "

@@ -43,7 +43,7 @@ from delam_fem.results.schema import (
     event_interfaces,
     sensors_of,
 )
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 SCHEMA = "delam_fem record 1"
 """Attribute `schema` of the file of a record."""
@@ -245,8 +245,11 @@ def write_record(record: xr.Dataset, path: str | Path) -> Path:
     """Write a record as NetCDF, with units, places and where it comes from.
 
     Raises:
+        CaseError: it is no dataset.
         OSError: the file cannot be written or the disk is full.
     """
+    given = type(record).__name__
+    require(isinstance(record, xr.Dataset), "record", "a dataset such as result.record", given)
     return write_dataset(record, Path(path))
 
 

@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from logging.handlers import QueueHandler, QueueListener
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -35,6 +35,11 @@ _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that hold the number of processes under mpiexec."""
 _UNGUARDED = 76
 """Exit status of a worker whose script begins a computation when it is imported."""
+_NO_GUARD = (
+    "workers: each worker process imports the script, which begins the computation again; put the "
+    'call under `if __name__ == "__main__":`'
+)
+"""What such a script is told."""
 MPI_COMMAND = "mpiexec -n N python -m mpi4py.futures -m delam_fem sweep …"
 
 
@@ -136,11 +141,7 @@ class Pool:
             CaseError: its workers died because the script of the user has no guard.
         """
         if _UNGUARDED in _abandon(self.executor):
-            raise CaseError(
-                "workers: each worker process imports the script, which begins the computation "
-                'again; put the call under `if __name__ == "__main__":`, or use '
-                'executor="serial"'
-            )
+            raise CaseError(f'{_NO_GUARD}, or use executor="serial"')
         self.executor = _process_pool(self.n_workers)
         return self.executor
 
@@ -158,7 +159,8 @@ def pool(kind: Executor | ExecutorName, workers: int | None = None) -> Iterator[
         The owner of the executor.
 
     Raises:
-        CaseError: "mpi" is asked for, but there is only one process.
+        CaseError: "mpi" is asked for, but there is only one process; or the workers died because
+            the script of the user has no guard.
     """
     leave_if_imported()
     if isinstance(kind, Executor):
@@ -168,8 +170,10 @@ def pool(kind: Executor | ExecutorName, workers: int | None = None) -> Iterator[
         opened = Pool(kind, workers)
         try:
             yield opened
-        except BaseException:
-            _abandon(opened.executor)
+        except BaseException as error:
+            statuses = _abandon(opened.executor)
+            if isinstance(error, BrokenExecutor) and _UNGUARDED in statuses:
+                raise CaseError(_NO_GUARD) from None
             raise
         opened.executor.shutdown(wait=True, cancel_futures=True)
 

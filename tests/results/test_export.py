@@ -111,3 +111,16 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     assert export(history, case, "csv", tmp_path / "A.CSV")[0].name == "A.CSV"
     with pytest.raises(CaseError, match=r"operators: expected .*.npz or .mat, .*a.txt"):
         operators(df.preset("paper"), tmp_path / "a.txt")
+
+
+def test_a_case_is_named_as_everywhere(tmp_path: Path) -> None:
+    """A file of a case has the operators and the basis of the case."""
+    case = df.preset("default", {"mesh.elements": 3})
+    (tmp_path / "case.toml").write_text(case.to_toml())
+    by_case, by_file = (
+        np.load(operators(source, tmp_path / "operators.npz"))["K"]
+        for source in (case, str(tmp_path / "case.toml"))
+    )
+    np.testing.assert_array_equal(by_case, by_file)
+    bases = [df.reduced_case(source, 2) for source in (case, tmp_path / "case.toml")]
+    np.testing.assert_array_equal(bases[0].frequencies, bases[1].frequencies)

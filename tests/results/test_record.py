@@ -144,6 +144,12 @@ def test_other_files_are_no_records(tmp_path: Path) -> None:
     result = df.run(case_of(), engine="compiled")
     result.save(tmp_path / "run", figures=False)
     assert "schema" in refusal(lambda: df.read_record(tmp_path / "run" / "result.nc"))
+    assert refusal(lambda: df.read_record(tmp_path / "x.nc")).endswith(
+        "x.nc: there is no such file"
+    )
+    of_result = refusal(lambda: df.write_record(result, tmp_path / "x.nc"))  # type: ignore[arg-type]
+    assert of_result == "record: expected a dataset such as result.record, given 'Result'"
+    assert not (tmp_path / "x.nc").exists()
 
 
 def test_a_result_that_is_loaded_has_the_same_record(tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ def test_a_serial_pool_is_one_worker_and_is_not_renewed() -> None:
         assert opened.renew is None
 
 
-SCRIPT = """
+SWEEP = """
 import delam_fem as df
 from delam_fem.studies.sweeps.grid import sweep_of
 
@@ -86,12 +86,19 @@ axis = {"key": "excitation.frequency", "values": [3.0, 3.5, 4.0]}
 sweep = sweep_of({"name": "s", "base": "paper", "set": small, "axis": [axis]})
 df.run_sweep(sweep, "out", workers=2)
 """
+STUDY = """
+import delam_fem as df
+
+case = df.preset("paper", {"mesh.elements": 1, "time.steps_per_period": 50})
+df.converge(case, "out", elements=[1, 2], periods=20, workers=2)
+"""
 
 
 @pytest.mark.slow
-def test_a_script_without_a_guard_is_told_once(tmp_path: Path) -> None:
-    """Each worker imports the script, which would begin the sweep again."""
-    (tmp_path / "script.py").write_text(SCRIPT)
+@pytest.mark.parametrize(("script", "remedy"), [(SWEEP, ', or use executor="serial"'), (STUDY, "")])
+def test_a_script_without_a_guard_is_told_once(script: str, remedy: str, tmp_path: Path) -> None:
+    """Each worker imports the script, which would begin the computation again."""
+    (tmp_path / "script.py").write_text(script)
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "script.py"]
     done = subprocess.run(
@@ -99,8 +106,9 @@ def test_a_script_without_a_guard_is_told_once(tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert done.stderr.count("__main__") == 1
-    assert done.stderr.rstrip().endswith('or use executor="serial"')
+    assert done.stderr.rstrip().endswith(f'if __name__ == "__main__":`{remedy}')
     assert "locked" not in done.stderr and "another process" not in done.stderr
+    assert "holds" not in done.stderr
 
 
 def leave_slowly() -> None:

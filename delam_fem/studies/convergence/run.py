@@ -97,9 +97,11 @@ def run_refinement(
         The study with its results; incomplete if Ctrl-C or SIGTERM stopped it.
 
     Raises:
-        CaseError: the folder contains another study, or levels of this one and `resume` is False.
+        CaseError: the folder contains another study, or levels of this one and `resume` is False;
+            or the script that calls has no `if __name__ == "__main__":`.
         OSError: the folder cannot be written.
     """
+    executors.leave_if_imported()
     path = Path(directory) / RESULT
     convergence = Convergence(refinement, _held(path, refinement, resume))
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -31,6 +31,7 @@ from delam_fem.api import (
     heading,
     read_columns,
     reason_of,
+    shown,
 )
 from delam_fem.studies.signals.channels import (
     AXES,
@@ -634,12 +635,20 @@ def sep005_sheets(series: Sequence[Mapping[str, Any]], label: str = "SEP 005") -
         label: name of the list in messages.
 
     Raises:
-        CaseError: an entry lacks a key, or its times fit its data not.
+        CaseError: there is no entry, one is no dictionary or lacks a key, or its times fit its
+            data not.
 
     Source: SDyPy enhancement proposal 005, github.com/sdypy/sdypy.
     """
     groups: dict[tuple[float, int, bytes], list[Column]] = {}
+    if not series:
+        raise CaseError(f"{label}: expected at least one series, given an empty list")
     for number, entry in enumerate(series, start=1):
+        if not isinstance(entry, Mapping):
+            raise CaseError(
+                f"{label}: series {number}: expected a dictionary, given {shown(str(entry))}; "
+                "files are arguments of their own"
+            )
         missing = [key for key in ("name", "data", "unit_str") if key not in entry]
         if missing or ("fs" not in entry and "time" not in entry):
             lacking = ", ".join(missing) or "fs or time"

@@ -143,3 +143,12 @@ def test_a_damaged_file_is_told(tmp_path: Path, suffix: str) -> None:
     file.write_bytes(b"no such thing" * 20)
     with pytest.raises(CaseError, match=r"damaged|npTDMS"):
         df.read_measured(file)
+
+
+@pytest.mark.parametrize(
+    ("series", "expected"),
+    [([], "at least one series, given an empty list"), (["a.csv"], "a dictionary, given 'a.csv'")],
+)
+def test_lists_of_something_else_are_told(series: list[object], expected: str) -> None:
+    with pytest.raises(CaseError, match=expected):
+        df.read_measured(series)  # type: ignore[arg-type]
