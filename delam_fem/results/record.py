@@ -248,8 +248,8 @@ def write_record(record: xr.Dataset, path: str | Path) -> Path:
         CaseError: it is no dataset.
         OSError: the file cannot be written or the disk is full.
     """
-    given = type(record).__name__
-    require(isinstance(record, xr.Dataset), "record", "a dataset such as result.record", given)
+    is_dataset = isinstance(record, xr.Dataset)
+    require(is_dataset, "record", "a dataset such as result.record", type(record).__name__)
     return write_dataset(record, Path(path))
 
 
