@@ -143,7 +143,7 @@ def run(what: Any, engine: EngineName = "petsc", **options: Any) -> Result:
         initial: state at t = 0, for example `Result.state` of another run; None: at rest. The run
             computes the accelerations of this state anew.
         comm: communicator whose ranks share the work; every rank returns the result. With the
-            engine "compiled" every rank computes the same run.
+            engine "compiled" every rank computes the same run. The first rank alone logs.
 
     With a case also:
         directory: folder for the checkpoint, which `Result.save` removes when all results are on
@@ -190,9 +190,10 @@ def run(what: Any, engine: EngineName = "petsc", **options: Any) -> Result:
             'scheme="moreau-jean", drive=df.HarmonicMotion(f, amplitude), steps_per_period=1000, '
             "periods=20"
         )
-    return (
-        _run_operators(what, engine, **options) if is_bare else _run_case(what, engine, **options)
-    )
+    if is_bare:
+        return _run_operators(what, engine, **options)
+    with mpi.told_by_first(options.get("comm", MPI.COMM_SELF)):
+        return _run_case(what, engine, **options)
 
 
 def rest(case: CaseSource) -> xr.Dataset:

@@ -15,9 +15,12 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import logging
 import os
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -70,7 +73,16 @@ def __getattr__(name: str) -> Any:
     return MPI
 
 
-__all__ = ["MPI", "end_with_any", "have_arrived", "hold", "release", "slepc", "start_petsc"]
+__all__ = [
+    "MPI",
+    "end_with_any",
+    "have_arrived",
+    "hold",
+    "release",
+    "slepc",
+    "start_petsc",
+    "told_by_first",
+]
 
 _held: list[tuple[MPI.Intracomm, Any]] = []
 """Communicators with PETSc's copies of them, which `hold` keeps."""
@@ -131,6 +143,19 @@ def end_with_any(comm: MPI.Intracomm) -> None:
         comm.Abort(1)
 
     sys.excepthook = show_and_abort
+
+
+@contextmanager
+def told_by_first(comm: MPI.Intracomm) -> Iterator[None]:
+    """Let the first rank alone log what the package has to say."""
+    log = logging.getLogger("delam_fem")
+    before = log.level
+    if comm.rank > 0:
+        log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
 
 
 def have_arrived(comm: MPI.Comm, *, has_failed: bool) -> bool:
