@@ -1004,11 +1004,19 @@ class PointSupport(Section):
             raise inconsistent("position", "expected either position, or side of an end")
         if self.is_at_point:
             if self.kind not in ("pinned", "spring"):
-                raise inconsistent(
-                    "kind", f'expected "pinned" or "spring" at a point [x, z], given "{self.kind}"'
-                )
+                expected = f'expected "pinned" or "spring" at a point [x, z], given "{self.kind}"'
+                if self.kind == "clamped":
+                    expected += (
+                        ": a point of a solid has no slope. Three pins beside one another hold it "
+                        "and its turns; position = x clamps a line across the width, side an edge"
+                    )
+                raise inconsistent("kind", expected)
             if self.rotational_stiffness:
-                raise inconsistent("rotational_stiffness", "expected none at a point [x, z]")
+                raise inconsistent(
+                    "rotational_stiffness",
+                    "expected none at a point [x, z], which has no slope: springs beside one "
+                    "another resist turns",
+                )
             if self.lamina is None and (is_spring or self.surface in ("top", "bottom")):
                 raise inconsistent(
                     "lamina", "missing, but required of a spring or a surface at a point [x, z]"

@@ -239,6 +239,8 @@ def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[
     for part in place:
         if part in _UNION_TAGS and part not in data:  # a sweep has a section `record`
             continue
+        if part == "placed":  # tables of [[support]]
+            continue
         if isinstance(part, int):
             entry = tables[part] if isinstance(tables, list | tuple) else {}
             name = entry.get("name") if isinstance(entry, Mapping) else None

@@ -241,6 +241,11 @@ def test_points_that_are_none_are_refused(support, key):
         sheet(support)
 
 
+def test_a_clamp_at_a_point_is_refused_with_its_key_and_what_to_use():
+    with pytest.raises(CaseError, match=r"support\.4\.kind: .*\"clamped\".* pins"):
+        sheet(PIN, PIN | {"kind": "clamped"})
+
+
 def test_beams_have_no_points():
     with pytest.raises(CaseError, match="position"):
         df.preset("embedded").with_overrides({"support": [PIN]})
