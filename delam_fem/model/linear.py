@@ -398,7 +398,7 @@ def keeping_closed(structure: Structure) -> Any:
     layout = structure.layout
     o = structure.operators
     H = o.gap_matrix[: sum(interface.places.size for interface in layout.interfaces)]
-    if layout.reading is None or not H.shape[0]:  # the rows of stops are left out, they stay open
+    if layout.reading is None:  # the rows of stops are left out, they stay open
         return kept_closed(layout, o.n_dofs)
     return tied(H, o.mass)
 

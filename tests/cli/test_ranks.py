@@ -72,6 +72,30 @@ assert (status, text.count({key!r})) == ((2, 1) if comm.rank == 0 else (0, 0)), 
 """
 
 
+BONDED = """
+import json
+
+keys = {"model.kind": "plane-stress", "mesh.elements": 16}
+case = df.preset("embedded", keys).model_dump(mode="json", exclude_unset=True)
+case = str(save_case(df.Case(**case | {"delamination": []}), Path(folder, str(comm.rank))))
+found = []
+for kind in ("free", "closed"):
+    out = Path(folder, kind)
+    assert call("modes", case, "-q", "-n", 3, "--delaminations", kind, "-o", out) == 0
+    if comm.rank == 0:
+        found.append(json.loads((out / "modes.json").read_text())["structure_frequency_hz"])
+if comm.rank == 0:
+    assert np.allclose(*found, rtol=1e-9) and found[0][0] > 1.0, found
+"""
+
+
+@pytest.mark.mpi
+def test_what_is_bonded_everywhere_has_the_same_modes_kept_closed(
+    crew: Crew, tmp_path: Path
+) -> None:
+    crew.run(2, START + BONDED, tmp_path)
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_a_reduction_is_the_same_on_ranks(ranks: int, crew: Crew, tmp_path: Path) -> None:
