@@ -86,7 +86,9 @@ class Reduction:
         path = (Path(directory) / NAME).absolute()
         write(path, self.structure, self.case, self.strains)
         model = Model(kind="modes", file=path)
-        return [path, save_case(self.case.model_copy(update={"model": model}), directory)]
+        sensors = tuple(s.model_copy(update={"mass": None}) for s in self.case.sensor)  # it is in M
+        case = self.case.model_copy(update={"model": model, "sensor": sensors})
+        return [path, save_case(case, directory)]
 
 
 def reduced_case(
