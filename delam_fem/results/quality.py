@@ -374,7 +374,8 @@ def range_warning(case: Case, history: xr.Dataset) -> str | None:
             step = 0.0 if sensor.bits is None else 2.0 * sensor.range / 2**sensor.bits
             size = np.abs(history[f"{SENSOR}{sensor.name}"].to_numpy())
             share = float(np.mean(size >= (sensor.range - step) * (1.0 - 1e-12)))
-            shares[f"{sensor.name}: {sensor.range:g} {sensor.unit}"] = share
+            unit = "" if sensor.unit == "1" else f" {sensor.unit}"
+            shares[f"{sensor.name}: {sensor.range:g}{unit}"] = share
     over = {name: share for name, share in shares.items() if share > 0.0}
     if not over:
         return None

@@ -136,18 +136,22 @@ def test_what_does_not_fit_is_told(keys: dict[str, Any], expected: str) -> None:
         beam_of(sensor=[force])
 
 
-@pytest.mark.parametrize("reach, is_over", [(0.5, True), (1.5, False)])
+@pytest.mark.parametrize(
+    "quantity, unit, reach",
+    [("acceleration", " m/s2", 0.5), ("acceleration", "", 1.5), ("strain", "", 0.5)],
+)
 def test_a_signal_that_reaches_the_end_of_its_range_is_a_warning(
-    reach: float, is_over: bool
+    quantity: str, unit: str, reach: float
 ) -> None:
-    """The range is a multiple of the largest acceleration of the same run without one."""
+    """The range is a multiple of the largest signal of the same run without one."""
     keys = {"time.periods": 2, "time.steps_per_period": 100, "contact.law": "none"}
     rig = df.preset("paper", keys)
-    sensor = {"name": "a", "quantity": "acceleration", "lamina": "thin", "position": 0.6}
+    sensor = {"name": "a", "quantity": quantity, "lamina": "thin", "position": 0.6}
     data = rig.model_dump(exclude_unset=True, exclude_none=True)
     free = df.run(Case(**(data | {"sensor": [sensor]})), "compiled")
     largest = float(np.abs(free.history["sensor_a"]).max())
     result = df.run(Case(**(data | {"sensor": [sensor | {"range": reach * largest}]})), "compiled")
     told = [text for text in result.summary["warnings"] if "ranges" in text]
-    assert bool(told) is is_over
+    assert bool(told) is (reach < 1.0)
+    assert all(f"(a: {reach * largest:g}{unit} in " in text for text in told)
     assert float(np.abs(result.history["sensor_a"]).max()) <= reach * largest
