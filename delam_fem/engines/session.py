@@ -97,10 +97,9 @@ def engine_of(
         CaseError: there is no such engine, the law does not go with the scheme or the engine, or
             the time step exceeds the stability limit.
     """
-    is_whole = math.isfinite(scheme.courant) or name == "compiled" or modes is not None
+    is_whole = name == "compiled" or modes is not None
     if is_whole and isinstance(operators, DistributedOperators):
-        what = f"engine {name} with scheme {scheme.name}"
-        raise CaseError(f"{what}: expected Operators, given DistributedOperators")
+        raise CaseError(f"engine {name}: expected Operators, given DistributedOperators")
     one = cast(Operators, operators)
     if modes is not None:
         from delam_fem.engines.massless import ModalEngine
@@ -114,7 +113,8 @@ def engine_of(
     if law.name == "none":
         refinement = NOT_REFINED
     if math.isfinite(scheme.courant):
-        require_stable(one, time_step, _stiffness_of(law, scheme, one), scheme.courant)
+        stiffness = _stiffness_of(law, scheme, operators)
+        require_stable(operators, time_step, stiffness, scheme.courant)
     try:
         if isinstance(law, Law):
             combination(law.name, scheme.name)
@@ -135,7 +135,9 @@ def engine_of(
     return engine
 
 
-def _stiffness_of(law: ContactLaw, scheme: Scheme, operators: Operators) -> float | FloatArray:
+def _stiffness_of(
+    law: ContactLaw, scheme: Scheme, operators: Operators | DistributedOperators
+) -> float | FloatArray:
     """Return the stiffness of the springs of pairs, or of each, shape (n_pairs,) [N/m]."""
     if operators.pair_numbers is None or not isinstance(law, Law):
         return law.spring[0]

@@ -483,12 +483,12 @@ def _shift(K: Any, M: Any) -> float:
 
 
 def largest_stable_time_step(
-    operators: Operators, spring_stiffness: float | FloatArray = 0.0, courant: float = 2.0
+    operators: Recorded[Any], spring_stiffness: float | FloatArray = 0.0, courant: float = 2.0
 ) -> float:
     """Return Δt = Ω/ω_max of M and K, with every contact spring closed in K [s].
 
     Ω is `Scheme.courant`, 2 for the central difference. The step is infinite for masses without any
-    stiffness.
+    stiffness. The call is collective where ranks share the dofs.
 
     Args:
         operators: the problem.
@@ -499,19 +499,26 @@ def largest_stable_time_step(
     o = operators
     H = operators.gap_matrix
     weighted = H if o.pair_weights is None else sp.diags(o.pair_weights) @ H
+    if not sp.issparse(o.mass):
+        weighted = sp.hstack(of_ranks(o.mass, weighted), format="csr")
     if isinstance(spring_stiffness, np.ndarray):
         springs = H.T @ (sp.diags(spring_stiffness) @ weighted)
     else:
         springs = spring_stiffness * (H.T @ weighted)
-    K = sp.csc_matrix(o.stiffness + springs)
-    M = sp.csc_matrix(o.mass)
-    if not K.count_nonzero():
-        return math.inf
-    return courant / math.sqrt(largest(K, M))
+    if sp.issparse(o.mass):
+        K = sp.csc_matrix(o.stiffness + springs)
+        M = sp.csc_matrix(o.mass)
+        is_nothing = not K.count_nonzero()
+    else:
+        K = o.stiffness.copy()
+        K.axpy(1.0, distributed.matrix(springs, K.comm.tompi4py()))
+        M = o.mass
+        is_nothing = not K.norm()
+    return math.inf if is_nothing else courant / math.sqrt(largest(K, M))
 
 
 def require_stable(
-    operators: Operators,
+    operators: Recorded[Any],
     time_step: float,
     spring_stiffness: float | FloatArray = 0.0,
     courant: float = 2.0,

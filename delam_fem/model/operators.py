@@ -156,9 +156,9 @@ class Recorded(Generic[_Matrix]):
         """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
         return share
 
-    def last_dofs(self, count: int) -> range:
+    def last_dofs(self, count: int) -> IntArray:
         """Return the last so many of all dofs, as numbers of own dofs."""
-        return range(self.n_own - count, self.n_own)
+        return np.arange(self.n_own - count, self.n_own)
 
     @cached_property
     def pair_mass(self) -> FloatArray:
@@ -571,10 +571,10 @@ class DistributedOperators(Recorded["PETSc.Mat"]):
                     f"({n}, {self.n_dofs})"
                 )
 
-    def last_dofs(self, count: int) -> range:
-        """Return the last so many of all dofs, as numbers of own dofs; only one rank has them."""
+    def last_dofs(self, count: int) -> IntArray:
+        """Return the last so many of all dofs, as numbers of own dofs; the last rank has them."""
         is_last = self.comm.rank == self.comm.size - 1
-        return range(self.n_own - count, self.n_own) if is_last else range(0)
+        return np.arange(self.n_own - count if is_last else self.n_own, self.n_own)
 
     def total(self, share: FloatArray) -> FloatArray:
         """Return the sum of what all ranks contribute, with the same bits on each (collective)."""
@@ -820,6 +820,30 @@ def own_rows(matrix: Any) -> Any:
         return matrix
     shape = matrix.getLocalSize()[0], matrix.getSize()[1]
     return sp.csr_matrix(matrix.getValuesCSR()[::-1], shape=shape)
+
+
+def bordered(A: Any, diagonal: FloatArray, count: int, near_null: FloatArray | None = None) -> Any:
+    """Return a matrix with dofs behind all others that nothing couples, of SciPy or of PETSc.
+
+    The call is collective.
+
+    Args:
+        A: the matrix.
+        diagonal: entries of those dofs of this rank: all of them on the last one, none on others.
+        count: number of these dofs.
+        near_null: see `with_near_null`, of a matrix of PETSc with these dofs; None: none.
+    """
+    if sp.issparse(A):
+        return sp.block_diag([A, sp.diags(diagonal)], format="csr")
+    rows = own_rows(A)
+    wider = sp.hstack([rows, sp.csr_matrix((rows.shape[0], count))], format="csr")
+    more = sp.csr_matrix(
+        (diagonal, (np.arange(diagonal.size), rows.shape[1] + np.arange(diagonal.size))),
+        shape=(diagonal.size, wider.shape[1]),
+    )
+    result = matrix(sp.vstack([wider, more], format="csr"), A.comm.tompi4py())
+    A.destroy()
+    return result if near_null is None else with_near_null(result, near_null)
 
 
 def restricted(matrix: Any, dofs: IntArray) -> Any:

@@ -77,7 +77,16 @@ from delam_fem.model.layout import (
 )
 from delam_fem.model.linear import mode_of, n_rigid
 from delam_fem.model.loads import loaded
-from delam_fem.model.operators import BaseCoupling, Recorded, n_rows, of_ranks, restricted, times
+from delam_fem.model.operators import (
+    BaseCoupling,
+    DistributedOperators,
+    Recorded,
+    bordered,
+    n_rows,
+    of_ranks,
+    restricted,
+    times,
+)
 from delam_fem.model.places import row_at, spot
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
@@ -96,8 +105,7 @@ def struck(structure: Structure, case: Case) -> Structure:
     """Return a structure with the stops, initial state, impactors and constant loads of its case.
 
     Args:
-        structure: beams, their modes, or solids, with the drive of the case; solids on several
-            ranks have stops and initial states alone.
+        structure: beams, their modes, or solids, with the drive of the case.
         case: the case.
 
     Raises:
@@ -207,18 +215,20 @@ def with_impactors(structure: Structure, case: Case) -> Structure:
     structure = _with_dofs(structure, case)
     o = structure.operators
     added: list[_Added] = []
-    start = np.zeros((2, o.n_dofs)) if o.start is None else o.start
+    start = np.zeros((2, o.n_own)) if o.start is None else o.start
+    own_dofs = o.last_dofs(len(case.impactor))
     for k, impactor in enumerate(case.impactor):
         which, places, N, _ = _places(impactor, structure, f"impactor.{k + 1}", case)
         side = _SIDES[impactor.side][0]
-        inside = side * float((N @ start[0])[0]) - impactor.gap
+        inside = side * float(o.total(N @ start[0])[0]) - impactor.gap
         if inside > _ROUND_OFF * impactor.gap:
             raise CaseError(
                 f"impactor.{k + 1}.gap: expected a start outside lamina {impactor.lamina}, given "
                 f"{impactor.gap:g} m, {inside:.3g} m inside as the lamina starts"
             )
-        own_dof = o.n_dofs - len(case.impactor) + k
-        row = side * (sp.csr_matrix(([1.0], ([0], [own_dof])), shape=N.shape) - N)
+        dof = own_dofs[k : k + 1]
+        of_impactor = sp.csr_matrix((np.ones(len(dof)), (np.zeros(len(dof)), dof)), shape=N.shape)
+        row = side * (of_impactor - N)
         stiffness, depths = _contact(impactor, case, which)
         n = depths.size
         factor = 1.0 if stiffness is None else stiffness / case.spring[0]
@@ -250,43 +260,67 @@ def _with_pairs(structure: Structure, added: Sequence[_Added]) -> Structure:
 
 
 def _with_dofs(structure: Structure, case: Case) -> Structure:
-    """Return a structure with a dof for each impactor, behind all others, and its start."""
+    """Return a structure with a dof for each impactor, behind all others, and its start.
+
+    On several ranks the last one has them (collective).
+    """
     o = structure.operators
     base = structure.operators.base
     count = len(case.impactor)
     m, k, c, on_base = np.array(
         [[i.mass, i.spring, i.spring_damping, i.on == "base"] for i in case.impactor], dtype=float
     ).T
+    m_aa, c_aa, k_aa = base.corner
     carried = np.zeros(count) if base.is_force else on_base
-    start = np.zeros((2, o.n_dofs + count))
+    corner = (m_aa, c_aa + float(carried @ c), k_aa + float(carried @ k))
+    speeds = np.array([-_SIDES[i.side][0] * i.velocity for i in case.impactor])
+    first = o.n_dofs
+    is_here = len(o.last_dofs(count)) > 0
+    if not is_here:
+        m, k, c, carried, speeds = (values[:0] for values in (m, k, c, carried, speeds))
+    own_count = m.size
+    start = np.zeros((2, o.n_own + own_count))
     if o.start is not None:
-        start[:, : o.n_dofs] = o.start
-    start[1, o.n_dofs :] = [-_SIDES[i.side][0] * i.velocity for i in case.impactor]
+        start[:, : o.n_own] = o.start
+    start[1, o.n_own :] = speeds
 
     def wider(rows: sp.csr_matrix) -> sp.csr_matrix:
-        return sp.hstack([rows, sp.csr_matrix((rows.shape[0], count))], format="csr")
+        return sp.hstack([rows, sp.csr_matrix((rows.shape[0], own_count))], format="csr")
 
-    m_aa, c_aa, k_aa = base.corner
+    def beside(values: Any, others: Any) -> Any:
+        return None if values is None else np.append(values, others)
+
+    near_null = None if o.near_null is None else np.pad(o.near_null, ((0, own_count), (0, 0)))
+    further: dict[str, Any] = {}
+    if isinstance(o, DistributedOperators):
+        numbers = np.arange(own_count)
+        bodies = np.zeros(o.n_own, dtype=np.int64) if o.body is None else o.body
+        n_bodies = 1 + max(o.comm.allgather(int(bodies.max(initial=0))))
+        further = {
+            "order": beside(o.order, first + numbers),
+            "body": np.append(bodies, n_bodies + numbers),
+        }
     operators = replace(
         o,
-        mass=sp.block_diag([o.mass, sp.diags(m)], format="csr"),
-        damping=sp.block_diag([o.damping, sp.diags(c)], format="csr"),
-        stiffness=sp.block_diag([o.stiffness, sp.diags(k)], format="csr"),
-        lumped_mass=None if o.lumped_mass is None else np.append(o.lumped_mass, m),
+        mass=bordered(o.mass, m, count),
+        damping=bordered(o.damping, c, count),
+        stiffness=bordered(o.stiffness, k, count, near_null),
+        lumped_mass=beside(o.lumped_mass, m),
         rayleigh=None,
-        near_null=None if o.near_null is None else np.pad(o.near_null, ((0, count), (0, 0))),
-        load=None if o.load is None else np.append(o.load, np.zeros(count)),
+        near_null=near_null,
+        load=beside(o.load, np.zeros(own_count)),
         base=replace(
             base,
-            mass=np.append(base.mass, np.zeros(count)),
+            mass=np.append(base.mass, np.zeros(own_count)),
             damping=np.append(base.damping, -carried * c),
             stiffness=np.append(base.stiffness, -carried * k),
-            corner=(m_aa, c_aa + float(carried @ c), k_aa + float(carried @ k)),
+            corner=corner,
         ),
         gap_matrix=wider(o.gap_matrix),
         probes=wider(o.probes),
         sensors=None,
         start=start,
+        **further,
     )
     layout = replace(structure.layout, n_impactors=count)
     body = structure.body
@@ -296,7 +330,7 @@ def _with_dofs(structure: Structure, case: Case) -> Structure:
             reading=replace(
                 reading,
                 matrix=wider(reading.matrix),
-                part=np.append(reading.part, np.full(count, -1)),
+                part=np.append(reading.part, np.full(own_count, -1)),
             ),
         )
     return Structure(operators, layout, body and replace(body, free=wider(body.free)))
@@ -409,7 +443,7 @@ def in_moving_frame(structure: Structure) -> Structure:
         for part in layout.parts if layout.reading is None else ():
             dofs = part.dofs[:, DISPLACEMENT]
             r[dofs[dofs >= 0]] = 1.0
-        r[n - layout.n_impactors :] = 1.0
+        r[o.last_dofs(layout.n_impactors)] = 1.0
     lacking = needed - o.total(o.gap_matrix @ r)
     if np.abs(lacking).max() > _ROUND_OFF:
         r += _least_change(o, lacking, is_sparse=structure.body is not None)
@@ -551,7 +585,9 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
         return structure
     if strain is None:
         strain = _of_single_laminae(case, layout, o.n_dofs)
-    rows = [*np.eye(layout.n_impactors, o.n_dofs, o.n_dofs - layout.n_impactors)]
+    rows = [np.zeros(o.n_own) for _ in range(layout.n_impactors)]
+    for row, dof in zip(rows, o.last_dofs(layout.n_impactors), strict=False):
+        row[dof] = 1.0
     sensors = tuple(
         replace(
             _sensor(sensor, case, structure, strain, rows), unit=sensor.unit, words=sensor.words

@@ -93,7 +93,11 @@ def history(
     if layout.n_impactors:
         o = structure.operators
         columns = slice(o.n_probes, o.n_probes + layout.n_impactors)
-        shift = 0.0 if o.base.shift is None else o.base.shift[-layout.n_impactors :]
+        shift = np.zeros(layout.n_impactors)
+        if o.base.shift is not None:
+            at = o.last_dofs(layout.n_impactors)
+            shift[: len(at)] = o.base.shift[at]
+        shift = o.total(shift)
         variables |= {
             "impactor_displacement": (u[:, columns] + base[:, :1] * shift).T,
             "impactor_velocity": (v[:, columns] + base[:, 1:2] * shift).T,

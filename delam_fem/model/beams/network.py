@@ -607,8 +607,8 @@ def completed(structure: Structure, case: Case, strain: StrainRows | None = None
     n = structure.operators.n_own
     structure = struck(driven(structure, case), case)
     r = structure.operators.base.shift
-    count = structure.layout.n_impactors
-    if strain is None or (r is None and not count):
+    count = structure.operators.n_own - n  # impactors
+    if strain is None or (r is None and not structure.layout.n_impactors):
         return with_forces(with_sensors(structure, case, strain), case)
 
     def shifted(*place: Any) -> sp.csr_matrix:

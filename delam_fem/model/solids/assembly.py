@@ -11,7 +11,6 @@ What a beam has at its points, a solid reads from its middle lines (`body.py`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +20,6 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import HarmonicExcitation
-from delam_fem.contact.laws import SCHEMES
 from delam_fem.model import operators as distributed
 from delam_fem.model.beams import closed_form, network
 from delam_fem.model.beams.network import completed, layout_of, parts_of
@@ -73,17 +71,12 @@ def assemble(
 
     Args:
         case: the case; its model is "plane-stress" or "solid".
-        comm: communicator that shares the dofs. What needs all dofs is assembled as a whole on
-            every rank, and spread afterwards (`operators.spread`): impactors, weight and
-            loads, limits of stability.
+        comm: communicator that shares the dofs; the last rank has those of impactors.
         needs_damping: whether anything reads C; False: it is left 0.
 
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
-    is_explicit = math.isfinite(SCHEMES[case.time.scheme].courant)
-    if case.impactor or is_explicit:
-        comm = MPI.COMM_SELF
     hold(comm)
     is_file = case.mesh.file is not None
     mesh = solid_mesh(case) if is_file else lattice(case)
