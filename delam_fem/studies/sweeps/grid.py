@@ -83,12 +83,15 @@ _Key = Annotated[
 
 
 def _flat(value: object) -> dict[str, object]:
-    """Return nested tables as one table with dotted keys, so that `a.b = 1` equals `"a.b" = 1`."""
+    """Return nested tables as one table with dotted keys, so that `a.b = 1` equals `"a.b" = 1`.
+
+    A table over x, as of a thickness, is a value.
+    """
     if not isinstance(value, Mapping):
         raise PydanticCustomError("unexpected", "expected a table")
     flat: dict[str, object] = {}
     for key, entry in value.items():
-        if isinstance(entry, Mapping):
+        if isinstance(entry, Mapping) and not entry.keys() >= {"x", "value"}:
             flat |= {f"{key}.{subkey}": deep for subkey, deep in _flat(entry).items()}
         else:
             flat[str(key)] = entry

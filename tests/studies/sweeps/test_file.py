@@ -51,6 +51,16 @@ def test_tracks_follow_the_first_axis(order: str, expected: list[list[int]]) -> 
     assert [track.tolist() for track in made.tracks] == expected
 
 
+def test_a_table_over_x_replaces_a_number_of_the_base() -> None:
+    upper = {"thickness": {"x": [0.0, 0.2, 0.4], "value": ["0.6 mm", "0.6 mm", "0.6 mm"]}}
+    axis = {"key": "lamina.upper.thickness.value.2", "values": ["0.6 mm", "0.5 mm"]}
+    made = sweep(axis, set={"lamina": {"upper": upper}}, base="edge")
+    thickness = made.case(1).lamina[1].thickness
+    assert not isinstance(thickness, float)
+    assert tuple(thickness.x) == (0.0, 0.2, 0.4)
+    assert tuple(thickness.value) == pytest.approx((6e-4, 5e-4, 6e-4), rel=1e-12)
+
+
 def test_up_is_by_value_not_by_place() -> None:
     made = sweep({"key": "excitation.frequency", "values": [3.5, 3.0, 4.0]}, order="up")
     assert [track.tolist() for track in made.tracks] == [[1, 0, 2]]
