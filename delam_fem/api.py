@@ -247,6 +247,7 @@ if TYPE_CHECKING:
         SENSOR as SENSOR,
         SHOWN as SHOWN,
         Variable as Variable,
+        blas as blas,
         occasion as occasion,
         origin as origin,
         processor as processor,
@@ -374,8 +375,8 @@ _HOMES = {
     "results.reading": "load_numbers",
     "results.channels": "History chosen histories_of of_references offered require_channels",
     "results.schema": (
-        "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable occasion origin processor provenance "
-        "versions"
+        "CHANNEL_MEASURES MEASURES SENSOR SHOWN Variable blas occasion origin processor "
+        "provenance versions"
     ),
     # Studies
     "plugins.options": "Flag Options",

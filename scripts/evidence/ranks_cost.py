@@ -67,9 +67,8 @@ def case_of(body: str, mesh: tuple[int, int, int]) -> Any:
 
 def measured(body: str, mesh: tuple[int, int, int], job: str) -> dict[str, Any]:
     """Do one job on all ranks of this process's launcher, and measure it (collective)."""
-    from delam_fem.api import MPI
+    from delam_fem.api import MPI, blas
     from delam_fem.model.sharing import shared
-    from delam_fem.results.schema import blas
 
     comm = MPI.COMM_WORLD
     case = case_of(body, mesh)
