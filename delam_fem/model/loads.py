@@ -63,6 +63,9 @@ MOST_ITERATIONS = 200
 """Proximal points after which something is falling."""
 STAYS = 1e-12
 """Change of u, relative to a step of a falling body, that is round-off."""
+FLOATS = 'gravity.gaps: expected "unloaded" where something floats, given "in place"'
+DRIFTS = 1e-9
+"""The same of a solid, whose round-off moves it slowly where nothing holds it."""
 SOFT = 1e-6
 """Shift of a floating structure, in parts of the mean of its diagonal K over that of M."""
 _Problem = TypeVar("_Problem", bound=Recorded[Any])
@@ -93,6 +96,8 @@ def loaded(structure: Structure, case: Case) -> Structure:
         return replace(structure, operators=replace(o, load=None))
     is_falling = falling_dofs(structure, case)
     if case.gravity is not None and case.gravity.gaps == "in place":
+        if case.n_rigid:
+            raise CaseError(FLOATS)
         closing = o.total(o.gap_matrix @ _without_contact(o, is_falling))
         o = replace(o, gap0=o.gap0 - closing)
     springs = springs_of(o, case)
@@ -101,6 +106,7 @@ def loaded(structure: Structure, case: Case) -> Structure:
         springs=springs,
         is_falling=is_falling,
         is_open=case.contact.law == "none",
+        shift=slowest(case) ** 2 if case.n_rigid and case.model.is_continuum else 0.0,
     )
     if equilibrium is None and case.begins_at_rest:
         raise CaseError(
@@ -254,6 +260,11 @@ def falling_dofs(structure: Structure, case: Case) -> BoolArray:
     return result
 
 
+def slowest(case: Case) -> float:
+    """Return the lowest angular frequency of all laminae as cantilevers [rad/s]."""
+    return min(float(lamina.uniform.angular_frequencies(1)[0]) for lamina in case.lamina)
+
+
 def _without_contact(o: Recorded[Any], is_falling: BoolArray) -> FloatArray:
     """Return the displacements under the constant loads without contact, shape (n_own,)."""
     assert o.load is not None
@@ -262,9 +273,7 @@ def _without_contact(o: Recorded[Any], is_falling: BoolArray) -> FloatArray:
     try:
         factor = factored(restricted(o.stiffness, dofs))
     except ValueError:
-        raise CaseError(
-            'gravity.gaps: expected "unloaded" where something floats, given "in place"'
-        ) from None
+        raise CaseError(FLOATS) from None
     u[dofs] = factor.solve(o.load[dofs])
     return u
 
@@ -275,6 +284,7 @@ def state_of_rest(
     springs: FloatArray | None = None,
     is_falling: BoolArray | None = None,
     is_open: bool = False,
+    shift: float = 0.0,
 ) -> Equilibrium | None:
     """Return the state of rest under the constant loads of operators (L3), the base at 0.
 
@@ -285,6 +295,9 @@ def state_of_rest(
         springs: stiffness of the contact of each pair, shape (n_pairs,) [N/m]; None: rigid.
         is_falling: own dofs that are no part of it and stay at 0, shape (n_own,); None: none are.
         is_open: whether laminae pass through one another.
+        shift: about the square of the lowest elastic angular frequency [1/s2], if K is known to be
+            singular: the factors of a solid need not show it, and the mean of its diagonal is that
+            of far faster motions. 0: K is held, or its factors show that it is not.
 
     Returns:
         The state of rest; None: there is none.
@@ -302,7 +315,8 @@ def state_of_rest(
     pairs = np.flatnonzero(of_away == 0.0)[: 0 if is_open else None]
     H = o.gap_matrix[pairs][:, dofs]
     soft = np.zeros(pairs.size) if springs is None else 1.0 / springs[pairs]
-    factor, shift = _factor(K, M)
+    stays = DRIFTS if shift else STAYS
+    factor, shift = (factored(K, M, shift), shift) if shift else _factor(K, M)
     contact = _Contact(factor, sp.csr_matrix(H), o.gap0[pairs], soft, o.total)
     u = np.zeros(dofs.size)
     size = _largest(K, factor.solve(f))  # a step of what falls
@@ -310,7 +324,7 @@ def state_of_rest(
         before = u
         right = f + shift * times(M, u)
         u, force = contact.pushed_apart(factor.solve(right))
-        if not shift or _largest(K, u - before) <= STAYS * size:
+        if not shift or _largest(K, u - before) <= stays * size:
             displacement = np.zeros(o.n_own)
             displacement[dofs] = u
             all_forces = np.zeros(o.n_pairs)

@@ -20,6 +20,7 @@ from delam_fem.case.sections import Model
 from delam_fem.model.component_modes import Basis, basis_of, projected
 from delam_fem.model.discretise import assemble, require_bending, require_mass
 from delam_fem.model.layout import Structure
+from delam_fem.model.loads import slowest
 from delam_fem.model.operators import times
 from delam_fem.model.places import places_of_case
 from delam_fem.model.reduction_file import require_coupled, write
@@ -134,7 +135,6 @@ def _reduced(
     comm: MPI.Intracomm | None,
 ) -> Reduction:
     """Reduce a case (collective); see `reduced_case`."""
-    slowest = min(float(lamina.uniform.angular_frequencies(1)[0]) for lamina in case.lamina)
     begin = time.perf_counter()
     if full is None:
         full = assemble(case.without_strikes.before_loads, comm=comm)
@@ -157,7 +157,7 @@ def _reduced(
         basis = basis_of(
             o,
             modes,
-            shift=slowest**2 if case.n_rigid else 0.0,
+            shift=slowest(case) ** 2 if case.n_rigid else 0.0,
             max_coordinates=coordinates,
             loads=loads,
         )

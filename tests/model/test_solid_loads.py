@@ -173,6 +173,36 @@ def test_places_of_loads_are_those_of_plates_alone() -> None:
         sheet(load=[{"lamina": "sheet", "position": [0.1, 0.2], "force": 1.0}])
 
 
+@pytest.mark.parametrize("kind", ["plane-stress", "solid"])
+def test_what_floats_lies_on_two_stops_by_the_law_of_the_lever(kind: str) -> None:
+    """Of a strip with free ends; a single stop beside its middle does not hold it."""
+    stops = [
+        {"lamina": "strip", "position": 0.1, "side": "below", "gap": 1e-4},
+        {"lamina": "strip", "position": 0.25, "side": "below", "gap": 2e-4},
+    ]
+    data: dict[str, Any] = {
+        "name": "floating",
+        "lamina": [
+            {"name": "strip", "length": 0.4, "width": 0.02, "thickness": 3e-3,
+             "density": 2700.0, "young_modulus": 7e10, "damping_ratio": 0.01}
+        ],
+        "model": {"kind": kind, "poisson": 0.0},
+        "mesh": {"elements": 12},
+        "support": [{"side": side, "kind": "free"} for side in ("start", "end")],
+        "stop": stops,
+        "gravity": {"acceleration": 9.81},
+        "contact": {"law": "newton@moreau-jean"},
+        "excitation": {"kind": "force", "lamina": "strip", "position": 0.2, "amplitude": 0.01,
+                       "frequency": 30.0},
+    }  # fmt: skip
+    equilibrium = assemble(Case(**data)).operators.equilibrium
+    assert equilibrium is not None
+    weight = 0.4 * 0.02 * 3e-3 * 2700.0 * 9.81
+    assert equilibrium.force == pytest.approx([weight / 3.0, weight / 1.5], rel=1e-6)
+    with pytest.raises(CaseError, match="no state of rest"):
+        assemble(Case(**data | {"stop": stops[:1]}))
+
+
 def test_a_run_that_begins_at_rest_stays_there() -> None:
     tables = {
         "gravity": {"acceleration": G}, "gap": {"tip": 2e-4, "exponent": 1.0},
