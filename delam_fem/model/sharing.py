@@ -59,8 +59,8 @@ def factorise(solver: PETSc.KSP, like: PETSc.Mat, eigenpairs: Any = None) -> int
 
     Args:
         solver: the solver.
-        like: a matrix with the pattern of the one to be factorised.
-        eigenpairs: solver of SLEPc that makes this matrix; None: `solver` has it.
+        like: the matrix to be factorised, or one of its pattern with `eigenpairs`.
+        eigenpairs: solver of SLEPc that makes the matrix; None: it is given.
     """
     from petsc4py import PETSc
 
@@ -203,9 +203,9 @@ class Share:
             if shift:
                 self._sum = K.copy()
                 self._sum.axpy(shift, M)
-            self._solver.setOperators(self._sum or K)
         _cholesky(self._solver)
-        require_factors(factorise(self._solver, K, self._eigenpairs), K.comm.size)
+        status = factorise(self._solver, self._sum or K, self._eigenpairs)
+        require_factors(status, K.comm.size)
         self._factor = self._solver.getPC().getFactorMatrix()
         self._vector = K.createVecRight()
 
